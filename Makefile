@@ -1,0 +1,36 @@
+# Needs Python 3.11 or newer, make, and a package index. Everything else goes into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-slow check bench exam format clean
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	touch $@
+
+demo: $(VENV)/ready  ## the whole story on the mock arm
+	$(BIN)/calib demo
+
+test: $(VENV)/ready  ## the tests that CI runs
+	$(BIN)/python -m pytest
+
+test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
+	$(BIN)/python -m pytest -m slow
+
+check: $(VENV)/ready  ## style, types, direction of imports
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/ready
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(VENV)/ready  ## the measured figures, one table
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) build dist

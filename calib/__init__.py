@@ -1,0 +1,1 @@
+"""What we learn: excitation, preprocessing, identification, diagnosis, report, command line."""

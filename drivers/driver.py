@@ -1,0 +1,77 @@
+"""The one interface to an arm, whatever is behind it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.clock import Clock
+from sim.joint_state import JointState
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What a device says of itself on connecting; recorded with every log.
+
+    payload_mass (kg) and payload_com (3,) (m, last link's frame) are what the device believes; None where it does not say.
+    gravity (3,) m/s^2 in the base frame, from the mounting the device believes; None where it does not say.
+    """
+
+    model: str
+    serial: str
+    firmware: str
+    rate: float
+    payload_mass: float | None = None
+    payload_com: tuple[float, float, float] | None = None
+    gravity: tuple[float, float, float] | None = None
+    torque_source: str = "effort"
+    extra: dict[str, str] = field(default_factory=dict)
+
+
+class Driver(ABC):
+    """connect, read, send, stop, close; a context manager that connects and closes.
+
+    `rate` is the control and sampling rate, Hz; `clock` is the host clock on which `JointState.t` stands (the mock's is
+    simulated). Only `safety.Guard` calls `send`. Every method returns or raises within a bounded time; a value that is older
+    than three periods is never returned as new: that is a DeviceError.
+    """
+
+    arm: Arm
+    rate: float
+    clock: Clock
+
+    @abstractmethod
+    def connect(self) -> DeviceInfo:
+        """Open the connection without moving anything; DeviceError with the remedy where it cannot be opened."""
+
+    @abstractmethod
+    def read(self) -> JointState:
+        """The next sample, in order and each one once; waits for it for at most three periods."""
+
+    @abstractmethod
+    def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Command position (n,) rad with speed (n,) rad/s and feed-forward torque (n,) N m, NaN-free.
+
+        Returns the position that was really sent, (n,) rad, after the device's own quantisation. Never clamps: a command that
+        the device cannot represent is a DeviceError.
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Ask the device for its own bounded stop; safe to call at any time and more than once."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the device at rest and release it; safe to call more than once."""
+
+    def __enter__(self) -> Self:
+        self.info = self.connect()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()

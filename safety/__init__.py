@@ -1,0 +1,1 @@
+"""The only way to move: limits, collision, ruckig motions, clearance, monitor, guard."""

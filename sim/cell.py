@@ -1,0 +1,126 @@
+"""A cell says which arm stands where, behind which driver, and what stands around it."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from sim.arm import EffectTable, Finite, Positive, _Strict, validated
+from sim.errors import ConfigError
+from sim.resources import config_folders, nearest
+
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+
+
+class BoxObstacle(_Strict):
+    """A box: centre m, roll-pitch-yaw rad, full edge lengths m, in the base frame."""
+
+    kind: Literal["box"]
+    name: str
+    position: Vector
+    rpy: Vector = [0.0, 0.0, 0.0]
+    size: Vector
+
+
+class PlaneObstacle(_Strict):
+    """A half space: everything behind the plane is solid; point m and outward normal, in the base frame."""
+
+    kind: Literal["plane"]
+    name: str
+    position: Vector
+    normal: Vector
+
+
+class MeshObstacle(_Strict):
+    """A closed triangle mesh (STL or OBJ) in the cell file's folder, metres."""
+
+    kind: Literal["mesh"]
+    name: str
+    position: Vector = [0.0, 0.0, 0.0]
+    rpy: Vector = [0.0, 0.0, 0.0]
+    file: str
+
+
+class PayloadTable(_Strict):
+    """What is declared to be mounted at the flange: kg, m in the last link's frame."""
+
+    mass: Annotated[Finite, Field(ge=0)]
+    com: Vector = [0.0, 0.0, 0.0]
+
+
+class EmulationTable(_Strict):
+    """The plant behind a mock or emulated cell: a seed, and the effects that the tool is not told of."""
+
+    seed: int = 0
+    effects: list[EffectTable] = Field(default_factory=list)
+
+
+class MotionTable(_Strict):
+    """Rules for motion in this cell: speed of every point of the arm m/s, clearance m, largest following error rad."""
+
+    point_speed_max: Positive = 1.5
+    clearance_self: Positive = 0.01
+    clearance_obstacle: Positive = 0.02
+    following_error_max: Positive = 0.1
+
+
+class CellTable(_Strict):
+    """The schema of a cell file."""
+
+    schema_: Literal["cell/1"] = Field(alias="schema")
+    name: str
+    arm: str
+    driver: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    home: list[Finite] | None = None
+    rest: list[Finite] | None = None
+    payload: PayloadTable | None = None
+    motion: MotionTable = MotionTable()
+    obstacles: list[Annotated[BoxObstacle | PlaneObstacle | MeshObstacle, Field(discriminator="kind")]] = Field(
+        default_factory=list
+    )
+    emulation: EmulationTable = EmulationTable()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A checked cell file: `table` is its content, `path` and `sha256` say which file it was.
+
+    `table.options` belong to the driver named by `table.driver`, which checks them.
+    """
+
+    table: CellTable
+    path: Path
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """The cell's name."""
+        return self.table.name
+
+
+def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
+    """A cell from its name in configs/cells or the path of a .toml file."""
+    path = Path(reference)
+    if path.suffix != ".toml":
+        found = [f / f"{reference}.toml" for f in config_folders(configs, "cells") if (f / f"{reference}.toml").is_file()]
+        if not found:
+            known = sorted({p.stem for f in config_folders(configs, "cells") for p in f.glob("*.toml")})
+            raise ConfigError(
+                f"there is no cell {str(reference)!r}; {nearest(str(reference), known)}; a cell is a name from configs/cells "
+                "or a .toml file"
+            )
+        path = found[0]
+    try:
+        raw = path.read_bytes()
+        data = tomllib.loads(raw.decode("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give a cell file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML ({error}); correct the file at that place") from error
+    return Cell(validated(CellTable, data, path), path, hashlib.sha256(raw).hexdigest())
