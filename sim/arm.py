@@ -201,7 +201,9 @@ def _folder(folder: Path) -> Arm:
             f"{file}: joints = {table.joints}, but {model_path.name} has {list(tree.joint_names)}; "
             "list the joints of the model in its order"
         )
-    limits = {key: _row(getattr(table.limits, key), table.joints, f"{file}: limits.{key}") for key in LimitsTable.model_fields}
+    limits: dict[str, Any] = {
+        key: _row(getattr(table.limits, key), table.joints, f"{file}: limits.{key}") for key in LimitsTable.model_fields
+    }
     wrong = np.flatnonzero(~(limits["q_min"] < limits["q_max"]))
     if len(wrong):
         j = int(wrong[0])

@@ -6,6 +6,7 @@ compiled by MuJoCo, and checked again as numbers, because MuJoCo replaces some b
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from dataclasses import dataclass
@@ -112,11 +113,9 @@ def checked_text(path: Path, root: Path | None = None) -> str:
         raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a model file is XML text") from error
     if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
         raise ConfigError(f"{path}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
-    depth, parser = 0, ElementTree.XMLPullParser(events=("start", "end"))
-    bodies = 0
+    depth = bodies = 0
     try:
-        parser.feed(text)
-        for kind, element in parser.read_events():
+        for kind, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
             if kind == "end":
                 depth -= 1
                 continue
@@ -127,7 +126,6 @@ def checked_text(path: Path, root: Path | None = None) -> str:
                     f"{path}: deeper than {MAX_DEPTH} elements or more than {MAX_BODIES} bodies; this is not an arm"
                 )
             _check_attributes(path, root, element)
-        parser.close()
     except ElementTree.ParseError as error:
         line, column = error.position
         raise ConfigError(
@@ -173,7 +171,7 @@ def _number(text: str, default: float) -> float:
 
 
 def _check_inertia(where: str, element: ElementTree.Element) -> None:
-    """Principal moments must be positive and obey the triangle inequality (Traversaro et al. 2016, arXiv:1610.08703, section II)."""
+    """Principal moments must be positive and obey the triangle inequality (Traversaro et al. 2016, arXiv:1610.08703)."""
     if element.get("diaginertia"):
         moments = np.array([_number(x, math.nan) for x in element.get("diaginertia", "").split()])
     elif element.get("fullinertia"):
@@ -189,8 +187,8 @@ def _check_inertia(where: str, element: ElementTree.Element) -> None:
         raise ConfigError(f"{where}: principal moments of inertia {moments.tolist()} kg m^2; none may be negative")
     if small + middle < large * (1 - 1e-6) - 1e-12:
         raise ConfigError(
-            f"{where}: principal moments of inertia {moments.tolist()} kg m^2; the two smaller add up to less than the largest, "
-            "which no body can have (triangle inequality); check the unit and the axes"
+            f"{where}: principal moments of inertia {moments.tolist()} kg m^2; the two smaller add up to less "
+            "than the largest, which no body can have (triangle inequality); check the unit and the axes"
         )
 
 
@@ -316,10 +314,10 @@ def _merged(
 
 def _shapes(model: mujoco.MjModel, link_of: np.ndarray, to_link: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Shape, ...]:
     """Shapes that take part in collision: those whose contype or conaffinity is set, or in group 3 as is the custom."""
-    kinds = {
-        int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule", int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere", int(mujoco.mjtGeom.mjGEOM_BOX): "box",
-        int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder", int(mujoco.mjtGeom.mjGEOM_MESH): "mesh",
-    }  # fmt: skip
+    kind_of = mujoco.mjtGeom
+    names = {"capsule": kind_of.mjGEOM_CAPSULE, "sphere": kind_of.mjGEOM_SPHERE, "box": kind_of.mjGEOM_BOX}
+    names |= {"cylinder": kind_of.mjGEOM_CYLINDER, "mesh": kind_of.mjGEOM_MESH}
+    kinds = {int(value): key for key, value in names.items()}
     shapes = []
     for g in range(model.ngeom):
         if not (model.geom_contype[g] or model.geom_conaffinity[g]):

@@ -1,0 +1,7 @@
+"""`python -m calib` is `calib`."""
+
+import sys
+
+from calib.main import main
+
+sys.exit(main())
