@@ -1,0 +1,26 @@
+"""Which software this is: the released version, and a digest of the source that moves arms."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+
+@cache
+def software_version() -> str:
+    """`0.1.0+3f2a9c1b04de`: the package's version, then twelve digits of SHA-256 over the source of safety, drivers, logs and sim.
+
+    Two checkouts with one version and different code are told apart: an approval given to the one does not hold for the other.
+    """
+    try:
+        release = version("arm-calib")
+    except PackageNotFoundError:
+        release = "0+checkout"
+    root = Path(__file__).resolve().parent.parent
+    digest = hashlib.sha256()
+    for package in ("safety", "drivers", "logs", "sim"):
+        for file in sorted((root / package).rglob("*.py")):
+            digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return f"{release}{'.' if '+' in release else '+'}{digest.hexdigest()[:12]}"

@@ -1,0 +1,232 @@
+"""A plan reads back as it was written, and nothing else is read as a plan."""
+
+from __future__ import annotations
+
+import shutil
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safety.approval import approval_of, approve, check_approval
+from safety.plan import Motion, Plan, check_plan, load_plan, sealed, write_plan
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.errors import CalibError, ConfigError, SafetyStop
+from sim.trajectory import Trajectory
+
+NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def plan(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> Plan:
+    motions = [Motion("friction", "friction", motion), Motion("excitation", "excitation", motion.scaled(0.5))]
+    return write_plan(tmp_path / "plan", arm, motions, cell, {"condition_number": 31.5, "seed": 4}, NOON)
+
+
+def test_a_plan_reads_back_bit_for_bit(plan: Plan, motion: Trajectory) -> None:
+    again = load_plan(plan.folder)
+    for name in ("t", "q", "dq", "ddq"):
+        np.testing.assert_array_equal(getattr(again.motion("friction").trajectory, name), getattr(motion, name))
+    assert [(m.name, m.kind) for m in again.motions] == [("friction", "friction"), ("excitation", "excitation")]
+    assert again.sha256 == plan.sha256
+    assert again.summary == {"condition_number": 31.5, "seed": 4}
+    assert again.duration == pytest.approx(4 + 8)
+
+
+def test_every_single_byte_change_is_refused(plan: Plan, arm: Arm, cell: Cell) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    rng = np.random.default_rng(1)
+    for file in sorted(plan.folder.iterdir()):
+        good = file.read_bytes()
+        places = range(len(good)) if len(good) < 3000 else rng.choice(len(good), 300, replace=False)
+        for place in places:
+            bad = bytearray(good)
+            bad[place] ^= 1 << int(rng.integers(8))
+            file.write_bytes(bad)
+            with pytest.raises((ConfigError, SafetyStop)):
+                approval_of(load_plan(plan.folder))
+        file.write_bytes(good)
+    assert approval_of(load_plan(plan.folder)) is not None
+
+
+@pytest.mark.parametrize("damage", ["cut", "longer", "missing", "link", "extra", "huge", "folder"])
+def test_damaged_folders_are_refused(plan: Plan, damage: str) -> None:
+    file = plan.folder / "friction.npy"
+    raw = file.read_bytes()
+    if damage == "cut":
+        file.write_bytes(raw[:-8])
+    elif damage == "longer":
+        file.write_bytes(raw + b"\0" * 8)
+    elif damage == "missing":
+        file.unlink()
+    elif damage == "link":
+        file.rename(plan.folder.parent / "elsewhere.npy")
+        file.symlink_to(plan.folder.parent / "elsewhere.npy")
+    elif damage == "extra":
+        shutil.copy(file, plan.folder / "other.npy")
+    elif damage == "huge":
+        (plan.folder / "plan.toml").write_bytes(b"#" * 1_000_001)
+    else:
+        shutil.rmtree(plan.folder)
+    with pytest.raises(CalibError, match=r"plan"):
+        load_plan(plan.folder)
+
+
+def resealed(plan: Plan, old: str, new: str) -> None:
+    file = plan.folder / "plan.toml"
+    body = file.read_text().split("\n", 1)[1]
+    assert old in body
+    file.write_bytes(sealed(body.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('name = "friction"', 'name = "../friction"', "pattern"),
+        ('name = "excitation"', 'name = "friction"', "twice"),
+        ('kind = "friction"', 'kind = "dance"', "kind"),
+        ("samples = 401", "samples = 400", "plan.toml says"),
+        ("samples = 401", "samples = 4000000000", "less than or equal"),
+        ("duration = 4.0", "duration = nan", "finite"),
+        ("duration = 4.0", "duration = 5.0", "lasts"),
+        ('schema = "plan/1"', 'schema = "plan/2"', "plan/1"),
+        ('schema = "plan/1"', 'schema = "plan/1"\nsurprise = 1', "unknown key surprise"),
+        ('schema = "plan/1"', "schema =", "TOML"),
+        ("2026-11-21 12:00:00+00:00", "2026-11-21 12:00:00", "time zone"),
+        ('"j1",', "", "at most"),
+    ],
+)
+def test_a_well_sealed_plan_that_breaks_a_rule_is_refused(plan: Plan, old: str, new: str, says: str) -> None:
+    resealed(plan, old, new)
+    with pytest.raises(ConfigError, match=says):
+        load_plan(plan.folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x93NUMPY\x02\x00garbage", b"\x93NUMPY\x01\x00\x05\x00hello"])
+def test_a_motion_file_that_is_no_array_is_refused(plan: Plan, content: bytes) -> None:
+    import hashlib
+
+    file = plan.folder / "friction.npy"
+    resealed(plan, hashlib.sha256(file.read_bytes()).hexdigest(), hashlib.sha256(content).hexdigest())
+    file.write_bytes(content)
+    with pytest.raises(ConfigError, match="not a NumPy file"):
+        load_plan(plan.folder)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_motion_file_with_a_number_that_is_not_finite_is_refused(plan: Plan, value: float) -> None:
+    import hashlib
+    import io
+
+    file = plan.folder / "friction.npy"
+    columns = np.load(file)
+    columns[7, 3] = value
+    data = io.BytesIO()
+    np.save(data, columns)
+    resealed(plan, hashlib.sha256(file.read_bytes()).hexdigest(), hashlib.sha256(data.getvalue()).hexdigest())
+    file.write_bytes(data.getvalue())
+    with pytest.raises(ConfigError, match="finite"):
+        load_plan(plan.folder)
+
+
+def test_a_plan_is_never_overwritten(plan: Plan, arm: Arm) -> None:
+    with pytest.raises(ConfigError, match="not an empty folder"):
+        write_plan(plan.folder, arm, plan.motions)
+
+
+def test_motions_are_checked_before_anything_is_written(tmp_path: Path, arm: Arm, motion: Trajectory) -> None:
+    short = Trajectory(motion.t, motion.q[:, :5], motion.dq[:, :5], motion.ddq[:, :5])
+    with pytest.raises(ConfigError, match="5 joints"):
+        write_plan(tmp_path / "a", arm, [Motion("friction", "friction", short)])
+    with pytest.raises(ConfigError, match="different names"):
+        write_plan(tmp_path / "b", arm, [])
+    with pytest.raises(ConfigError, match="small letter"):
+        Motion("../x", "friction", motion)
+    with pytest.raises(ConfigError, match="kind"):
+        Motion("x", "dance", motion)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="Trajectory"):
+        Motion("x", "friction", motion.q)  # type: ignore[arg-type]
+
+
+def test_an_unknown_motion_names_those_there_are(plan: Plan) -> None:
+    with pytest.raises(ConfigError, match="friction, excitation"):
+        plan.motion("validation")
+
+
+def changed_arm(folder: Path, tmp_path: Path, file: str, old: str, new: str) -> Arm:
+    copy = tmp_path / f"arm-{abs(hash((file, old, new)))}"
+    shutil.copytree(folder, copy)
+    text = (copy / file).read_text()
+    assert old in text
+    (copy / file).write_text(text.replace(old, new, 1))
+    return load_arm(copy)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "key"),
+    [
+        ("arm.toml", "dq_max = [2.0", "dq_max = [2.1", "limits"),
+        ("model.xml", 'mass="7"', 'mass="7.1"', "model"),
+        ("model.xml", 'size="0.08"', 'size="0.07"', "model"),
+        ("arm.toml", 'name = "test6"', 'name = "test7"', "arm"),
+    ],
+)
+def test_another_arm_is_refused(
+    plan: Plan, arm: Arm, arm_folder: Path, cell: Cell, tmp_path: Path, file: str, old: str, new: str, key: str
+) -> None:
+    other = changed_arm(arm_folder, tmp_path, file, old, new)
+    check_plan(plan, arm, cell)
+    with pytest.raises(SafetyStop):
+        check_plan(plan, other, cell)
+    with pytest.raises(SafetyStop, match=key):
+        check_approval(approve(plan, arm, cell, "operator", NOON), plan, other, cell, NOON)
+
+
+def test_another_cell_is_refused(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text(cell.path.read_text() + "\n")
+    other = load_cell(file)
+    with pytest.raises(SafetyStop, match="another cell"):
+        check_plan(plan, arm, other)
+    with pytest.raises(SafetyStop, match="cell file"):
+        check_approval(approve(plan, arm, cell, "operator", NOON), plan, arm, other, NOON)
+
+
+def test_a_plan_without_a_cell_fits_every_cell_of_its_arm(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> None:
+    check_plan(write_plan(tmp_path / "p", arm, [Motion("probe", "probe", motion)]), arm, cell)
+
+
+@pytest.mark.parametrize(
+    ("after", "valid"),
+    [(timedelta(seconds=-1), False), (timedelta(0), True), (timedelta(hours=8), True), (timedelta(hours=8, seconds=1), False)],
+)
+def test_an_approval_holds_from_its_instant_for_eight_hours(
+    plan: Plan, arm: Arm, cell: Cell, after: timedelta, valid: bool
+) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    approval = approval_of(plan)
+    assert approval is not None
+    if valid:
+        check_approval(approval, plan, arm, cell, NOON + after)
+    else:
+        with pytest.raises(SafetyStop, match="approve again"):
+            check_approval(approval, plan, arm, cell, NOON + after)
+
+
+def test_there_is_no_approval_until_one_is_given(plan: Plan) -> None:
+    assert approval_of(plan) is None
+
+
+@pytest.mark.parametrize("change", [("hours = 8.0", "hours = 80.0"), ("+00:00", ""), ("approved_by =", "approved_by")])
+def test_a_well_sealed_approval_that_breaks_a_rule_is_refused(
+    plan: Plan, arm: Arm, cell: Cell, change: tuple[str, str]
+) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    file = plan.folder / "approval.toml"
+    body = file.read_text().split("\n", 1)[1]
+    assert change[0] in body
+    file.write_bytes(sealed(body.replace(*change)))
+    with pytest.raises(ConfigError):
+        approval_of(plan)
