@@ -11,7 +11,10 @@ from rich.console import Console
 from sim.errors import CalibError
 
 # name on the command line -> module in calib.commands that has a function `command`
-COMMANDS: dict[str, str] = {}
+COMMANDS: dict[str, str] = {
+    "check": "check",
+    "emulate": "emulate",
+}
 
 app = typer.Typer(
     name="calib",

@@ -33,6 +33,19 @@ class DeviceInfo:
     extra: dict[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One question of the preflight and its answer; ok is None where the device cannot answer it.
+
+    detail says what was found, with values; remedy what the operator does where the answer is no.
+    """
+
+    name: str
+    ok: bool | None
+    detail: str
+    remedy: str = ""
+
+
 class Driver(ABC):
     """connect, read, send, stop, close; a context manager that connects and closes.
 
@@ -68,6 +81,10 @@ class Driver(ABC):
     @abstractmethod
     def close(self) -> None:
         """Leave the device at rest and release it; safe to call more than once."""
+
+    def checks(self) -> list[Check]:
+        """What this kind of device is asked before motion, beyond `drivers.preflight`; connected, and without moving it."""
+        return []
 
     def __enter__(self) -> Self:
         self.info = self.connect()

@@ -1,0 +1,72 @@
+"""`calib emulate CELL`: the emulated controller of a cell, on loopback."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sim.arm import load_arm
+from sim.cell import load_cell
+from sim.emulated import Emulator, open_emulator
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+
+def command(
+    cell: Annotated[str, typer.Argument(help="a cell from configs/cells, or a .toml file")],
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="make something go wrong: NAME@SECONDS after the start; may be repeated; a wrong name lists all"),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="stop after this time; without it, runs until Ctrl-C")] = None,
+    configs: Annotated[Path | None, typer.Option(help="folder with your own arms and cells")] = None,
+) -> None:
+    """Run the emulated controller of a cell, so that the real driver can be tried without an arm.
+
+    Example, with `calib check emulated-ur10e` in a second terminal:
+
+        calib emulate emulated-ur10e --fault protective_stop@30
+    """
+    table = load_cell(cell, configs)
+    emulator = open_emulator(table, load_arm(table.table.arm, configs))
+    plan = sorted(_scheduled(text, emulator) for text in fault or [])
+    console = Console()
+    emulator.start()
+    try:
+        for line in emulator.instructions():
+            console.print(line, markup=False, highlight=False)
+        start = time.monotonic()
+        for instant, name in plan:
+            _wait_until(start + instant, start, seconds)
+            if seconds is not None and instant > seconds:
+                break
+            emulator.inject(name)
+            console.print(f"{instant:g} s: {name}", markup=False, highlight=False)
+        _wait_until(float("inf"), start, seconds)
+    except KeyboardInterrupt:
+        console.print("stopped")
+    finally:
+        emulator.stop()
+
+
+def _scheduled(text: str, emulator: Emulator) -> tuple[float, str]:
+    name, _, after = text.partition("@")
+    if name not in emulator.faults:
+        raise ConfigError(f"--fault {text}: there is no fault {name!r}; {nearest(name, emulator.faults)}")
+    try:
+        instant = float(after or "0")
+    except ValueError:
+        instant = -1.0
+    if not 0 <= instant < float("inf"):
+        raise ConfigError(f"--fault {text}: {after!r} is not a time in seconds; write it as {name}@10")
+    return instant, name
+
+
+def _wait_until(instant: float, start: float, seconds: float | None) -> None:
+    end = instant if seconds is None else min(instant, start + seconds)
+    while (now := time.monotonic()) < end:
+        time.sleep(min(0.2, end - now))

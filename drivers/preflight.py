@@ -1,0 +1,114 @@
+"""Is the device what the cell file and the arm folder say it is? Asked before anything moves, without moving anything."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.driver import Check, DeviceInfo, Driver
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.joint_state import JointState, Status
+
+# A payload or mounting that is off by more than this shifts gravity torques visibly; a rate or clock off by more cannot be fitted.
+MASS_TOLERANCE = 0.05  # kg
+COM_TOLERANCE = 0.01  # m
+TILT_TOLERANCE = math.radians(2.0)
+RATE_TOLERANCE = 0.01
+CLOCK_TOLERANCE = 0.002
+
+
+def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
+    """The checks of a connected driver: those that every device is asked, and those of its own kind (`driver.checks`).
+
+    Reads `seconds` of samples; sends nothing.
+    """
+    arm, info = driver.arm, driver.info
+    states = [driver.read() for _ in range(max(2, math.ceil(seconds * driver.rate)))]
+    return [
+        _identity(arm, info),
+        _status(states[-1]),
+        _position(arm, states),
+        _payload(cell, info),
+        _mounting(arm, info),
+        *_timing(driver.rate, states),
+        *driver.checks(),
+    ]
+
+
+def _identity(arm: Arm, info: DeviceInfo) -> Check:
+    serial = f", serial {info.serial}" if info.serial else ""
+    detail = f"{info.model}{serial}, firmware {info.firmware}; arm folder {arm.name} ({arm.sha256[:12]})"
+    return Check("device", True, detail)
+
+
+def _status(state: JointState) -> Check:
+    said = state.status.value + (f": {state.detail}" if state.detail else "")
+    return Check("status", state.status is Status.RUNNING, said, "bring the device to its running state and check again")
+
+
+def _position(arm: Arm, states: list[JointState]) -> Check:
+    q = np.array([s.q for s in states])
+    inside = np.isfinite(q) & (arm.q_min <= q) & (q <= arm.q_max)
+    if np.all(inside):
+        return Check("joint limits", True, "every joint stands within the arm's limits")
+    k, j = np.argwhere(~inside)[0]
+    name = arm.joint_names[j]
+    return Check(
+        "joint limits", False, f"{name} stands at {q[k, j]:.4f} rad, outside {arm.q_min[j]:.4f} to {arm.q_max[j]:.4f} rad",
+        f"move {name} back by hand or with the device's own controls, or correct its limits in arm.toml if the arm allows it",
+    )  # fmt: skip
+
+
+def _payload(cell: Cell, info: DeviceInfo) -> Check:
+    if info.payload_mass is None or info.payload_com is None:
+        return Check("payload", None, "the device does not say which payload it believes")
+    declared = cell.table.payload
+    mass = declared.mass if declared else 0.0
+    com = np.array(declared.com if declared else (0.0, 0.0, 0.0))
+    off = float(np.linalg.norm(np.array(info.payload_com) - com))
+    ok = abs(info.payload_mass - mass) <= MASS_TOLERANCE and (mass <= MASS_TOLERANCE or off <= COM_TOLERANCE)
+    believed = ", ".join(f"{x:.3f}" for x in info.payload_com)
+    return Check(
+        "payload", ok, f"the device believes {info.payload_mass:.3f} kg at ({believed}) m; the cell file declares {mass:.3f} kg",
+        "set the payload that is really mounted on the device, and the same in [payload] of the cell file",
+    )  # fmt: skip
+
+
+def _mounting(arm: Arm, info: DeviceInfo) -> Check:
+    if info.gravity is None:
+        return Check("mounting", None, "the device does not say how it is mounted")
+    g = np.array(info.gravity)
+    cosine = float(g @ arm.gravity / (np.linalg.norm(g) * np.linalg.norm(arm.gravity) or np.nan))
+    tilt = math.acos(min(1.0, max(-1.0, cosine))) if math.isfinite(cosine) else math.nan
+    return Check(
+        "mounting", tilt <= TILT_TOLERANCE,
+        f"gravity of device and model differ by {math.degrees(tilt):.1f} deg",
+        "set the mounting on the device, or the gravity of the arm's model file, to how the arm really stands",
+    )  # fmt: skip
+
+
+def _timing(rate: float, states: list[JointState]) -> list[Check]:
+    device = np.diff([s.t_device for s in states])
+    host = np.diff([s.t for s in states])
+    if not np.all(device > 0):
+        return [
+            Check("device clock", False, "the device's time stamps do not increase", "restart the device, then check again")
+        ]
+    measured = 1.0 / float(np.median(device))
+    missing = int(np.sum(np.rint(device * rate) - 1))
+    slope = float(np.sum(host) / np.sum(device)) - 1.0
+    return [
+        Check(
+            "rate", abs(measured / rate - 1.0) <= RATE_TOLERANCE and missing == 0,
+            f"{measured:.1f} Hz of {rate:.1f} Hz, {missing} of {len(device) + missing} samples missing, "
+            f"longest wait on this computer {1e3 * float(np.max(host)):.1f} ms",
+            "use a wired connection of its own, close other clients of the device, and stop other work on this computer",
+        ),
+        Check(
+            "device clock", abs(slope) <= CLOCK_TOLERANCE + 0.01 / float(np.sum(device)),
+            f"device and host clock differ by {1e6 * slope:.0f} ppm over {np.sum(device):.1f} s",
+            "look for another program that steps the clock or holds this one back, then check again",
+        ),
+    ]  # fmt: skip

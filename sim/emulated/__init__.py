@@ -1,0 +1,50 @@
+"""Emulated controllers: a device's real protocol on loopback, so that its driver can be tried without an arm.
+
+Written from the protocols, not from the drivers: they share no code.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Protocol
+
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+# driver named in the cell file -> module that has `emulator(cell, arm) -> Emulator`
+EMULATORS: dict[str, str] = {}
+
+
+class Emulator(Protocol):
+    """A controller that runs in threads of its own between `start` and `stop`.
+
+    `faults` names what can be done to it; `inject` does one of them, at once and from any thread.
+    """
+
+    faults: tuple[str, ...]
+
+    def start(self) -> None:
+        """Open the wire and begin; DeviceError where an address or port is taken."""
+
+    def stop(self) -> None:
+        """Close the wire; safe to call more than once."""
+
+    def inject(self, fault: str) -> None:
+        """Make the named fault happen; ConfigError lists the known ones."""
+
+    def instructions(self) -> list[str]:
+        """What the operator does next, one sentence a line."""
+
+
+def open_emulator(cell: Cell, arm: Arm) -> Emulator:
+    """The emulated controller for the driver of a cell, not yet started; ConfigError where that driver has none."""
+    kind = cell.table.driver
+    if kind not in EMULATORS:
+        raise ConfigError(
+            f"{cell.path}: driver = {kind!r} has no emulated controller; {nearest(kind, EMULATORS)}; "
+            "an arm behind another driver is tried on the mock"
+        )
+    emulator: Emulator = import_module(EMULATORS[kind]).emulator(cell, arm)
+    return emulator
