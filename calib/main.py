@@ -4,22 +4,49 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from typing import Any
 
 import typer
-from rich.console import Console
+from typer.core import TyperGroup
+from typer.main import get_command
 
+from calib import console
+from calib.run_folder import INVOCATION, Invocation, end_run
 from sim.errors import CalibError
+from sim.resources import nearest
 
-# name on the command line -> module in calib.commands that has a function `command`
+# name on the command line -> module in calib.commands that has a function `command`, or `app` with subcommands
 COMMANDS: dict[str, str] = {
     "check": "check",
     "emulate": "emulate",
 }
 
+
+class Commands(TyperGroup):
+    """Imports a command only when it is asked for: completion and `calib effects` need not wait for a physics engine."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        if name not in COMMANDS:
+            return None
+        module = import_module(f"calib.commands.{COMMANDS[name]}")
+        single = getattr(module, "app", None)
+        if single is None:
+            single = typer.Typer(rich_markup_mode=None, add_completion=False)
+            single.command(name)(module.command)
+        command = get_command(single)
+        command.name = name
+        return command
+
+
 app = typer.Typer(
     name="calib",
+    cls=Commands,
     help="Make a simulated robot arm true: excite, record, identify, and name the physical effect that the model lacks.",
-    no_args_is_help=True,
+    epilog="Every command has --help with an example. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
+    "3 safety stop, 4 device.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -27,25 +54,52 @@ app = typer.Typer(
 
 @app.callback()
 def _program() -> None:
-    """Every command has --help with an example; exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop, 4 device."""
-
-
-for _name, _module in COMMANDS.items():
-    app.command(_name)(import_module(f"calib.commands.{_module}").command)
+    pass
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the program; a CalibError is printed as its sentence and becomes its exit code."""
+    """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    invocation = Invocation(arguments)
+    token = INVOCATION.set(invocation)
     try:
-        result = app(args=arguments, standalone_mode=False)
-        return result if isinstance(result, int) else 0
+        code, sentence = _run(arguments)
+        for folder in invocation.folders:
+            end_run(folder, code, sentence)
+        return code
+    finally:
+        INVOCATION.reset(token)
+
+
+def _run(arguments: list[str]) -> tuple[int, str]:
+    try:
+        result = app(args=arguments or ["--help"], prog_name="calib", standalone_mode=False)
+        code = result if isinstance(result, int) else 0
+        return code, "done" if code == 0 else f"ended with exit code {code}"
     except CalibError as error:
-        Console(stderr=True).print(f"calib: {error}", markup=False, highlight=False, soft_wrap=True)
-        return error.exit_code
+        console.warn(str(error))
+        return error.exit_code, str(error)
+    except typer.TyperException as error:
+        sentence = _usage(error, arguments)
+        console.warn(sentence)
+        return 2, sentence
     except typer.Exit as stop:
-        return stop.exit_code
-    except KeyboardInterrupt:
-        return 130
+        return stop.exit_code, "done" if stop.exit_code == 0 else f"ended with exit code {stop.exit_code}"
+    except (KeyboardInterrupt, typer.Abort):
+        console.warn("interrupted; nothing more was done")
+        return 130, "interrupted by the operator"
+
+
+def _usage(error: typer.TyperException, arguments: list[str]) -> str:
+    """A usage error in the program's own voice: what is wrong, the nearest right word, where the help is."""
+    message = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else "calib"
+    if message.startswith("No such command"):
+        word = arguments[0] if path == "calib" else message.split("'")[1]
+        known = context.command.list_commands(context) if context else list(COMMANDS)
+        return f"there is no command {word!r}; {nearest(word, known)}"
+    return f"{message[0].lower()}{message[1:]}; see `{path} --help`"
 
 
 if __name__ == "__main__":

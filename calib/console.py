@@ -1,0 +1,158 @@
+"""One voice on the terminal: answers go to standard output, progress and complaints to standard error.
+
+With `--json`, standard output is one JSON document and nothing else, so that `calib ... --json | jq` always works.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PurePath
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from sim.resources import config_folders
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; runs/<utc>-<arm>-<verb>/ if not given.")
+]
+Configs = Annotated[
+    Path | None,
+    typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
+]
+
+
+def arm_names(incomplete: str = "") -> list[str]:
+    """Arms that the shell offers for completion."""
+    return _names("arms", "*/arm.toml", lambda p: p.parent.name, incomplete)
+
+
+def cell_names(incomplete: str = "") -> list[str]:
+    """Cells that the shell offers for completion."""
+    return _names("cells", "*.toml", lambda p: p.stem, incomplete)
+
+
+ArmArgument = Annotated[
+    str,
+    typer.Argument(metavar="ARM", help="Name from configs/arms, arm folder, or .xml/.urdf file.", autocompletion=arm_names),
+]
+CellArgument = Annotated[
+    str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
+]
+
+
+def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
+    found = {name(p) for folder in config_folders(None, kind) for p in folder.glob(pattern)}
+    return sorted(n for n in found if n.startswith(incomplete))
+
+
+def say(sentence: str) -> None:
+    """A sentence for the person, on standard output; brackets and file names stand as they are."""
+    _out().print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def warn(sentence: str) -> None:
+    """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
+    _err().print(f"calib: {sentence}", markup=False, highlight=False, soft_wrap=True)
+
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
+    """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off."""
+    body = [list(row) for row in rows]
+    grid = Table(title=Text(title) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    for k, header in enumerate(headers):
+        numeric = any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
+        grid.add_column(Text(header), justify="right" if numeric else "left", overflow="fold")
+    for row in body:
+        grid.add_row(*(Text(cell(value)) for value in row))
+    _out().print(grid)
+
+
+def cell(value: Any) -> str:
+    """A value as a table shows it: four significant digits, an en dash for nothing."""
+    if value is None or (_is_number(value) and not isinstance(value, bool) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return str(value)
+    if _is_number(value):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def print_json(data: Any) -> None:
+    """`data` as one strict JSON document: arrays as lists, NaN and infinities as null, paths as text."""
+    sys.stdout.write(json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def plain(data: Any) -> Any:
+    """`data` in the types that JSON and TOML have; TypeError names a type that has no such form."""
+    if data is None or (isinstance(data, bool | str | int) and not isinstance(data, enum.Enum)):
+        return data
+    if isinstance(data, np.bool_):
+        return bool(data)
+    if isinstance(data, float | np.floating):
+        return float(data) if math.isfinite(data) else None
+    if isinstance(data, np.integer):
+        return int(data)
+    if isinstance(data, np.ndarray):
+        return plain(data.tolist())
+    if isinstance(data, PurePath):
+        return str(data)
+    if isinstance(data, enum.Enum):
+        return plain(data.value)
+    if isinstance(data, dict):
+        return {str(key): plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple | set | frozenset):
+        return [plain(value) for value in data]
+    if dataclasses.is_dataclass(data) and not isinstance(data, type):
+        return {f.name: plain(getattr(data, f.name)) for f in dataclasses.fields(data)}
+    raise TypeError(f"{type(data).__name__} has no JSON form")
+
+
+@contextmanager
+def progress(description: str, total: float | None = None) -> Iterator[Callable[..., None]]:
+    """Progress on standard error while the block runs; call the yielded `advance(step=1, text=None)` as work gets done.
+
+    On a terminal a bar that vanishes at the end; elsewhere one plain line at the start, so that log files stay readable.
+    """
+    console = _err()
+    if not console.is_terminal:
+        console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
+        yield lambda step=1, text=None: None
+        return
+    columns = [SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(bar_width=30)]
+    if total is not None:
+        columns.append(MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(description, total=total)
+
+        def advance(step: float = 1, text: str | None = None) -> None:
+            bar.update(task, advance=step, description=description if text is None else f"{description}: {text}")
+
+        yield advance
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def _out() -> Console:
+    return Console(file=sys.stdout)
+
+
+def _err() -> Console:
+    return Console(file=sys.stderr)

@@ -1,0 +1,163 @@
+"""A matplotlib figure as inline SVG that follows the page: its colours in the light, in the dark and on paper.
+
+The colours are those of Okabe and Ito (jfly.uni-koeln.de/color), which remain distinct for the common kinds of colour blindness,
+darkened or lightened where the page's background asks for contrast; `before`, `refit` and `after` also differ in their dashes.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.text import Text
+
+# role -> the colour that a figure is drawn with; page.css gives each role its colour in the light and in the dark
+ROLES = {
+    "ink": "#1b1f24",
+    "muted": "#5f6770",
+    "grid": "#d5d9de",
+    "before": "#c44e00",
+    "refit": "#a8437f",
+    "after": "#0072b2",
+    "good": "#00795a",
+    "bad": "#b3261e",
+    "accent": "#8a6100",
+}
+LINE = {
+    "measured": {"color": ROLES["ink"], "linewidth": 1.0},
+    "before": {"color": ROLES["before"], "linewidth": 1.2, "linestyle": (0, (4, 1.5))},
+    "refit": {"color": ROLES["refit"], "linewidth": 1.2, "linestyle": (0, (1.5, 1.2))},
+    "after": {"color": ROLES["after"], "linewidth": 1.3},
+}
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "arm-calib",
+    "font.size": 9,
+    "axes.edgecolor": ROLES["muted"],
+    "axes.labelcolor": ROLES["ink"],
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": ROLES["grid"],
+    "grid.linewidth": 0.6,
+    "text.color": ROLES["ink"],
+    "xtick.color": ROLES["muted"],
+    "ytick.color": ROLES["muted"],
+}
+_SVG = "http://www.w3.org/2000/svg"
+_XLINK = "{http://www.w3.org/1999/xlink}href"
+_count = itertools.count(1)
+
+
+def axes(
+    rows: int = 1, columns: int = 1, width: float = 10.5, height: float = 2.4, **options: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure of the house with rows x columns axes (always a 2-D array); inches; `height` is that of one row."""
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height * rows), layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, grid
+
+
+def svg(figure: Figure, title: str) -> Markup:
+    """`figure` as inline SVG without style attributes, with `title` for those who cannot see it.
+
+    Every inline style becomes a presentation attribute or a class, so that the page needs no exception from its content policy.
+    """
+    text = io.StringIO()
+    for words in figure.findobj(Text):
+        words.set_parse_math(False)
+    for legend in figure.findobj(Legend):
+        legend.set_frame_on(False)
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(
+            text, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Type": None, "Format": None}
+        )
+    ElementTree.register_namespace("", _SVG)
+    ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
+    root = ElementTree.fromstring(text.getvalue())
+    prefix = f"f{next(_count)}-"
+    for parent in root.iter():
+        for child in [c for c in parent if c.tag == f"{{{_SVG}}}style"]:
+            parent.remove(child)
+    for element in root.iter():
+        _restyle(element)
+        _rename(element, prefix)
+    for size in ("width", "height"):
+        root.attrib.pop(size, None)
+    root.set("role", "img")
+    root.set("aria-labelledby", f"{prefix}title")
+    label = ElementTree.Element(f"{{{_SVG}}}title", {"id": f"{prefix}title"})
+    label.text = title
+    root.insert(0, label)
+    return Markup(re.sub(r"\s*\n\s*", "\n", ElementTree.tostring(root, encoding="unicode")))
+
+
+def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
+    """Title and axis labels in the manner of the house: small, at the left, units in brackets."""
+    if title:
+        ax.set_title(title, loc="left", fontsize=9)
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+
+
+def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 900, **style: Any) -> None:
+    """A line of at most 2 * `points` points that keeps the extremes of every stretch, so that no peak is lost on the page."""
+    kept = envelope(y, points)
+    ax.plot(np.asarray(x)[kept], np.asarray(y)[kept], **style)
+
+
+def envelope(y: np.ndarray, points: int) -> np.ndarray:
+    """Indices of the least and the greatest value of each of `points` stretches of y (N,), in order; all if N is small.
+
+    A stretch with a NaN keeps it, so that a hole in the data stays a hole on the page.
+    """
+    y = np.asarray(y, dtype=float)
+    if len(y) <= 2 * points:
+        return np.arange(len(y))
+    edges = np.linspace(0, len(y), points + 1).astype(int)
+    kept = {0, len(y) - 1}
+    for a, b in itertools.pairwise(edges):
+        part = y[a:b]
+        holes = np.flatnonzero(np.isnan(part))
+        if len(holes):
+            kept.add(a + int(holes[0]))
+        if len(holes) < len(part):
+            kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
+    return np.array(sorted(kept))
+
+
+def _restyle(element: ElementTree.Element) -> None:
+    style = element.attrib.pop("style", None)
+    if style is None:
+        return
+    classes = []
+    for declaration in style.split(";"):
+        key, _, value = (part.strip() for part in declaration.partition(":"))
+        role = next((r for r, colour in ROLES.items() if value.lower() == colour), None)
+        if key in ("fill", "stroke") and role:
+            classes.append(f"{key}-{role}")
+        elif key and key not in ("font-family", "font"):
+            element.set(key, value)
+    if classes:
+        element.set("class", " ".join(classes))
+
+
+def _rename(element: ElementTree.Element, prefix: str) -> None:
+    for key, value in list(element.attrib.items()):
+        if key == "id":
+            element.set(key, prefix + value)
+        elif key == _XLINK and value.startswith("#"):
+            element.set(key, "#" + prefix + value[1:])
+        elif value.startswith("url(#"):
+            element.set(key, "url(#" + prefix + value[5:])

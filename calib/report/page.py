@@ -1,0 +1,142 @@
+"""One page, one file: a result as a sentence, then pictures, then tables; opens offline and asks the network for nothing.
+
+Everything that comes from a log or a file name is escaped (Jinja2 autoescape); the content policy is `default-src 'none'` with
+the SHA-256 of the page's own style and script, so that nothing else could run even if it were there.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import jinja2
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from calib.console import cell, plain
+from calib.report.figure import svg
+from calib.run_folder import software_version
+
+Verdict = Literal["good", "bad", "open"]
+BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?"}
+_FOLDER = Path(__file__).resolve().parent
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(_FOLDER / "templates"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+    lstrip_blocks=True,
+)  # fmt: skip
+
+
+@dataclass
+class _Section:
+    heading: str
+    blocks: list[Markup] = field(default_factory=list)
+
+
+class Page:
+    """A page with its title, its result as a sentence, and sections that are filled from top to bottom.
+
+    `verdict` colours and marks the sentence: good, bad, open, or none; `facts` are label and value pairs under it.
+    Every method that adds something returns the page. Text is text: it is escaped, never markup.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        sentence: str,
+        verdict: Verdict | None = None,
+        facts: Sequence[tuple[str, Any]] = (),
+        subtitle: str = "",
+    ) -> None:
+        self.title, self.sentence, self.verdict, self.subtitle = title, sentence, verdict, subtitle
+        self.facts = [(label, cell(value)) for label, value in facts]
+        self._sections: list[_Section] = [_Section("")]
+        self._scripts = [_asset("page.js")]
+        self._styles = [_asset("page.css")]
+        self._data: dict[str, str] = {}
+
+    def section(self, heading: str, text: str = "") -> Self:
+        """Begin a section; what is added next stands in it."""
+        self._sections.append(_Section(heading))
+        return self.text(text) if text else self
+
+    def text(self, paragraph: str) -> Self:
+        """A paragraph."""
+        return self._add(escape(paragraph), "<p>{}</p>")
+
+    def items(self, sentences: Iterable[str]) -> Self:
+        """A list of sentences."""
+        body = Markup("").join(Markup("<li>{}</li>").format(s) for s in sentences)
+        return self._add(body, "<ul>{}</ul>") if body else self
+
+    def figure(self, figure: Figure | Markup, caption: str) -> Self:
+        """A matplotlib figure (see calib.report.figure.axes) or trusted SVG, and the sentence that says what it shows."""
+        drawing = svg(figure, caption) if isinstance(figure, Figure) else figure
+        return self._add(Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(drawing, caption))
+
+    def table(self, headers: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", fold: bool = False) -> Self:
+        """A table that sorts on a click on its headers; numbers keep their value and show four digits; `fold` closes it at first."""
+        body = [[(cell(v), _key(v), isinstance(v, int | float)) for v in row] for row in rows]
+        for row in body:
+            if len(row) != len(headers):
+                raise ValueError(f"a row has {len(row)} cells under {len(headers)} headers: {[text for text, _, _ in row]}")
+        html = _TEMPLATES.get_template("table.html").render(headers=headers, rows=body, caption=caption, fold=fold)
+        return self._add(Markup(html))
+
+    def embed(self, html: Markup, script: str = "", style: str = "", data: dict[str, Any] | None = None) -> Self:
+        """Trusted markup with its own script, style and data (read by the script from `<script type="application/json" id=...>`)."""
+        self._scripts += [script] if script else []
+        self._styles += [style] if style else []
+        for name, value in (data or {}).items():
+            text = json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
+            self._data[name] = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+        return self._add(html)
+
+    def html(self) -> str:
+        """The whole page as text."""
+        policy = "; ".join(
+            [
+                "default-src 'none'",
+                "style-src " + " ".join(map(_hash, self._styles)),
+                "script-src " + " ".join(map(_hash, self._scripts)),
+                "img-src data:",
+                "base-uri 'none'",
+                "form-action 'none'",
+            ]
+        )
+        return _TEMPLATES.get_template("page.html").render(
+            page=self, policy=policy, badge=BADGES.get(self.verdict or "", ""), version=software_version(),
+            written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), sections=self._sections,
+            styles=[Markup(s) for s in self._styles], scripts=[Markup(s) for s in self._scripts],
+            data={name: Markup(text) for name, text in self._data.items()},
+        )  # fmt: skip
+
+    def write(self, path: str | Path) -> Path:
+        """Write the page; returns its path."""
+        path = Path(path)
+        path.write_text(self.html(), encoding="utf-8")
+        return path
+
+    def _add(self, block: Markup, form: str = "{}") -> Self:
+        self._sections[-1].blocks.append(Markup(form).format(block))
+        return self
+
+
+def _asset(name: str) -> str:
+    text = (_FOLDER / "assets" / name).read_text(encoding="utf-8")
+    if "</" + "script" in text or "</" + "style" in text:
+        raise ValueError(f"{name} would end its own element on the page")
+    return text
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _key(value: Any) -> str:
+    return repr(float(value)) if isinstance(value, int | float) and value == value else str(value if value is not None else "")

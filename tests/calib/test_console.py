@@ -1,0 +1,56 @@
+"""Answers on standard output, everything else on standard error, and JSON that any parser reads."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import console
+
+
+def test_json_is_strict(capsys: pytest.CaptureFixture[str]) -> None:
+    console.print_json(
+        {"a": np.array([1.0, np.nan]), "b": Path("x"), "c": np.float32(np.inf), "d": (np.bool_(True), np.int64(3))}
+    )
+    assert json.loads(capsys.readouterr().out) == {"a": [1.0, None], "b": "x", "c": None, "d": [True, 3]}
+
+
+def test_what_has_no_json_form_is_named() -> None:
+    with pytest.raises(TypeError, match="object has no JSON form"):
+        console.plain({"a": object()})
+
+
+def test_brackets_in_names_are_not_markup(capsys: pytest.CaptureFixture[str]) -> None:
+    console.say("joint [red]a[/red] in log [1].mcap")
+    console.table(["joint"], [["[bold]b"]])
+    out = capsys.readouterr().out
+    assert "joint [red]a[/red] in log [1].mcap" in out
+    assert "[bold]b" in out
+
+
+def test_warnings_do_not_mix_with_answers(capsys: pytest.CaptureFixture[str]) -> None:
+    console.warn("look here")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "calib: look here\n"
+
+
+def test_table_shows_four_digits_and_a_dash_for_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    console.table(["joint", "rms"], [["a", 0.123456], ["b", float("nan")], ["c", None]])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines] == [["joint", "rms"], ["a", "0.1235"], ["b", "–"], ["c", "–"]]
+
+
+def test_progress_away_from_a_terminal_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with console.progress("reading", total=3) as advance:
+        advance()
+        advance(2, "the last")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "reading ...\n"
+
+
+def test_completion_offers_what_is_shipped() -> None:
+    assert "mock-ur10e" in console.cell_names("mock")
+    assert console.cell_names("no such") == []

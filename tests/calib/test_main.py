@@ -1,0 +1,18 @@
+"""The program's manners: exit codes, nearest right words, and nothing that looks like a traceback."""
+
+import pytest
+
+from calib import main as program
+
+
+def test_no_arguments_is_a_request_for_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert program.main([]) == 0
+    assert "Exit codes: 0 done" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_wrong_option_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert program.main(["--colour"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("calib: no such option")
+    assert "see `calib --help`" in error
+    assert error.count("\n") == 1
