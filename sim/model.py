@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -340,3 +340,15 @@ def _shapes(model: mujoco.MjModel, link_of: np.ndarray, to_link: list[tuple[np.n
                   p + r @ model.geom_pos[g], vertices, faces)
         )  # fmt: skip
     return tuple(shapes)
+
+
+def with_point_mass(tree: KinematicTree, link: int, mass: float, com: np.ndarray) -> KinematicTree:
+    """The tree with a point mass (kg, at com (3,) m in the link's frame) added to one link."""
+    masses, coms, inertias = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()
+    total = masses[link] + mass
+    if total > 0:
+        d = com - coms[link]
+        inertias[link] = inertias[link] + masses[link] * mass / total * (d @ d * np.eye(3) - np.outer(d, d))
+        coms[link] = (masses[link] * coms[link] + mass * com) / total
+        masses[link] = total
+    return replace(tree, mass=masses, com=coms, inertia=inertias)

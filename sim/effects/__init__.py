@@ -1,0 +1,104 @@
+"""The catalogue: one file an effect, one line in EFFECTS; everything else that speaks of effects is derived from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sim.arm import Arm, ArmEffect
+from sim.effects.asymmetric_friction import AsymmetricFriction
+from sim.effects.backlash import Backlash
+from sim.effects.base_tilt import BaseTilt
+from sim.effects.coulomb_friction import CoulombFriction
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage
+from sim.effects.encoder_eccentricity import EncoderEccentricity
+from sim.effects.encoder_offset import EncoderOffset
+from sim.effects.external_contact import ExternalContact
+from sim.effects.joint_elasticity import JointElasticity
+from sim.effects.joint_spring import JointSpring
+from sim.effects.link_inertia import LinkInertia
+from sim.effects.load_dependent_friction import LoadDependentFriction
+from sim.effects.nonlinear_viscous_friction import NonlinearViscousFriction
+from sim.effects.payload import Payload
+from sim.effects.presliding_friction import PreslidingFriction
+from sim.effects.rotor_inertia import RotorInertia
+from sim.effects.stribeck_friction import StribeckFriction
+from sim.effects.thermal_friction import ThermalFriction
+from sim.effects.time_delay import TimeDelay
+from sim.effects.tool_force import ToolForce
+from sim.effects.torque_gain import TorqueGain
+from sim.effects.torque_offset import TorqueOffset
+from sim.effects.torque_ripple import TorqueRipple
+from sim.effects.torque_saturation import TorqueSaturation
+from sim.effects.viscous_friction import ViscousFriction
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+EFFECTS: tuple[Effect, ...] = (
+    CoulombFriction(),
+    ViscousFriction(),
+    AsymmetricFriction(),
+    StribeckFriction(),
+    NonlinearViscousFriction(),
+    LoadDependentFriction(),
+    ThermalFriction(),
+    PreslidingFriction(),
+    RotorInertia(),
+    JointElasticity(),
+    Backlash(),
+    TorqueRipple(),
+    JointSpring(),
+    TorqueGain(),
+    TorqueOffset(),
+    TorqueSaturation(),
+    EncoderOffset(),
+    EncoderEccentricity(),
+    TimeDelay(),
+    Payload(),
+    LinkInertia(),
+    BaseTilt(),
+    ToolForce(),
+    ExternalContact(),
+)
+
+_BY_NAME = {effect.name: effect for effect in EFFECTS}
+
+
+def effect_named(name: str) -> Effect:
+    """The effect of that name; ConfigError names the nearest."""
+    try:
+        return _BY_NAME[name]
+    except KeyError:
+        raise ConfigError(f"there is no effect {name!r}; {nearest(name, _BY_NAME)}") from None
+
+
+def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
+    """`instance` if the catalogue and the arm know it and its parameters are within bounds, else ConfigError."""
+    effect = effect_named(instance.effect)
+    where = f"effect {instance.effect}" + (f" at {instance.joint}" if instance.joint else "")
+    if effect.scope == "joint":
+        if instance.joint is None:
+            raise ConfigError(f"{where}: a joint is needed; joints: {', '.join(arm.joint_names)}")
+        arm.joint_index(instance.joint)
+    elif instance.joint is not None:
+        raise ConfigError(f"{where}: this effect belongs to the whole arm; leave the joint out")
+    names = [p.name for p in effect.parameters]
+    if sorted(instance.parameters) != sorted(names):
+        raise ConfigError(f"{where}: parameters {sorted(instance.parameters)}; it has exactly {names}")
+    for p in effect.parameters:
+        value = instance.parameters[p.name]
+        if not p.lower <= value <= p.upper:
+            raise ConfigError(f"{where}: {p.name} = {value} {p.unit}; it lies between {p.lower:g} and {p.upper:g}")
+    return instance
+
+
+def with_effect(arm: Arm, instance: ArmEffect) -> Arm:
+    """The arm with that effect: rigid effects change its bodies, any other replaces the arm's own of that name and joint."""
+    effect = effect_named(checked(arm, instance).effect)
+    joint = None if instance.joint is None else arm.joint_index(instance.joint)
+    if effect.stage is Stage.RIGID:
+        return replace(arm, tree=effect.bodies(arm.tree, joint, instance.parameters))
+    others = tuple(e for e in arm.effects if (e.effect, e.joint) != (instance.effect, instance.joint))
+    return replace(arm, effects=(*others, instance))
+
+
+__all__ = ["EFFECTS", "Effect", "Mjcf", "Parameter", "PathState", "Stage", "checked", "effect_named", "with_effect"]

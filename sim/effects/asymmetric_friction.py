@@ -1,0 +1,30 @@
+"""Dry friction that differs by direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+
+
+class AsymmetricFriction(Effect):
+    """tau = D |slip| with D = (F+ - F-)/2, beside the mean level."""
+
+    name = "asymmetric_friction"
+    summary = "dry friction differs by direction; (F+ - F-)/2"
+    looks = "the torque's step at a change of direction is not centred: a constant while the joint moves, absent at rest"
+    reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    experiment = "static holds: an offset of the reading stays at rest, asymmetric friction does not"
+    stage = Stage.MOTOR
+    parameters = (Parameter("half_difference", "N*m", "(F+ - F-)/2", start=0.5),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau += warmth D |slip|."""
+        state.tau[:, joint] += state.warmth[:, joint] * p["half_difference"] * np.abs(state.slip[:, joint])
+
+    def mjcf(self, joint: str, p: Values) -> Mjcf:
+        """A constant bias: with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], at rest too."""
+        bias = {"name": f"calib_asymmetric_friction_{joint}", "joint": joint, "gaintype": "fixed", "gainprm": "0"}
+        return Mjcf(
+            elements=(("actuator", "general", bias | {"biastype": "affine", "biasprm": f"{-p['half_difference']!r} 0 0"}),)
+        )

@@ -1,0 +1,24 @@
+"""Dry friction of constant level."""
+
+from __future__ import annotations
+
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+
+
+class CoulombFriction(Effect):
+    """tau = F slip, slip in [-1, 1] the direction of motion."""
+
+    name = "coulomb_friction"
+    summary = "level of dry friction"
+    looks = "a step of the torque where the speed changes sign, the same at every speed"
+    reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    stage = Stage.FRICTION
+    parameters = (Parameter("coulomb", "N*m", "level of dry friction", lower=0.0, start=1.0),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """level += F."""
+        state.level[:, joint] += p["coulomb"]
+
+    def mjcf(self, joint: str, p: Values) -> Mjcf:
+        """frictionloss, as stiff as MuJoCo's soft constraint allows (slip below about 1 mrad/s is viscous)."""
+        return Mjcf({"frictionloss": repr(p["coulomb"]), "solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001"})

@@ -1,0 +1,27 @@
+"""A joint whose zero is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class EncoderOffset(Effect):
+    """reading = angle + o."""
+
+    name = "encoder_offset"
+    summary = "zero of the joint is wrong"
+    looks = "gravity's torque as of another posture: on this joint and on those before it"
+    reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
+    experiment = "a mechanical zero mark, or gravity postures with a trusted centre of mass"
+    stage = Stage.ENCODER
+    parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, start=0.01),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """angle = reading - o."""
+        state.q[:, joint] -= p["offset"]
+
+    def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
+        """angle + o."""
+        return angle + p["offset"]

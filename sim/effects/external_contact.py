@@ -1,0 +1,32 @@
+"""Something touched the arm for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class ExternalContact(Effect):
+    """f(t) = f sin(pi (t - start)/duration)^2 while it lasts."""
+
+    name = "external_contact"
+    summary = "something touched the arm for a while"
+    looks = "a residual on several joints at once for a short time, once"
+    reference = "S. Haddadin, A. De Luca, A. Albu-Schaffer (2017), doi:10.1109/TRO.2017.2723903"
+    experiment = "repeat the motion in an empty cell"
+    stage = Stage.FORCE
+    scope = "arm"
+    parameters = (
+        Parameter("start", "s", "from the start of the recording", zero=None, lower=0.0, upper=1e5),
+        Parameter("duration", "s", "how long it lasts", zero=None, lower=0.02, upper=60.0, start=1.0),
+        Parameter("force_x", "N", "force on the last link", start=1.0),
+        Parameter("force_y", "N", "force on the last link", start=1.0),
+        Parameter("force_z", "N", "force on the last link", start=1.0),
+    )
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """f += f sin^2 within the window."""
+        phase = (state.t - p["start"]) / p["duration"]
+        window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)
+        state.force += window[:, None] * np.array([p["force_x"], p["force_y"], p["force_z"]])

@@ -1,0 +1,30 @@
+"""A cable, hose or spring that pulls the joint towards a rest angle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+
+
+class JointSpring(Effect):
+    """torque on the joint = -k (q - q_0)."""
+
+    name = "joint_spring"
+    summary = "cable, hose or spring"
+    looks = "torque in proportion to the joint's angle, at every speed"
+    reference = "MuJoCo manual, joint stiffness and springref"
+    experiment = "a slow motion over the whole range of that joint"
+    stage = Stage.JOINT
+    parameters = (
+        Parameter("stiffness", "N*m/rad", "torque per angle", lower=0.0, start=2.0),
+        Parameter("rest_angle", "rad", "angle without torque", zero=None, lower=-4 * np.pi, upper=4 * np.pi),
+    )
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """load += k (q - q_0)."""
+        state.load[:, joint] += p["stiffness"] * (state.q[:, joint] - p["rest_angle"])
+
+    def mjcf(self, joint: str, p: Values) -> Mjcf:
+        """stiffness and springref."""
+        return Mjcf({"stiffness": repr(p["stiffness"]), "springref": repr(p["rest_angle"])})

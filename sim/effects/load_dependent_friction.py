@@ -1,0 +1,23 @@
+"""Dry friction that grows with the torque that the gear transmits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class LoadDependentFriction(Effect):
+    """level += c |load|."""
+
+    name = "load_dependent_friction"
+    summary = "friction grows with transmitted torque"
+    looks = "dry friction that is larger where the joint carries more"
+    reference = "L. Ljung and the survey of A. C. Bittencourt, S. Gunnarsson (2012), doi:10.1115/1.4006589"
+    experiment = "the same slow sweep in two postures with different gravity load"
+    stage = Stage.FRICTION
+    parameters = (Parameter("coefficient", "1", "dry friction per transmitted torque", lower=0.0, upper=1.0, start=0.1),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """level += c |load|."""
+        state.level[:, joint] += p["coefficient"] * np.abs(state.load[:, joint])

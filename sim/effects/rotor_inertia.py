@@ -1,0 +1,25 @@
+"""Inertia of the motor's rotor, reflected through the gear."""
+
+from __future__ import annotations
+
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+
+
+class RotorInertia(Effect):
+    """tau = I_a ddq."""
+
+    name = "rotor_inertia"
+    summary = "reflected motor inertia (armature)"
+    looks = "torque in proportion to the joint's own acceleration"
+    reference = "B. Armstrong, O. Khatib, J. Burdick (1986), doi:10.1109/ROBOT.1986.1087644"
+    experiment = "a small 2-7 Hz motion of that joint"
+    stage = Stage.MOTOR
+    parameters = (Parameter("inertia", "kg*m^2", "rotor inertia times the gear ratio squared", lower=0.0, start=0.1),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau += I_a ddq_motor."""
+        state.tau[:, joint] += p["inertia"] * state.ddq_motor[:, joint]
+
+    def mjcf(self, joint: str, p: Values) -> Mjcf:
+        """armature."""
+        return Mjcf({"armature": repr(p["inertia"])})

@@ -1,0 +1,35 @@
+"""Dry friction that falls as motion starts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class StribeckFriction(Effect):
+    """level += F_s exp(-(dq/v_s)^2)."""
+
+    name = "stribeck_friction"
+    summary = "friction falls as motion starts"
+    looks = "more torque at low speed, in both directions, than friction at higher speed explains"
+    reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    experiment = "constant-speed sweeps at five or more speeds, three of them below the Stribeck velocity"
+    stage = Stage.FRICTION
+    parameters = (
+        Parameter("stiction_excess", "N*m", "excess of dry friction at rest", lower=0.0, start=1.0),
+        Parameter(
+            "stribeck_velocity",
+            "rad/s",
+            "speed at which 1/e of the excess is left",
+            zero=None,
+            lower=0.005,
+            upper=1.0,
+            start=0.1,
+        ),
+    )
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """level += F_s exp(-(dq/v_s)^2)."""
+        speed = state.dq_motor[:, joint] / p["stribeck_velocity"]
+        state.level[:, joint] += p["stiction_excess"] * np.exp(-(speed**2))

@@ -1,0 +1,26 @@
+"""Friction that changes as the joint warms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class ThermalFriction(Effect):
+    """all friction *= 1 - d (1 - exp(-t/T)), t from the start of the recording."""
+
+    name = "thermal_friction"
+    summary = "friction changes as the joint warms"
+    looks = "friction that drifts over minutes in one direction, scaled and not shifted"
+    reference = "A. C. Bittencourt, S. Gunnarsson (2012), doi:10.1115/1.4006589"
+    experiment = "repeat one motion cold and after ten minutes of work"
+    stage = Stage.FRICTION
+    parameters = (
+        Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, start=0.2),
+        Parameter("time_constant", "s", "time to lose 63 % of that", zero=None, lower=2.0, upper=3000.0, start=60.0),
+    )
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """warmth *= 1 - d (1 - exp(-t/T))."""
+        state.warmth[:, joint] *= 1.0 - p["relative_drop"] * -np.expm1(-state.t / p["time_constant"])

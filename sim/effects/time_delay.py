@@ -1,0 +1,28 @@
+"""A torque channel that lags the motion channel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class TimeDelay(Effect):
+    """reading(t) = tau(t - d)."""
+
+    name = "time_delay"
+    summary = "torque channel lags the motion channel"
+    looks = "the residual follows the rate of change of the torque, on all joints alike"
+    reference = (
+        "V. Duchaine and the treatment of delays in J. Swevers, W. Verdonck, J. De Schutter (2007), doi:10.1109/MCS.2007.904659"
+    )
+    experiment = "a motion with several frequencies from 1 to 7 Hz"
+    stage = Stage.CHANNEL
+    scope = "arm"
+    parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, start=0.002),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau(t) = tau(t - d), linear between samples."""
+        if len(state.t) > 1:
+            for j in range(state.tau.shape[1]):
+                state.tau[:, j] = np.interp(state.t - p["delay"], state.t, state.tau[:, j])

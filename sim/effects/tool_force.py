@@ -1,0 +1,28 @@
+"""A constant pull on the last link, such as a hose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class ToolForce(Effect):
+    """load = tau_link - J^T f, f constant in the world."""
+
+    name = "tool_force"
+    summary = "a constant pull, such as a hose"
+    looks = "like gravity on a body at the flange, but in a direction of its own and without inertia"
+    reference = "J. J. Craig, Introduction to Robotics (2005), section 5.10"
+    experiment = "varied postures of the wrist and the first joint"
+    stage = Stage.FORCE
+    scope = "arm"
+    parameters = (
+        Parameter("force_x", "N", "force on the last link", start=1.0),
+        Parameter("force_y", "N", "force on the last link", start=1.0),
+        Parameter("force_z", "N", "force on the last link", start=1.0),
+    )
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """f += constant."""
+        state.force += np.array([p["force_x"], p["force_y"], p["force_z"]])

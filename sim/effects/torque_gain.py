@@ -1,0 +1,21 @@
+"""A torque reading, or a torque constant, that is scaled."""
+
+from __future__ import annotations
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class TorqueGain(Effect):
+    """reading = g tau."""
+
+    name = "torque_gain"
+    summary = "torque reading or torque constant is scaled"
+    looks = "the residual is a constant share of the whole torque: gravity, inertia and friction alike"
+    reference = "M. Gautier, S. Briot (2014), doi:10.1109/TCST.2013.2291397"
+    experiment = "attach a known mass: a gain scales it, a wrong link mass does not"
+    stage = Stage.SENSOR
+    parameters = (Parameter("gain", "1", "reading per torque", zero=1.0, lower=0.3, upper=3.0, start=1.0),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau *= g."""
+        state.tau[:, joint] *= p["gain"]

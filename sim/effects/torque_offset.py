@@ -1,0 +1,21 @@
+"""A torque reading that is shifted."""
+
+from __future__ import annotations
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class TorqueOffset(Effect):
+    """reading = tau + o."""
+
+    name = "torque_offset"
+    summary = "torque reading is shifted"
+    looks = "a constant residual, moving or at rest"
+    reference = "C. Gaz, M. Cognetti et al. (2019), doi:10.1109/LRA.2019.2931248"
+    experiment = "static holds and slow motion in both directions"
+    stage = Stage.SENSOR
+    parameters = (Parameter("offset", "N*m", "reading at no torque", start=0.5),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau += o."""
+        state.tau[:, joint] += p["offset"]

@@ -1,0 +1,23 @@
+"""A drive that cannot deliver more."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+
+
+class TorqueSaturation(Effect):
+    """|tau| <= limit."""
+
+    name = "torque_saturation"
+    summary = "torque clips"
+    looks = "flat tops of the torque at one level while the model asks for more, and a joint that then falls behind"
+    reference = "MuJoCo manual, actuator forcerange"
+    experiment = "the same motion at half speed"
+    stage = Stage.DRIVE
+    parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, start=100.0),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau held in [-limit, limit]."""
+        state.tau[:, joint] = np.clip(state.tau[:, joint], -p["limit"], p["limit"])

@@ -1,0 +1,24 @@
+"""Friction proportional to speed."""
+
+from __future__ import annotations
+
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+
+
+class ViscousFriction(Effect):
+    """tau = F_v dq."""
+
+    name = "viscous_friction"
+    summary = "friction proportional to speed"
+    looks = "torque that grows in proportion to speed, odd in speed"
+    reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    stage = Stage.MOTOR
+    parameters = (Parameter("viscous", "N*m*s/rad", "torque per speed", lower=0.0, start=1.0),)
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """tau += warmth F_v dq."""
+        state.tau[:, joint] += state.warmth[:, joint] * p["viscous"] * state.dq_motor[:, joint]
+
+    def mjcf(self, joint: str, p: Values) -> Mjcf:
+        """damping."""
+        return Mjcf({"damping": repr(p["viscous"])})
