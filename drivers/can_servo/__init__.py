@@ -1,0 +1,1 @@
+"""Servo arms on a CAN bus: frames, bring-up, streaming, faults. The layout of every frame stands in configs/can/*.dbc."""
