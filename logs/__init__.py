@@ -1,1 +1,6 @@
 """Recorded data: recorder, reader, importers."""
+
+from logs.log import Event, Log, State
+from logs.read import read_log
+
+__all__ = ["Event", "Log", "State", "read_log"]

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 
+class State(Enum):
+    """How the recording ended; the value is the sentence shown to people."""
+
+    CLEAN = "the recording was ended on purpose and is complete"
+    ABORTED = "the recording was ended by a fault"
+    OPEN = "the recording was never ended: it is still running, or its program was killed"
+    CUT = "the file ends in the middle, or a part of it is damaged"
+    UNSTATED = "the file's format does not tell how the recording ended"
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of `/events`: instant on the device clock (s), level (ROS: 10 debug, 20 info, 30 warn, 40 error), text."""
+    """One line of `/events`: instant on the log's `t` (s), level (ROS: 10 debug, 20 info, 30 warn, 40 error), text."""
 
     t: float
     level: int
@@ -23,16 +33,19 @@ class Event:
 class Log:
     """N samples of n joints on the device clock; NaN where nothing was reported.
 
-    t            (N,) s, device clock, as recorded (a reader never sorts, drops or repairs samples)
-    t_host       (N,) s, host clock at reception
+    t            (N,) s, device clock, as recorded (a reader never sorts, drops or repairs samples), from `t_origin`
+    t_host       (N,) s, host clock at reception, from `t_host_origin`; NaN where the format has none
     q dq tau     (N, n) rad, rad/s, N m: measured; tau is the torque that the drive reports
     q_cmd dq_cmd tau_cmd  (N, n) the last command at or before each sample
-    current      (N, n) A
-    temperature  (N, n) degC
+    current      (N, n) A, the last reading at or before each sample
+    temperature  (N, n) degC, the last reading at or before each sample
     joint_names  names, in the order of the columns
-    metadata     what the recording says of itself (arm, firmware, payload, clock fit, end reason, ...)
+    metadata     what the recording says of itself (arm, firmware, payload, clock fit, end reason, ...); words as recorded
     events       lines of /events
     findings     sentences about damage, gaps and loss that the reader noticed
+    state        how the recording ended
+    t_origin     device clock at t = 0, ns; t_host_origin the same of the host clock. A float of seconds since 1970 resolves
+                 only 0.24 us, so the origins are kept apart as integers: device instant = t_origin + 1e9 t
     """
 
     joint_names: tuple[str, ...]
@@ -46,10 +59,13 @@ class Log:
     q_cmd: np.ndarray
     dq_cmd: np.ndarray
     tau_cmd: np.ndarray
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     findings: tuple[str, ...] = ()
     path: Path | None = None
+    state: State = State.UNSTATED
+    t_origin: int = 0
+    t_host_origin: int = 0
 
     def __len__(self) -> int:
         return len(self.t)

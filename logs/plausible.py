@@ -1,0 +1,94 @@
+"""Which samples cannot be readings of an arm: not finite, out of any range, or a jump that no joint can make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+VALUE_MAX = {"q": 1e4, "dq": 100.0, "tau": 1e5, "current": 1e4, "temperature": 1e3}
+UNIT = {"q": "rad", "dq": "rad/s", "tau": "N m", "current": "A", "temperature": "degC"}
+STEP_SPEED_MAX = 100.0  # rad/s: several times what the fastest servo joint reaches
+STEP_SLACK = 0.01  # rad: two readings may share a stamp
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One value that breaks a rule: sample, name of the channel, joint column, value, rule."""
+
+    sample: int
+    channel: str
+    joint: int
+    value: float
+    rule: str
+
+
+def first_fault(t: np.ndarray, channels: dict[str, np.ndarray]) -> Fault | None:
+    """The earliest sample that breaks a rule, or None: q is finite, nothing is infinite, |x| <= VALUE_MAX, no impossible step."""
+    faults = [f for f in (_first(name, values) for name, values in channels.items() if values.strides[0]) if f is not None]
+    step = _first_step(t, channels["q"])
+    if step is not None:
+        faults.append(step)
+    return min(faults, key=lambda fault: fault.sample) if faults else None
+
+
+def bad_samples(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
+    """(N,) bool: samples that break a rule; after a jump it is the samples off the majority's level that are bad."""
+    bad = np.zeros(len(t), dtype=bool)
+    for name, values in channels.items():
+        if values.strides[0]:
+            bad |= ~_sound(name, values).all(axis=1)
+    good = np.flatnonzero(~bad)
+    if len(good) > 1:
+        bad[good[_off_level(t[good], channels["q"][good])]] = True
+    return bad
+
+
+def _sound(name: str, values: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore"):
+        inside = np.abs(values) <= VALUE_MAX[name]
+    return inside if name == "q" else inside | np.isnan(values)
+
+
+def _first(name: str, values: np.ndarray) -> Fault | None:
+    sound = _sound(name, values)
+    if sound.all():
+        return None
+    sample, joint = np.argwhere(~sound)[0]
+    return Fault(
+        int(sample), name, int(joint), float(values[sample, joint]), f"finite and at most {VALUE_MAX[name]:g} {UNIT[name]}"
+    )
+
+
+def _steps(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.abs(np.diff(q, axis=0)) > STEP_SPEED_MAX * np.maximum(np.diff(t), 0.0)[:, None] + STEP_SLACK
+
+
+def _first_step(t: np.ndarray, q: np.ndarray) -> Fault | None:
+    jumps = _steps(t, q)
+    if not jumps.any():
+        return None
+    k, joint = np.argwhere(jumps)[0]
+    rule = f"within {STEP_SPEED_MAX:g} rad/s of the sample before ({q[k, joint]:g} rad, {t[k + 1] - t[k]:.4g} s earlier)"
+    return Fault(int(k) + 1, "q", int(joint), float(q[k + 1, joint]), rule)
+
+
+def _off_level(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(N,) bool: samples outside the longest chain of pieces, where a piece holds no impossible step."""
+    cuts = np.flatnonzero(_steps(t, q).any(axis=1)) + 1
+    off = np.zeros(len(t), dtype=bool)
+    if not len(cuts):
+        return off
+    starts, ends = np.r_[0, cuts], np.r_[cuts, len(t)]
+    longest = int(np.argmax(ends - starts))
+    for order, edge in ((range(longest + 1, len(starts)), 1), (range(longest - 1, -1, -1), -1)):
+        anchor = ends[longest] - 1 if edge > 0 else starts[longest]
+        for k in order:
+            near, far = (starts[k], ends[k] - 1) if edge > 0 else (ends[k] - 1, starts[k])
+            reach = STEP_SPEED_MAX * max(abs(t[near] - t[anchor]), 0.0) + STEP_SLACK
+            if np.all(np.abs(q[near] - q[anchor]) <= reach):
+                anchor = far
+            else:
+                off[starts[k] : ends[k]] = True
+    return off

@@ -1,0 +1,64 @@
+"""Any supported recording as a Log: what a file is, is told by its content, not by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from logs.damage import Damage
+from logs.log import Log
+from logs.mcap_log import read_mcap
+from logs.mcap_stream import MAGIC
+from logs.rosbag2 import bag_parts
+from logs.ur_rtde_csv import looks_like_csv, read_csv
+from sim.resources import nearest
+
+
+def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:
+    """The recording at `path`: our MCAP, a rosbag2 MCAP file or folder, or a ur_rtde CSV file.
+
+    Joints are matched by name: `joint_names` asks for these joints in this order; without it the order is the recording's.
+    BadLog for damage, an end that was not clean, time that runs backwards, and values that no arm has; with `accept_partial`
+    the damaged parts are left out and `Log.findings` tells what is missing.
+    """
+    path = Path(path)
+    damage = Damage(path, accept_partial)
+    wanted = tuple(joint_names) if joint_names is not None else None
+    if wanted is not None and (not wanted or len(set(wanted)) != len(wanted)):
+        raise ValueError(f"joint_names must be different names, got {wanted}")
+    if path.is_dir():
+        return read_mcap(bag_parts(path, damage), wanted, damage)
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except OSError as error:
+        raise damage.refuse(
+            "file", f"cannot be read ({error.strerror})", "give a recording: .mcap, .csv or a rosbag2 folder"
+        ) from error
+    if not head:
+        raise damage.refuse("file", "it is empty", "record it again")
+    if head.startswith(MAGIC):
+        return read_mcap([path], wanted, damage)
+    if looks_like_csv(head):
+        return _reordered(read_csv(path, accept_partial), wanted, damage)
+    kind = (
+        "an SQLite bag; convert it with `ros2 bag convert` to MCAP"
+        if head.startswith(b"SQLite format 3")
+        else "none that is read"
+    )
+    raise damage.refuse(
+        "byte 0", f"its format is {kind}", "MCAP with ROS 2 messages and ur_rtde CSV (timestamp,actual_q_0,...) are"
+    )
+
+
+def _reordered(log: Log, wanted: tuple[str, ...] | None, damage: Damage) -> Log:
+    """The log with its columns in the wanted order."""
+    if wanted is None or wanted == log.joint_names:
+        return log
+    missing = [name for name in wanted if name not in log.joint_names]
+    if missing:
+        raise damage.refuse("joints", f"the recording has no {missing[0]!r}", nearest(missing[0], log.joint_names))
+    columns = [log.joint_names.index(name) for name in wanted]
+    names = ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+    return replace(log, joint_names=wanted, **{name: getattr(log, name)[:, columns] for name in names})

@@ -1,0 +1,54 @@
+"""Topics and ROS 2 message definitions of a recording (ros2msg encoding), as ROS 2's own packages define them."""
+
+from __future__ import annotations
+
+STATES = "/joint_states"
+COMMANDS = "/joint_commands"
+DIAGNOSTICS = "/joint_diagnostics"
+EVENTS = "/events"
+RECORDING = "recording"  # metadata record with what the recording says of itself
+
+_RULE = "=" * 80
+_TIME = f"""{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_HEADER = f"""{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_TIME}"""
+
+SCHEMAS = {
+    "sensor_msgs/msg/JointState": f"""std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{_HEADER}""",
+    "calib_msgs/msg/JointDiagnostics": f"""std_msgs/Header header
+string[] name
+float64[] current
+float64[] temperature
+{_HEADER}""",
+    "rcl_interfaces/msg/Log": f"""byte DEBUG=10
+byte INFO=20
+byte WARN=30
+byte ERROR=40
+byte FATAL=50
+builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+{_TIME}""",
+}
+TOPICS = {
+    STATES: "sensor_msgs/msg/JointState",
+    COMMANDS: "sensor_msgs/msg/JointState",
+    DIAGNOSTICS: "calib_msgs/msg/JointDiagnostics",
+    EVENTS: "rcl_interfaces/msg/Log",
+}

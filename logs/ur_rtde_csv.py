@@ -1,0 +1,159 @@
+"""CSV files that ur_rtde's recorder writes: `timestamp,actual_q_0,...`, one row a sample, controller clock.
+
+`target_current` and `target_moment` are outputs of the controller's own model; they are never read as measurements. The
+controller reports currents and no joint torque, so `tau` is NaN.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from logs.damage import Damage
+from logs.log import Log, State
+from logs.plausible import UNIT, bad_samples, first_fault
+from logs.timing import check_times
+
+UR_JOINTS = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
+)  # fmt: skip
+COLUMNS = {
+    "q": "actual_q", "dq": "actual_qd", "current": "actual_current", "temperature": "joint_temperatures",
+    "q_cmd": "target_q", "dq_cmd": "target_qd",
+}  # fmt: skip
+REQUIRED = ("q", "dq", "current")
+MAX_BYTES = 2 << 30
+MAX_HEADER = 1 << 16
+
+
+def looks_like_csv(head: bytes) -> bool:
+    """Whether the first bytes of a file can be the header of such a CSV file."""
+    return re.match(rb"\s*\"?timestamp\"?\s*,", head.removeprefix(b"\xef\xbb\xbf")) is not None
+
+
+def read_csv(path: Path, accept_partial: bool = False) -> Log:
+    """The samples of `path`, one for each row; BadLog names row, column, value and rule of the first bad value."""
+    damage = Damage(path, accept_partial)
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise damage.refuse("file", f"{size} bytes, more than {MAX_BYTES}", "split the recording into shorter ones")
+    text = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    head, _, body = text[:MAX_HEADER].partition(b"\n")
+    if len(head) == MAX_HEADER:
+        raise damage.refuse("row 1", f"no end of line in {MAX_HEADER} bytes", "give a CSV file with a header row")
+    body = text[len(head) + 1 :]
+    columns = _columns(head.decode("utf-8", errors="replace"), damage)
+    names = ["timestamp", *(f"{COLUMNS[key]}_{j}" for key in columns for j in range(len(UR_JOINTS)))]
+    places = [columns_at for key in columns for columns_at in columns[key]]
+    table, rows = _table(body, head.count(b",") + 1, [0, *places], names, damage)
+    t = table[:, 0]
+    n = len(UR_JOINTS)
+    parts: dict[str, np.ndarray] = {key: table[:, 1 + k * n : 1 + (k + 1) * n] for k, key in enumerate(columns)}
+    measured: dict[str, np.ndarray] = {key: parts[key] for key in ("q", "dq", "current", "temperature") if key in parts}
+    _refuse_implausible(t, measured, rows, damage)
+    keep = ~bad_samples(t, measured)
+    if not keep.any():
+        raise damage.refuse("rows", "no sound sample", "record it again")
+    t, parts = t[keep], {key: value[keep] for key, value in parts.items()}
+    origin = round(float(t[0]) * 1e9)
+    nothing = np.broadcast_to(np.float64(np.nan), (len(t), n))
+    seconds = (np.rint(t * 1e9).astype(np.int64) - origin) * 1e-9
+    check_times(seconds, damage)
+    return Log(
+        UR_JOINTS, seconds, nothing[:, 0], parts["q"], parts["dq"], nothing, parts["current"], parts.get("temperature", nothing),
+        parts.get("q_cmd", nothing), parts.get("dq_cmd", nothing), nothing, {"format": "ur_rtde CSV"}, (),
+        damage.all_findings(), path, State.CUT if damage.count else State.UNSTATED, origin,
+    )  # fmt: skip
+
+
+def _columns(header: str, damage: Damage) -> dict[str, list[int]]:
+    """Channel -> its six columns; the required ones must be there, each once."""
+    names = [name.strip().strip('"') for name in header.rstrip("\r\n").split(",")]
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise damage.refuse("row 1", f"column {min(repeated)!r} stands twice", "keep one of them")
+    out = {}
+    for key, stem in COLUMNS.items():
+        wanted = [f"{stem}_{j}" for j in range(len(UR_JOINTS))]
+        missing = [name for name in wanted if name not in names]
+        if not missing:
+            out[key] = [names.index(name) for name in wanted]
+        elif key in REQUIRED or len(missing) < len(wanted):
+            raise damage.refuse(
+                "row 1", f"columns {', '.join(missing)} are missing; {stem}_0 to {stem}_5 belong together",
+                "record with ur_rtde's variables timestamp, actual_q, actual_qd, actual_current",
+            )  # fmt: skip
+    return out
+
+
+def _table(body: bytes, width: int, places: list[int], names: list[str], damage: Damage) -> tuple[np.ndarray, np.ndarray]:
+    """The wanted columns as numbers (N, len(places)) and the row of the file (1-based, header is row 1) of each sample."""
+    if not body.strip():
+        raise damage.refuse("row 2", "the file has a header and no samples", "record it again")
+    complete = body.endswith(b"\n")
+    if complete and b"\n\n" not in body and b"\n\r\n" not in body and b'"' not in body:
+        lines = body.count(b"\n")
+        if body.count(b",") == lines * (width - 1):
+            try:
+                table = np.loadtxt(io.BytesIO(body), delimiter=",", comments=None, usecols=places, ndmin=2)
+            except ValueError:
+                table = np.empty((0, 0))
+            # loadtxt takes rows of unequal width when the wanted columns are there: equal sums of commas do not exclude that
+            if len(table) == lines and np.isfinite(table).all() and _equal_width(body, width):
+                return table, np.arange(2, lines + 2)
+    return _table_by_row(body, width, places, names, complete, damage)
+
+
+def _equal_width(body: bytes, width: int) -> bool:
+    raw = np.frombuffer(body, dtype=np.uint8)
+    marks = raw[(raw == ord(",")) | (raw == ord("\n"))].reshape(-1, width)
+    return bool((marks[:, -1] == ord("\n")).all())
+
+
+def _table_by_row(
+    body: bytes, width: int, places: list[int], names: list[str], complete: bool, damage: Damage
+) -> tuple[np.ndarray, np.ndarray]:
+    samples, rows = [], []
+    lines = body.decode("utf-8", errors="replace").splitlines()
+    for row, line in enumerate(lines, start=2):
+        cells = next(csv.reader([line]), [])
+        if not cells:
+            damage.report(f"row {row}", "the row is empty")
+        elif len(cells) != width:
+            damage.report(f"row {row}", f"{len(cells)} values where the header has {width} columns")
+        elif row == len(lines) + 1 and not complete:
+            damage.report(f"row {row}", f"the file ends inside this row, after {cells[-1]!r}: the number may be cut short")
+        else:
+            sample = [_number(cells[place]) for place in places]
+            wrong = [k for k, value in enumerate(sample) if not math.isfinite(value)]
+            if wrong:
+                k = wrong[0]
+                damage.report(f"row {row}, column {names[k]}", f"{cells[places[k]]!r:.60} is not a finite number")
+            else:
+                samples.append(sample)
+                rows.append(row)
+    if not samples:
+        raise damage.refuse("rows", "no sound sample", "record it again")
+    return np.array(samples), np.array(rows)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell) if "_" not in cell else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _refuse_implausible(t: np.ndarray, measured: dict[str, np.ndarray], rows: np.ndarray, damage: Damage) -> None:
+    fault = first_fault(t, measured)
+    if fault is None:
+        return
+    where = f"row {rows[fault.sample]}, column {COLUMNS[fault.channel]}_{fault.joint}"
+    damage.report(where, f"{fault.value:.6g} {UNIT[fault.channel]} is not a reading of an arm (rule: {fault.rule})")
+    bad = int(bad_samples(t, measured).sum())
+    damage.note(f"{bad} of {len(t)} rows left out because a value in them is not a reading of an arm")

@@ -1,0 +1,156 @@
+"""MCAP recordings into arrays: by name, in bulk or message by message, and what is refused."""
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+
+from logs import State, read_log
+from sim.errors import BadLog
+
+
+def write(path, data):
+    path.write_bytes(data)
+    return path
+
+
+def check(log, motion):
+    stamps, q = motion
+    np.testing.assert_array_equal(log.q, q)
+    np.testing.assert_array_equal(log.dq, q + 1)
+    np.testing.assert_array_equal(log.tau, q + 2)
+    np.testing.assert_array_equal(log.q_cmd, q + 3)
+    assert np.isnan(log.dq_cmd).all()
+    np.testing.assert_allclose(log.t, (stamps - stamps[0]) * 1e-9, rtol=0, atol=1e-12)
+    assert log.t_origin == stamps[0]
+    assert log.t_host_origin == stamps[0] + 5_000_000
+    held = np.arange(len(q)) // 20 * 20
+    np.testing.assert_array_equal(log.current, 10 * q[held])
+    np.testing.assert_array_equal(log.temperature[:, 0], 30.0 + held)
+    assert [(event.level, event.name, event.message) for event in log.events] == [(20, "test", "started")]
+    assert log.events[0].t == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {}, {"compression": CompressionType.LZ4}, {"compression": CompressionType.NONE}, {"use_chunking": False},
+        {"enable_data_crcs": True}, {"chunk_size": 100}, {"repeat_channels": False},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_every_form_of_the_container_reads_alike(tmp_path, mcap_bytes, motion, joints, options):
+    log = read_log(write(tmp_path / "a.mcap", mcap_bytes(**options)))
+    assert log.joint_names == joints
+    assert log.state is State.CLEAN
+    assert log.findings == ()
+    check(log, motion)
+
+
+def test_joints_are_matched_by_name(tmp_path, mcap_bytes, motion):
+    path = write(tmp_path / "a.mcap", mcap_bytes())
+    log = read_log(path, ["wrist", "shoulder"])
+    np.testing.assert_array_equal(log.q, motion[1][:, [2, 0]])
+    np.testing.assert_array_equal(log.q_cmd, motion[1][:, [2, 0]] + 3)
+    with pytest.raises(BadLog, match="no message on /joint_states with the joints finger"):
+        read_log(path, ["finger"])
+    with pytest.raises(BadLog, match="joints finger are missing"):
+        read_log(path, ["wrist", "finger"])
+
+
+def test_every_message_laid_out_differently_takes_the_slow_path(tmp_path, mcap_bytes, motion):
+    def change(k, message):
+        message["header"]["frame_id"] = "x" * (k % 31)
+        if k % 3 == 1:
+            for key in ("name", "position", "velocity", "effort"):
+                message[key] = message[key][::-1]
+        if k % 5 == 2:
+            message["header"]["frame_id"] = f"{k:04}"
+        return message
+
+    check(read_log(write(tmp_path / "a.mcap", mcap_bytes(change))), motion)
+
+
+def test_an_array_that_is_not_reported_is_nan(tmp_path, mcap_bytes, motion):
+    log = read_log(write(tmp_path / "a.mcap", mcap_bytes(lambda k, message: message | {"effort": []})))
+    assert np.isnan(log.tau).all()
+    assert log.tau.shape == log.q.shape
+    half = read_log(write(tmp_path / "b.mcap", mcap_bytes(lambda k, m: m | {"effort": []} if k % 2 else m)))
+    np.testing.assert_array_equal(np.isnan(half.tau[:, 0]), np.arange(400) % 2 == 1)
+
+
+def test_messages_of_another_device_are_left_alone(tmp_path, mcap_bytes, motion):
+    def change(k, message):
+        return message if k % 2 else message | {"name": ["a", "b", "c"]}
+
+    log = read_log(write(tmp_path / "a.mcap", mcap_bytes(change)), ["shoulder", "elbow", "wrist"])
+    np.testing.assert_array_equal(log.q, motion[1][1::2])
+    assert any("200 messages on /joint_states are about other joints" in finding for finding in log.findings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m | {"position": m["position"][:2]}, "an array of 2 values for 3 joint names"),
+        (lambda m: m | {"name": ["shoulder", "elbow", "elbow"]}, "joint names repeat"),
+        (lambda m: m | {"name": ["shoulder", "elbow", "claw"]}, "joints wrist are missing"),
+        (lambda m: m | {"position": [0.0, float("nan"), 0.0]}, r"sample 7 at 0.0140 s, q of elbow: nan rad"),
+        (lambda m: m | {"position": [0.0, float("inf"), 0.0]}, "inf rad is not a reading"),
+        (lambda m: m | {"position": []}, "nan rad is not a reading"),
+        (lambda m: m | {"position": [m["position"][0], m["position"][1] + 2 * np.pi, 0.0]}, "within 100 rad/s"),
+        (lambda m: m | {"effort": [0.0, 1e9, 0.0]}, r"tau of elbow: 1e\+09 N m is not a reading"),
+        (lambda m: m | {"header": {"stamp": {"sec": 1_700_000_000, "nanosec": 2_000_000_000}, "frame_id": ""}}, "over 1e9 ns"),
+    ],
+)
+def test_a_bad_message_is_refused_and_may_be_left_out(tmp_path, mcap_bytes, motion, change, message):
+    path = write(tmp_path / "a.mcap", mcap_bytes(lambda k, m: change(m) if k == 7 else m))
+    with pytest.raises(BadLog, match=message):
+        read_log(path)
+    log = read_log(path, accept_partial=True)
+    np.testing.assert_array_equal(log.q, np.delete(motion[1], 7, axis=0))
+    assert log.findings
+
+
+def test_time_running_back_is_refused_even_in_a_partial_file(tmp_path, mcap_bytes):
+    def change(k, message):
+        message["header"]["stamp"]["sec"] -= k == 50
+        return message
+
+    path = write(tmp_path / "a.mcap", mcap_bytes(change))
+    for partial in (False, True):
+        with pytest.raises(BadLog, match="sample 50: device time runs back"):
+            read_log(path, accept_partial=partial)
+
+
+def test_a_cut_file_says_so_and_keeps_what_came_before(tmp_path, mcap_bytes, motion):
+    data = mcap_bytes()
+    for size in (len(data) - 1, len(data) - 200, len(data) // 2):
+        path = write(tmp_path / "a.mcap", data[:size])
+        with pytest.raises(BadLog, match="the file is cut"):
+            read_log(path)
+        log = read_log(path, accept_partial=True)
+        assert log.state is State.CUT
+        np.testing.assert_array_equal(log.q, motion[1][: len(log)])
+        assert len(log) > 100
+
+
+def test_a_flipped_bit_is_found_and_its_chunk_left_out(tmp_path, mcap_bytes, motion):
+    data = bytearray(mcap_bytes(compression=CompressionType.NONE))
+    data[len(data) // 3] ^= 4
+    path = write(tmp_path / "a.mcap", bytes(data))
+    with pytest.raises(BadLog, match="the check sum of the content is wrong"):
+        read_log(path)
+    log = read_log(path, accept_partial=True)
+    assert 200 < len(log) < 400
+    assert np.isin(log.q[:, 0], motion[1][:, 0]).all()
+
+
+def test_practice_cases(real_data):
+    paths = sorted((real_data.parent / "cases").glob("case_00*/*.mcap"))
+    if not paths:
+        pytest.skip("the practice cases are not beside ARM_CALIB_DATA")
+    for path in paths:
+        log = read_log(path)
+        assert log.n == 6
+        assert log.state is State.CLEAN
+        assert len(log) > 2000
+        assert np.isfinite(log.q_cmd).all()
