@@ -144,7 +144,8 @@ class RigidBody:
         dq, ddq = rng.uniform(-2.0, 2.0, (count, self.n)), rng.uniform(-5.0, 5.0, (count, self.n))
         full = self.full_regressor(q, dq, ddq, rotor).reshape(count * self.n, -1)
         scale = np.linalg.norm(full, axis=0)
-        scale[scale == 0] = 1.0
+        # a column of nothing but rounding must not be scaled up into a parameter
+        scale[scale < 1e-12 * scale.max()] = np.inf
         _, r, order = scipy.linalg.qr(full / scale, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(r))
         rank = int(np.sum(diagonal > tolerance * diagonal[0]))
@@ -153,7 +154,7 @@ class RigidBody:
         projection = np.zeros((rank, p))
         projection[:, order[:rank]] = np.eye(rank)
         projection[:, order[rank:]] = dependent
-        projection = projection * scale[None, :] / scale[order[:rank], None]
+        projection *= np.where(np.isfinite(scale), scale, 0.0)[None, :] / scale[order[:rank], None]
         projection[np.abs(projection) < 1e-9] = 0.0
         ranked = np.argsort(order[:rank])
         columns, projection = order[:rank][ranked], projection[ranked]

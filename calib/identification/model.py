@@ -1,0 +1,127 @@
+"""tau_j = Y_j(q, dq, ddq) beta + viscous_j dq_j + coulomb_j s_j + offset_j: everything that is linear in its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.prediction import SLIP_WIDTH, slip_direction
+from sim.rigid_body import BaseParameters, RigidBody
+
+FRICTION = ("viscous", "coulomb", "offset")
+FRICTION_UNITS = {"viscous": "N*m*s/rad", "coulomb": "N*m", "offset": "N*m"}
+SLIP_WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+
+
+@dataclass(frozen=True)
+class TorqueModel:
+    """The columns of an arm: b base combinations of links and rotors, then viscous, coulomb and offset of every joint.
+
+    slip_width (n,) rad: s is the slip direction, which follows a change of direction over this displacement (sim.prediction).
+    """
+
+    arm: Arm
+    body: RigidBody
+    base: BaseParameters
+    slip_width: np.ndarray
+
+    @staticmethod
+    def of_arm(arm: Arm, gravity: np.ndarray | None = None) -> TorqueModel:
+        """The model of this arm, dry friction turning over SLIP_WIDTH."""
+        body = RigidBody(arm, gravity)
+        return TorqueModel(arm, body, body.base(), np.full(arm.n, SLIP_WIDTH))
+
+    def with_slip_width(self, width: np.ndarray) -> TorqueModel:
+        """The same model with other slip widths."""
+        return replace(self, slip_width=np.asarray(width, dtype=float))
+
+    @property
+    def p(self) -> int:
+        """Number of parameters."""
+        return len(self.base) + len(FRICTION) * self.arm.n
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the order of the columns."""
+        own = [f"{kind}_{j + 1}" for j in range(self.arm.n) for kind in FRICTION]
+        return (*self.base.names, *own)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units in the order of the columns, from each base combination's leading parameter."""
+        leading = self.body.parameter_names()
+        base = [parameter_unit(leading[c]) for c in self.base.columns]
+        return (*base, *[FRICTION_UNITS[kind] for _ in range(self.arm.n) for kind in FRICTION])
+
+    @property
+    def joints(self) -> tuple[str | None, ...]:
+        """The joint that a parameter belongs to: the joint before the leading link."""
+        n = self.arm.n
+        base = [self.arm.joint_names[c // 10 if c < 10 * n else c - 10 * n] for c in self.base.columns]
+        return (*base, *[self.arm.joint_names[j] for j in range(n) for _ in FRICTION])
+
+    def friction_column(self, kind: str, joint: int) -> int:
+        """Index of a friction parameter of a joint."""
+        return len(self.base) + len(FRICTION) * joint + FRICTION.index(kind)
+
+    def used_by(self, joint: int) -> np.ndarray:
+        """Columns that can be other than zero in the row of a joint: links at or behind it, and its own friction."""
+        n = self.arm.n
+        rows = np.zeros((n, 10 * n + n), dtype=bool)
+        for link in range(n):
+            j = link
+            while j >= 0:
+                rows[j, 10 * link : 10 * link + 10] = True
+                j = int(self.body.tree.parent[j])
+        rows[np.arange(n), 10 * n + np.arange(n)] = True
+        own = len(self.base) + len(FRICTION) * joint + np.arange(len(FRICTION))
+        return np.concatenate([np.flatnonzero(rows[joint][self.base.columns]), own])
+
+    def columns(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Y (N, n, p) with tau = Y theta; q dq ddq (N, n)."""
+        n = self.arm.n
+        out = np.zeros((len(q), n, self.p))
+        slip = self.slip(q)
+        links = self.base.columns < 10 * n
+        out[:, :, np.flatnonzero(links)] = self.body.regressor(q, dq, ddq)[:, :, self.base.columns[links]]
+        for k in np.flatnonzero(~links):
+            j = self.base.columns[k] - 10 * n
+            out[:, j, k] = ddq[:, j]
+        for j in range(n):
+            first = len(self.base) + len(FRICTION) * j
+            out[:, j, first] = dq[:, j]
+            out[:, j, first + 1] = slip[:, j]
+            out[:, j, first + 2] = 1.0
+        return out
+
+    def slip(self, q: np.ndarray) -> np.ndarray:
+        """(N, n) in [-1, 1], the direction of slip that dry friction opposes."""
+        return np.stack(
+            [slip_direction(np.ascontiguousarray(x), np.full(len(x), w)) for x, w in zip(q.T, self.slip_width, strict=True)],
+            axis=1,
+        )
+
+    def nominal(self) -> np.ndarray:
+        """theta (p,) of the arm's own numbers: links, rotor_inertia, viscous and coulomb friction, torque_offset."""
+        arm = self.arm
+        rotor = [_number(arm, "rotor_inertia", joint, "inertia") for joint in arm.joint_names]
+        own = []
+        for joint in arm.joint_names:
+            own += [
+                _number(arm, "viscous_friction", joint, "viscous"),
+                _number(arm, "coulomb_friction", joint, "coulomb"),
+                _number(arm, "torque_offset", joint, "offset"),
+            ]
+        return np.concatenate([self.base.projection @ np.concatenate([self.body.parameters(), rotor]), own])
+
+
+def parameter_unit(name: str) -> str:
+    """Unit of a full parameter by its name: m kg, mc kg m, I and Ia kg m^2."""
+    return "kg*m^2" if name.startswith("I") else "kg*m" if name.startswith("mc") else "kg"
+
+
+def _number(arm: Arm, effect: str, joint: str, parameter: str) -> float:
+    found = arm.effect(effect, joint)
+    return found.parameters[parameter] if found else 0.0

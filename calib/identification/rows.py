@@ -1,0 +1,88 @@
+"""A_j theta = b_j: filtered rows of every joint, kept in memory while they are few, computed again block by block where they are many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.identification.model import TorqueModel
+from calib.preprocessing import Measurement
+
+KEPT_BYTES = 300_000_000
+
+
+@dataclass(frozen=True)
+class Block:
+    """Neighbouring rows of one log.
+
+    a       per joint (R, p_j), the columns `used[j]` only
+    b       (R, n) N m
+    usable  (R, n)
+    joined  (R,) False where the row before is not the neighbour in time
+    t       (R,) s
+    """
+
+    log: int
+    a: list[np.ndarray]
+    b: np.ndarray
+    usable: np.ndarray
+    joined: np.ndarray
+    t: np.ndarray
+
+
+@dataclass
+class Rows:
+    """The rows of several measurements under one model; iterate as often as needed.
+
+    `leave_out` (measurement index, (R, n) mask) takes further rows out, such as sweeps that a pre-estimate has used.
+    """
+
+    model: TorqueModel
+    measurements: Sequence[Measurement]
+    leave_out: dict[int, np.ndarray] = field(default_factory=dict)
+    progress: Callable[[float], None] | None = None
+    used: list[np.ndarray] = field(init=False)
+    _kept: list[Block] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self.used = [self.model.used_by(j) for j in range(self.model.arm.n)]
+
+    @property
+    def count(self) -> np.ndarray:
+        """(n,) usable rows of every joint."""
+        return sum((b.usable.sum(axis=0) for b in self), np.zeros(self.model.arm.n, dtype=int))
+
+    def __iter__(self) -> Iterator[Block]:
+        if self._kept is not None:
+            yield from self._kept
+            return
+        size = sum(len(m.row_samples) for m in self.measurements) * 8 * sum(len(u) for u in self.used)
+        kept: list[Block] | None = [] if size <= KEPT_BYTES else None
+        for block in self._computed():
+            if kept is not None:
+                kept.append(block)
+            yield block
+        self._kept = kept
+
+    def _computed(self) -> Iterator[Block]:
+        total = sum(len(m.row_samples) for m in self.measurements)
+        done = 0
+        for k, m in enumerate(self.measurements):
+            first = 0
+            previous = -1
+            allowed = m.row_usable & ~self.leave_out[k] if k in self.leave_out else m.row_usable
+            for samples in m.blocks(20_000):
+                tr = m.trajectory
+                fine = self.model.columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])
+                a = [m.decimator.rows(fine[:, j, used]) for j, used in enumerate(self.used)]
+                b = m.decimator.rows(m.tau[samples])
+                rows = slice(first, first + len(b))
+                stretch = m.row_stretch[rows]
+                joined = np.concatenate([[stretch[0] == previous], np.diff(stretch) == 0])
+                yield Block(k, a, b, allowed[rows], joined, tr.t[m.row_samples[rows]])
+                previous, first = int(stretch[-1]), rows.stop
+                done += len(b)
+                if self.progress:
+                    self.progress(done / total)

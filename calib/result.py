@@ -1,0 +1,121 @@
+"""What a fit says: numbers with their uncertainty, what they were worth, and one sentence."""
+
+from __future__ import annotations
+
+import enum
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+class Conditioning(enum.Enum):
+    """Verdict on a condition number; the value is the sentence shown to people."""
+
+    GOOD = "good: every combination of parameters was excited"
+    USABLE = "usable: the weakest combinations carry several times the uncertainty of the others"
+    POOR = "poor: the weakest combinations rest on the prior"
+    BAD = "design a new excitation: some combinations of parameters were hardly moved"
+
+    @staticmethod
+    def of(number: float) -> Conditioning:
+        """< 1e3 good, < 1e4 usable, < 1e5 poor, else (and where it is not finite) bad."""
+        for bound, verdict in ((1e3, Conditioning.GOOD), (1e4, Conditioning.USABLE), (1e5, Conditioning.POOR)):
+            if number < bound:
+                return verdict
+        return Conditioning.BAD
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter: value and standard deviation in `unit`, bounds, and where its value comes from.
+
+    identifiable: the data say more than the prior did, or fix it well; at_bound: the value is one of its bounds.
+    data_share: 1 - (std / prior std)^2, the part of the knowledge that came from the data; 1 where there was no prior.
+    """
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    joint: str | None = None
+    nominal: float | None = None
+    lower: float = -np.inf
+    upper: float = np.inf
+    at_bound: bool = False
+    identifiable: bool = True
+    data_share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Torque residual of one log or of several together, RMS per joint: N m, and A where a torque constant is known.
+
+    before: the nominal arm; after: the fitted one; signal: standard deviation of the torque itself; rows: filtered rows used.
+    """
+
+    logs: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+    signal: np.ndarray
+    rows: np.ndarray
+    before_ampere: np.ndarray | None = None
+    after_ampere: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Estimates, their covariance (in the order of `estimates`), the residual before and after, and the outcome as a sentence.
+
+    condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
+    findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
+    """
+
+    arm: str
+    joint_names: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    covariance: np.ndarray
+    training: Gap
+    holdout: Gap | None
+    condition: float
+    condition_scaled: float
+    verdict: Conditioning
+    outcome: str
+    full: tuple[Estimate, ...] = ()
+    findings: tuple[str, ...] = ()
+    excluded: tuple[tuple[str, str, str, float], ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def estimate(self, name: str) -> Estimate:
+        """The estimate of that name, base or full; KeyError where there is none."""
+        for e in (*self.estimates, *self.full):
+            if e.name == name:
+                return e
+        raise KeyError(name)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and words, for JSON; not-finite bounds become null."""
+        table = _plain(asdict(self))
+        return {"schema": "fit/1", **table, "verdict": self.verdict.name.lower(), "verdict_sentence": self.verdict.value}
+
+    def write(self, path: Path) -> None:
+        """`result.json`."""
+        path.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
