@@ -11,7 +11,10 @@ from sim.errors import ConfigError
 from sim.resources import nearest
 
 # driver named in the cell file -> module and class; imported only when a cell names it
-DRIVERS: dict[str, tuple[str, str]] = {}
+DRIVERS: dict[str, tuple[str, str]] = {
+    "mock": ("drivers.mock", "MockDriver"),
+    "replay": ("drivers.replay", "ReplayDriver"),
+}
 
 
 def open_driver(cell: Cell, arm: Arm) -> Driver:

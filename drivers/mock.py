@@ -1,0 +1,129 @@
+"""The mock arm: the MuJoCo plant behind the driver interface, on a simulated clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from drivers.driver import DeviceInfo, Driver
+from sim.arm import Arm, ArmEffect, Positive, _Strict, validated
+from sim.cell import Cell
+from sim.clock import Clock, MonotonicClock, SimulatedClock
+from sim.effects import with_effect
+from sim.errors import DeviceError
+from sim.joint_state import JointState, Status
+from sim.plant import Plant
+
+
+class MockOptions(_Strict):
+    """[options] of a mock cell: control rate Hz; realtime makes the mock keep the wall clock."""
+
+    rate: Positive | None = None
+    realtime: bool = False
+    stop_deceleration: Positive = Field(default=4.0)
+
+
+# A fault takes the reading about to be returned and gives the one that is returned instead.
+Fault = Callable[[JointState], JointState]
+
+
+class MockDriver(Driver):
+    """The plant as a device. Hidden effects come from the cell's [emulation]; the tool sees only readings.
+
+    `faults` are applied to every reading, for fault injection; `stop` decelerates at the cell's stop_deceleration (rad/s^2).
+    """
+
+    def __init__(
+        self, plant: Plant, arm: Arm, rate: float, clock: Clock, stop_deceleration: float = 4.0, start: Any = None
+    ) -> None:
+        self.plant, self.arm, self.rate, self.clock = plant, arm, rate, clock
+        self.faults: list[Fault] = []
+        self._deceleration = stop_deceleration
+        self._start = np.zeros(arm.n) if start is None else np.asarray(start, dtype=float)
+        self._stopping: np.ndarray | None = None
+        self._connected = False
+        self._q_cmd = self._start.copy()
+        self._dq_cmd = np.zeros(arm.n)
+
+    @classmethod
+    def from_cell(cls, cell: Cell, arm: Arm) -> MockDriver:
+        """The mock of a cell: nominal arm as its drive, the cell's hidden effects in its plant."""
+        options = validated(MockOptions, cell.table.options, cell.path)
+        truth = arm
+        for item in cell.table.emulation.effects:
+            truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
+        plant = Plant(truth, drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
+        rate = options.rate or arm.sensors.rate
+        clock: Clock = MonotonicClock() if options.realtime else SimulatedClock()
+        return cls(plant, arm, rate, clock, options.stop_deceleration, cell.table.home)
+
+    def connect(self) -> DeviceInfo:
+        """Stand at the cell's home."""
+        self.plant.reset(self._start)
+        self._next = self.clock.now()
+        self._origin = self._next
+        self._q_cmd, self._dq_cmd, self._stopping = self._start.copy(), np.zeros(self.arm.n), None
+        self.plant.command(self._q_cmd, self._dq_cmd, np.zeros(self.arm.n))
+        self._connected = True
+        gravity = self.arm.gravity
+        return DeviceInfo(
+            model=self.arm.name, serial="mock", firmware="plant", rate=self.rate, gravity=(gravity[0], gravity[1], gravity[2])
+        )
+
+    def read(self) -> JointState:
+        """One period of simulated time passes, and the plant is read."""
+        self._require_connection()
+        if self._stopping is not None:
+            self._decelerate()
+        self.plant.advance(1.0 / self.rate)
+        self._next += 1.0 / self.rate
+        self.clock.sleep_until(self._next)
+        state = self.plant.read(self.clock.now())
+        for fault in self.faults:
+            state = fault(state)
+        return state
+
+    def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Command the plant; a command that is not finite or has a wrong length is a DeviceError."""
+        self._require_connection()
+        arrays = [np.asarray(x, dtype=float) for x in (q, dq, tau)]
+        if not all(x.shape == (self.arm.n,) and bool(np.all(np.isfinite(x))) for x in arrays):
+            raise DeviceError(f"mock: command {q!r}: needs {self.arm.n} finite numbers; nothing was sent")
+        self._stopping = None
+        self._q_cmd, self._dq_cmd = arrays[0], arrays[1]
+        self.plant.command(*arrays)
+        return arrays[0].copy()
+
+    def stop(self) -> None:
+        """Decelerate every joint to rest with the same deceleration, from the last command."""
+        if self._connected and self._stopping is None:
+            self._stopping = self._dq_cmd.copy()
+
+    def close(self) -> None:
+        """Stop, wait for standstill, and release."""
+        if not self._connected:
+            return
+        self.stop()
+        for _ in range(int(20 * self.rate)):
+            if self._stopping is None or not np.any(self._stopping):
+                break
+            self._decelerate()
+            self.plant.advance(1.0 / self.rate)
+        self._connected = False
+
+    def _decelerate(self) -> None:
+        """One control instant of the device's own stop."""
+        if self._stopping is None:
+            return
+        change = self._deceleration / self.rate
+        self._stopping = np.sign(self._stopping) * np.maximum(np.abs(self._stopping) - change, 0.0)
+        self._dq_cmd = self._stopping
+        self._q_cmd = self._q_cmd + self._stopping / self.rate
+        self.plant.command(self._q_cmd, self._stopping, np.zeros(self.arm.n))
+
+    def _require_connection(self) -> None:
+        if not self._connected:
+            raise DeviceError(f"mock: {Status.DISCONNECTED.value}; call connect first")

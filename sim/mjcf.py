@@ -1,0 +1,124 @@
+"""An arm as MJCF text in full precision: its bodies, its joints, and every effect that MuJoCo can express by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree import ElementTree
+
+import numpy as np
+
+from sim.arm import Arm, ArmEffect
+from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.effects import effect_named
+from sim.model import KinematicTree
+
+# Soft joints get a rotor body of their own; the link's body hangs on it by a second hinge of this name.
+TWIST = "{joint}:twist"
+
+
+def numbers(values: Iterable[float] | np.ndarray) -> str:
+    """Numbers as MJCF writes them, each in the shortest text that reads back exactly."""
+    return " ".join(repr(float(v)) for v in np.ravel(np.asarray(values, dtype=float)))
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of a rotation matrix, to machine precision."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+
+
+def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = ()) -> str:
+    """MJCF of the arm's tree with its native effects, one torque motor a joint, and boxes and planes to bump into."""
+    tree = arm.tree
+    root = ElementTree.Element("mujoco", model=arm.name)
+    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    option = {"timestep": repr(timestep), "integrator": "implicitfast", "jacobian": "dense", "gravity": numbers(tree.gravity)}
+    ElementTree.SubElement(root, "option", option)
+    world = ElementTree.SubElement(root, "worldbody")
+    sections = {"worldbody": world, "actuator": ElementTree.SubElement(root, "actuator")}
+    soft = {e.joint: e for e in arm.effects if e.effect in ("joint_elasticity", "backlash")}
+    bodies: list[ElementTree.Element] = []
+    for i, joint in enumerate(tree.joint_names):
+        up = world if tree.parent[i] < 0 else bodies[tree.parent[i]]
+        frame = {"pos": numbers(tree.position[i]), "quat": numbers(quaternion(tree.rotation[i]))}
+        kind = {"type": "slide" if tree.prismatic[i] else "hinge", "axis": numbers(tree.axis[i])}
+        body = ElementTree.SubElement(up, "body", {"name": tree.link_names[i], **frame})
+        if joint in soft:
+            body.set("name", f"{tree.link_names[i]}:rotor")
+            light = {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"}
+            ElementTree.SubElement(body, "inertial", light)
+            ElementTree.SubElement(body, "joint", {"name": joint, **kind})
+            body = ElementTree.SubElement(body, "body", {"name": tree.link_names[i]})
+            ElementTree.SubElement(body, "joint", {"name": TWIST.format(joint=joint), **kind, **_twist(arm, soft[joint])})
+        else:
+            ElementTree.SubElement(body, "joint", {"name": joint, **kind})
+        add_inertial(body, tree, i)
+        bodies.append(body)
+        motor = {"name": f"{joint}:motor", "joint": joint, "gear": "1"}
+        ElementTree.SubElement(sections["actuator"], "motor", motor)
+    add_effects(root, sections, arm.effects)
+    obstacles = list(obstacles)
+    if obstacles:
+        _add_obstacles(world, obstacles)
+        _add_shapes(bodies, tree)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def add_inertial(body: ElementTree.Element, tree: KinematicTree, link: int) -> None:
+    """The <inertial> of one link: full inertia about the centre of mass, in the body's axes."""
+    inertia = tree.inertia[link]
+    full = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    attributes = {"pos": numbers(tree.com[link]), "mass": numbers([tree.mass[link]]), "fullinertia": numbers(full)}
+    body.insert(0, ElementTree.Element("inertial", attributes))
+
+
+def add_effects(root: ElementTree.Element, sections: dict[str, ElementTree.Element], effects: Iterable[ArmEffect]) -> None:
+    """Write every effect that MJCF can express into the joints and sections of a model."""
+    joints = {e.get("name"): e for e in root.iter("joint")}
+    for item in effects:
+        form = effect_named(item.effect).mjcf(item.joint or "", item.parameters)
+        if form is None:
+            continue
+        if form.joint:
+            joints[item.joint].attrib.update(form.joint)
+        for section, tag, attributes in form.elements:
+            if section not in sections:
+                sections[section] = ElementTree.SubElement(root, section)
+            ElementTree.SubElement(sections[section], tag, attributes)
+
+
+def _twist(arm: Arm, item: ArmEffect) -> dict[str, str]:
+    """Spring of an elastic gear, or the dead zone of one with backlash, damped at a few per cent of critical."""
+    rotor = arm.effect("rotor_inertia", item.joint)
+    inertia = max(rotor.parameters["inertia"] if rotor else 0.0, 1e-4)
+    if item.effect == "joint_elasticity":
+        stiffness = item.parameters["stiffness"]
+        return {"stiffness": repr(stiffness), "damping": repr(0.04 * float(np.sqrt(stiffness * inertia)))}
+    gap = item.parameters["half_gap"]
+    stop = {"limited": "true", "range": f"{-gap!r} {gap!r}", "solreflimit": "0.004 1", "solimplimit": "0.99 0.999 0.0001"}
+    return stop | {"damping": repr(0.2 * inertia)}
+
+
+def _add_obstacles(world: ElementTree.Element, obstacles: list[BoxObstacle | PlaneObstacle | MeshObstacle]) -> None:
+    from scipy.spatial.transform import Rotation
+
+    for item in obstacles:
+        common = {"name": f"obstacle:{item.name}", "pos": numbers(item.position), "contype": "2", "conaffinity": "1"}
+        if isinstance(item, BoxObstacle):
+            turn = Rotation.from_euler("xyz", item.rpy).as_quat(scalar_first=True)
+            box = {"type": "box", "size": numbers(np.array(item.size) / 2), "quat": numbers(turn)}
+            ElementTree.SubElement(world, "geom", common | box)
+        elif isinstance(item, PlaneObstacle):
+            turn, _ = Rotation.align_vectors([item.normal], [[0.0, 0.0, 1.0]])
+            plane = {"type": "plane", "size": "5 5 0.1", "quat": numbers(turn.as_quat(scalar_first=True))}
+            ElementTree.SubElement(world, "geom", common | plane)
+
+
+def _add_shapes(bodies: list[ElementTree.Element], tree: KinematicTree) -> None:
+    for shape in tree.shapes:
+        if shape.link < 0 or shape.kind == "mesh":
+            continue
+        frame = {"pos": numbers(shape.position), "quat": numbers(quaternion(shape.rotation))}
+        size = {"type": shape.kind, "size": numbers(shape.size), "contype": "1", "conaffinity": "2", "mass": "0"}
+        ElementTree.SubElement(bodies[shape.link], "geom", {"name": f"shape:{shape.name}", **frame, **size})

@@ -1,0 +1,245 @@
+"""A position-controlled arm in MuJoCo with every effect that the arm has: native where MuJoCo has it, each step where not.
+
+The drive knows only the nominal arm: it adds that model's torque to a proportional, differential and integral law on its own
+encoder, and holds its torque between two control instants. What it reports is quantised and noisy as `arm.sensors` says.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from sim.arm import Arm
+from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.effects import Stage
+from sim.effects.effect import PathState
+from sim.joint_state import JointState
+from sim.mjcf import TWIST, plant_text
+from sim.prediction import SLIP_WIDTH, by_stage, slip_direction
+from sim.rigid_body import RigidBody
+
+# Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
+# 300 behaves like a few hertz; feed-forward does the rest).
+BANDWIDTH = 2 * np.pi * 6.0
+NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
+AMBIENT = 25.0
+
+
+class Plant:
+    """The real arm, as far as a simulation can be it. `arm` is the truth, `drive` the nominal arm that its controller knows.
+
+    Time advances only by `advance`. With the same seed and the same calls it does exactly the same.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        drive: Arm | None = None,
+        seed: int = 0,
+        timestep: float | None = None,
+        obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = (),
+    ) -> None:
+        self.arm, self.drive = arm, drive or arm
+        soft = [e for e in arm.effects if e.effect in ("joint_elasticity", "backlash")]
+        self.timestep = timestep or (0.0005 if soft else 0.001)
+        self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, obstacles))
+        self.data = mujoco.MjData(self.model)
+        names = arm.joint_names
+        self._dof = np.array([self.model.joint(n).dofadr[0] for n in names])
+        self._motor = np.array([self.model.actuator(f"{n}:motor").id for n in names])
+        self._twist = [
+            (j, self.model.joint(TWIST.format(joint=e.joint)).dofadr[0]) for e in soft for j in [names.index(str(e.joint))]
+        ]
+        self._last_body = self.model.body(arm.tree.link_names[-1]).id
+        self._stages = by_stage(arm.effects, arm)
+        self._each_step = {
+            stage: [x for x in items if x[0].mjcf(x[2].joint or "", x[2].parameters) is None]
+            for stage, items in self._stages.items()
+        }
+        self._presliding = [j for e, j, _ in self._stages[Stage.FRICTION] if e.name == "presliding_friction" and j is not None]
+        self._damping = self.model.dof_damping[self._dof].copy()
+        self._level_varies = bool(self._each_step[Stage.FRICTION])
+        self._nominal = RigidBody(self.drive)
+        self._bodies = RigidBody(arm)
+        rotor = [self.drive.effect("rotor_inertia", n) for n in names]
+        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotor])
+        self._rng = np.random.default_rng(seed)
+        self.reset(np.zeros(arm.n))
+
+    def reset(self, q: np.ndarray) -> None:
+        """Stand still at q (n,) rad, with the friction of every joint unloaded, at time zero."""
+        mujoco.mj_resetData(self.model, self.data)
+        q = np.asarray(q, dtype=float)
+        self.data.qpos[self._dof] = self._angle(q)
+        mujoco.mj_forward(self.model, self.data)
+        n = self.arm.n
+        self._target = (q.copy(), np.zeros(n), np.zeros(n))
+        self._acceleration = np.zeros(n)
+        self._command_time = -np.inf
+        self._gains: tuple[np.ndarray, np.ndarray] | None = None
+        inertia = np.diag(self._nominal.mass_matrix(q)) + self._rotor
+        self._kp, self._kd = BANDWIDTH**2 * inertia, 2 * 0.9 * BANDWIDTH * inertia
+        self._ki = 0.15 * BANDWIDTH * self._kp
+        self._integral = np.zeros(n)
+        self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
+        self._noise = np.zeros(n)
+        self._heat = np.zeros(n)
+        self._reported = self._nominal.gravity_torque(q[None])[0]
+        self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
+        self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
+
+    @property
+    def time(self) -> float:
+        """Simulated time since `reset`, s."""
+        return float(self.data.time)
+
+    def command(
+        self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, kp: np.ndarray | None = None, kd: np.ndarray | None = None
+    ) -> None:
+        """A new control instant: follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m.
+
+        With kp (N m/rad) and kd (N m s/rad) the drive is a servo in impedance mode: kp (q - angle) + kd (dq - speed) + tau, alone.
+        """
+        q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
+        elapsed = self.time - self._command_time
+        if 0 < elapsed < 0.1:
+            self._acceleration = (dq - self._target[1]) / elapsed
+        else:
+            self._acceleration = np.zeros_like(q)
+        self._target, self._command_time = (q, dq, tau), self.time
+        self._gains = None if kp is None or kd is None else (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float))
+        self._control()
+
+    def advance(self, dt: float) -> None:
+        """Let dt seconds pass, to the nearest simulation step; the drive holds its torque."""
+        steps = max(1, round(dt / self.timestep))
+        for _ in range(steps):
+            self._apply_effects()
+            mujoco.mj_step(self.model, self.data)
+        friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
+        self._heat += dt * (friction - self._heat * 2.0) / 200.0
+        self._history.append((self.time, self._reported))
+
+    def read(self, t: float | None = None) -> JointState:
+        """What the drives report now; `t` is the host's clock and defaults to simulated time."""
+        n, sensors = self.arm.n, self.arm.sensors
+        encoder = self._encoder()
+        before, last = self._encoder_before
+        step = self.time - before
+        true_speed = self.data.qvel[self._dof].copy()
+        for j, dof in self._twist:
+            true_speed[j] += self.data.qvel[dof]
+        velocity = (encoder - last) / step if step > 0 else true_speed
+        if step > 0:
+            self._encoder_before = (self.time, encoder)
+        velocity = velocity + self._rng.normal(0.0, 1.0, n) * np.array(sensors.velocity_noise)
+        self._noise = NOISE_MEMORY * self._noise + np.sqrt(1 - NOISE_MEMORY**2) * self._rng.normal(0.0, 1.0, n)
+        tau = self._sensed() + self._noise * np.array(sensors.torque_noise)
+        constant = self.arm.torque_constant
+        current = np.full(n, np.nan) if constant is None else tau / constant
+        now = self.time
+        return JointState(now if t is None else t, now, encoder, velocity, tau, current, AMBIENT + self._heat)
+
+    def _encoder(self) -> np.ndarray:
+        angle = self.data.qpos[self._dof].copy()
+        for j, dof in self._twist:
+            angle[j] += self.data.qpos[dof]
+        for effect, joint, item in self._stages[Stage.ENCODER]:
+            angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0] if joint is not None else angle[joint]
+        resolution = self.arm.sensors.encoder_resolution
+        return np.round(angle / resolution) * resolution
+
+    def _motor_reading(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angle and speed on the drive's own encoder: the motor's side of a soft joint."""
+        angle, speed = self.data.qpos[self._dof].copy(), self.data.qvel[self._dof].copy()
+        for effect, joint, item in self._stages[Stage.ENCODER]:
+            if joint is not None:
+                angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0]
+        return angle, speed
+
+    def _angle(self, reading: np.ndarray) -> np.ndarray:
+        """The angle that gives a reading."""
+        angle = reading.copy()
+        for effect, joint, item in self._stages[Stage.ENCODER]:
+            if joint is not None:
+                for _ in range(20):
+                    angle[joint] += reading[joint] - effect.reading(angle[joint : joint + 1], item.parameters)[0]
+        return angle
+
+    def _control(self) -> None:
+        q, dq, tau = self._target
+        angle, speed = self._motor_reading()
+        if self._gains is not None:
+            kp, kd = self._gains
+            torque = kp * (q - angle) + kd * (dq - speed) + tau
+        else:
+            model = (
+                self._nominal.inverse_dynamics(q[None], dq[None], self._acceleration[None])[0]
+                + self._rotor * self._acceleration
+            )
+            error = q - angle
+            self._integral += self._ki * error * (1.0 / self.arm.sensors.rate)
+            torque = model + self._kp * error + self._kd * (dq - speed) + self._integral + tau
+        limit = np.where(np.isfinite(self.arm.tau_max), self.arm.tau_max, np.inf)
+        torque = np.clip(torque, -limit, limit)
+        for effect, joint, item in self._stages[Stage.DRIVE]:
+            state = self._instant(torque=torque)
+            effect.apply(state, joint, item.parameters)
+            torque = state.tau[0]
+        self.data.ctrl[self._motor] = torque
+        self._reported = torque
+
+    def _sensed(self) -> np.ndarray:
+        tau = self._reported
+        for _, _, item in self._stages[Stage.CHANNEL]:
+            when = self.time - item.parameters["delay"]
+            tau = next((value for t, value in reversed(self._history) if t <= when + 1e-9), self._history[0][1])
+        state = self._instant(torque=tau)
+        for effect, joint, item in self._stages[Stage.SENSOR]:
+            effect.apply(state, joint, item.parameters)
+        return state.tau[0]
+
+    def _instant(self, torque: np.ndarray | None = None) -> PathState:
+        """The torque path at this one instant, for effects that are applied each step."""
+        q, dq, ddq = (x[self._dof][None].copy() for x in (self.data.qpos, self.data.qvel, self.data.qacc))
+        zero = np.zeros_like(q)
+        return PathState(
+            t=np.array([self.time]), q=q, dq=dq, ddq=ddq, load=zero.copy(), q_motor=q.copy(), dq_motor=dq.copy(),
+            ddq_motor=ddq.copy(), level=zero.copy(), width=np.full_like(q, SLIP_WIDTH), warmth=np.ones_like(q),
+            slip=np.sign(dq), tau=zero.copy() if torque is None else torque[None].copy(), force=np.zeros((1, 3)),
+        )  # fmt: skip
+
+    def _apply_effects(self) -> None:
+        steps = self._each_step
+        if not (steps[Stage.FORCE] or self._level_varies or steps[Stage.MOTOR]):
+            return
+        state, data = self._instant(), self.data
+        data.qfrc_applied[:] = 0.0
+        if steps[Stage.FORCE]:
+            for effect, joint, item in steps[Stage.FORCE]:
+                effect.apply(state, joint, item.parameters)
+            point = data.xpos[self._last_body]
+            wrench = np.zeros(self.model.nv)
+            mujoco.mj_applyFT(self.model, data, state.force[0], np.zeros(3), point, self._last_body, wrench)
+            data.qfrc_applied += wrench
+        if self._level_varies:
+            # the torque through the gear: what the links need at the present acceleration
+            state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+            for effect, joint, item in self._stages[Stage.FRICTION]:
+                effect.apply(state, joint, item.parameters)
+            level = (state.warmth * state.level)[0]
+            for j in self._presliding:
+                angle = np.array([self._slip_angle[j], state.q[0, j]])
+                self._slip[j] = slip_direction(angle, state.width[:, j].repeat(2), self._slip[j])[1]
+                data.qfrc_applied[self._dof[j]] -= level[j] * self._slip[j]
+                level[j] = 0.0
+            self._slip_angle = state.q[0].copy()
+            self.model.dof_frictionloss[self._dof] = level
+            self.model.dof_damping[self._dof] = self._damping * state.warmth[0]
+        state.tau[:] = 0.0
+        for effect, joint, item in steps[Stage.MOTOR]:
+            effect.apply(state, joint, item.parameters)
+        data.qfrc_applied[self._dof] -= state.tau[0]

@@ -1,0 +1,78 @@
+"""The recursions against Pinocchio, and the base set against the full regressor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from sim.arm import load_arm
+from sim.rigid_body import RigidBody, link_inertia, link_parameters
+
+ARMS = ("ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6")
+
+
+def states(n: int, count: int = 50, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-3, 3, (count, n)), rng.uniform(-3, 3, (count, n)), rng.uniform(-10, 10, (count, n))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_regressor_and_torque_equal_pinocchio(name: str) -> None:
+    bodies = RigidBody(load_arm(name))
+    q, dq, ddq = states(bodies.n)
+    data = bodies.pinocchio.createData()
+    expected = np.array([pin.computeJointTorqueRegressor(bodies.pinocchio, data, *x).copy() for x in zip(q, dq, ddq, strict=True)])
+    torque = np.array([pin.rnea(bodies.pinocchio, data, *x).copy() for x in zip(q, dq, ddq, strict=True)])
+    scale = np.abs(torque).max()
+    np.testing.assert_allclose(bodies.regressor(q, dq, ddq), expected, atol=1e-10)
+    np.testing.assert_allclose(bodies.inverse_dynamics(q, dq, ddq), torque, atol=1e-12 * scale)
+    np.testing.assert_allclose(bodies.regressor(q, dq, ddq) @ bodies.parameters(), torque, atol=1e-12 * scale)
+
+
+def test_jacobian_equals_pinocchio() -> None:
+    bodies = RigidBody(load_arm("ur5e"))
+    q, _, _ = states(6, 10)
+    linear, angular = bodies.jacobian(q)
+    data = bodies.pinocchio.createData()
+    for k in range(len(q)):
+        pin.computeJointJacobians(bodies.pinocchio, data, q[k])
+        both = pin.getJointJacobian(bodies.pinocchio, data, 6, pin.LOCAL_WORLD_ALIGNED)
+        np.testing.assert_allclose(np.vstack([linear[k], angular[k]]), both, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_base_parameters_carry_the_whole_torque(name: str) -> None:
+    bodies = RigidBody(load_arm(name))
+    base = bodies.base()
+    q, dq, ddq = states(bodies.n)
+    full = bodies.full_regressor(q, dq, ddq)
+    pi = np.random.default_rng(3).normal(size=full.shape[2])
+    expected = full @ pi
+    np.testing.assert_allclose(full[:, :, base.columns] @ (base.projection @ pi), expected, atol=1e-8 * np.abs(expected).max())
+    assert np.linalg.matrix_rank(full[:, :, base.columns].reshape(-1, len(base))) == len(base)
+    assert len(bodies.base(seed=7)) == len(base)
+
+
+def test_gravity_argument_replaces_the_arms_own() -> None:
+    arm = load_arm("ur5e")
+    q, dq, ddq = states(6, 5)
+    turned = np.array([0.3, -0.1, -9.8])
+    one = RigidBody(arm).inverse_dynamics(q, dq, ddq, gravity=turned)
+    np.testing.assert_allclose(one, RigidBody(arm, gravity=turned).inverse_dynamics(q, dq, ddq), atol=1e-12)
+
+
+def test_link_parameters_and_back() -> None:
+    rng = np.random.default_rng(0)
+    a = rng.normal(size=(3, 3))
+    inertia, com = a @ a.T, rng.normal(size=3)
+    mass, c, i = link_inertia(link_parameters(2.5, com, inertia))
+    assert mass == 2.5
+    np.testing.assert_allclose(c, com, atol=1e-14)
+    np.testing.assert_allclose(i, inertia, atol=1e-13)
+
+
+def test_wrong_shape_is_refused() -> None:
+    bodies = RigidBody(load_arm("ur5e"))
+    with pytest.raises(ValueError, match="samples by joints"):
+        bodies.regressor(np.zeros((4, 6)), np.zeros((4, 6)), np.zeros((3, 6)))
