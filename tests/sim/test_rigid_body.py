@@ -22,7 +22,9 @@ def test_regressor_and_torque_equal_pinocchio(name: str) -> None:
     bodies = RigidBody(load_arm(name))
     q, dq, ddq = states(bodies.n)
     data = bodies.pinocchio.createData()
-    expected = np.array([pin.computeJointTorqueRegressor(bodies.pinocchio, data, *x).copy() for x in zip(q, dq, ddq, strict=True)])
+    expected = np.array(
+        [pin.computeJointTorqueRegressor(bodies.pinocchio, data, *x).copy() for x in zip(q, dq, ddq, strict=True)]
+    )
     torque = np.array([pin.rnea(bodies.pinocchio, data, *x).copy() for x in zip(q, dq, ddq, strict=True)])
     scale = np.abs(torque).max()
     np.testing.assert_allclose(bodies.regressor(q, dq, ddq), expected, atol=1e-10)
