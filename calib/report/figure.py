@@ -56,6 +56,8 @@ _STYLE: Any = {
 }
 _SVG = "http://www.w3.org/2000/svg"
 _XLINK = "{http://www.w3.org/1999/xlink}href"
+# coordinates in points: a hundredth is far below a pixel
+_LONG_NUMBER = re.compile(r"(?<![\w#.-])(-?\d+\.\d\d)\d+(?![\w.])")
 _count = itertools.count(1)
 
 
@@ -67,6 +69,13 @@ def axes(
         figure = Figure(figsize=(width, height * rows), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, grid
+
+
+def mosaic(layout: list[list[str]], width: float = 10.5, height: float = 2.4, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """A figure of the house with named axes (matplotlib's subplot_mosaic); `height` is that of one row."""
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height * len(layout)), layout="constrained")
+        return figure, figure.subplot_mosaic(layout, **options)
 
 
 def svg(figure: Figure, title: str) -> Markup:
@@ -100,7 +109,8 @@ def svg(figure: Figure, title: str) -> Markup:
     label = ElementTree.Element(f"{{{_SVG}}}title", {"id": f"{prefix}title"})
     label.text = title
     root.insert(0, label)
-    return Markup(re.sub(r"\s*\n\s*", "\n", ElementTree.tostring(root, encoding="unicode")))
+    text_out = ElementTree.tostring(root, encoding="unicode")
+    return Markup(_LONG_NUMBER.sub(r"\1", re.sub(r"\s*\n\s*", "\n", text_out)))
 
 
 def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
@@ -111,7 +121,7 @@ def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
     ax.set_ylabel(y)
 
 
-def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 900, **style: Any) -> None:
+def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 500, **style: Any) -> None:
     """A line of at most 2 * `points` points that keeps the extremes of every stretch, so that no peak is lost on the page."""
     kept = envelope(y, points)
     ax.plot(np.asarray(x)[kept], np.asarray(y)[kept], **style)

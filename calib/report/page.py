@@ -23,8 +23,8 @@ from calib.console import cell, plain
 from calib.report.figure import svg
 from calib.run_folder import software_version
 
-Verdict = Literal["good", "bad", "open"]
-BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?"}
+Verdict = Literal["good", "bad", "open", "found"]
+BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?", "found": "!"}
 _FOLDER = Path(__file__).resolve().parent
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER / "templates"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
@@ -41,7 +41,7 @@ class _Section:
 class Page:
     """A page with its title, its result as a sentence, and sections that are filled from top to bottom.
 
-    `verdict` colours and marks the sentence: good, bad, open, or none; `facts` are label and value pairs under it.
+    `verdict` colours and marks the sentence: good, bad, open (not settled), found (a gap that has a name), or none; `facts` are label and value pairs under it.
     Every method that adds something returns the page. Text is text: it is escaped, never markup.
     """
 
@@ -73,6 +73,11 @@ class Page:
         """A list of sentences."""
         body = Markup("").join(Markup("<li>{}</li>").format(s) for s in sentences)
         return self._add(body, "<ul>{}</ul>") if body else self
+
+    def aside(self, heading: str, sentences: Sequence[str]) -> Self:
+        """A panel that catches the eye: what to do with the result."""
+        body = Markup("").join(Markup("<li>{}</li>").format(s) for s in sentences)
+        return self._add(Markup("<aside><h2>{}</h2><ul>{}</ul></aside>").format(heading, body))
 
     def figure(self, figure: Figure | Markup, caption: str) -> Self:
         """A matplotlib figure (see calib.report.figure.axes) or trusted SVG, and the sentence that says what it shows."""

@@ -1,0 +1,254 @@
+"""The page of `calib diagnose`: what is missing, where it shows, why it has that name, what naming it gained, what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.report import pictures
+from calib.report.page import Page, Verdict
+
+_VERDICTS: dict[str, Verdict] = {
+    "effects_found": "found",
+    "no_missing_effect": "good",
+    "unexplained": "open",
+    "bad_data": "bad",
+}
+
+
+def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> Path:
+    """Write the page of a diagnosis; returns its path.
+
+    diagnosis  the content of diagnosis.json (design.md section 7)
+    evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `refit`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
+               (effect, joint, score, gap_share) of the runners-up; `forward`: joint -> (rms before, rms after) rad.
+               Without arrays (bad data) the page has no pictures.
+    """
+    page = Page(str(diagnosis["arm"]), sentence(diagnosis), _VERDICTS[diagnosis["verdict"]], _facts(diagnosis), "diagnosis")
+    page.aside("What to do next", next_steps(diagnosis))
+    if evidence.get("t") is not None:
+        _where(page, diagnosis, evidence)
+    _evidence(page, diagnosis, evidence)
+    _gap(page, diagnosis, evidence)
+    if evidence.get("t") is not None:
+        _every_joint(page, diagnosis, evidence)
+    checks = diagnosis.get("data_checks", [])
+    if checks:
+        page.section("Can the data be trusted?").table(
+            ["check", "ok", "detail"], [[c["check"], bool(c["ok"]), c["detail"]] for c in checks]
+        )
+    return page.write(path)
+
+
+def sentence(diagnosis: Mapping[str, Any]) -> str:
+    """The verdict as a person would say it."""
+    effects = diagnosis.get("effects", [])
+    verdict = diagnosis["verdict"]
+    if verdict == "bad_data":
+        failed = [c["detail"] for c in diagnosis.get("data_checks", []) if not c["ok"]]
+        return "The data cannot be used: " + ("; ".join(failed) if failed else "see the checks below")
+    if verdict == "no_missing_effect":
+        return f"No effect is missing: the model of {diagnosis['arm']} agrees with the log within noise and its own uncertainty"
+    found = "; ".join(_found(e) for e in effects)
+    if verdict == "unexplained":
+        parts = [
+            f"{u['joint']} is off by {u['rms']:.3g} {_unit(u['unit'])} depending on {_and([_variable(v) for v in u['depends_on']])}"
+            for u in diagnosis.get("unexplained", [])
+        ]
+        text = "There is a gap that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
+        return text + (f". Found beside it: {found}" if found else "")
+    if len(effects) == 1:
+        return f"The model lacks {found}"
+    return f"The model lacks {len(effects)} effects: {found}"
+
+
+def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
+    """What a person standing at the robot should do with this answer."""
+    steps = []
+    for effect in diagnosis.get("effects", []):
+        others = effect.get("indistinguishable_from") or []
+        if others:
+            names = _and([words(o["effect"], o.get("joint")) for o in others])
+            steps.append(f"From this data {words(effect['effect'], effect.get('joint'))} cannot be told apart from {names}.")
+        if effect.get("experiment"):
+            steps.append(f"To be surer: {effect['experiment']}")
+    verdict = diagnosis["verdict"]
+    if verdict == "effects_found":
+        steps.append(
+            f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
+        )
+    elif verdict == "no_missing_effect":
+        steps.append("Nothing: the model is as good as this data can tell.")
+    elif verdict == "unexplained":
+        steps.append(
+            "Look at the joint with its cover off and at what moves with it; the pictures below show when the gap appears. Record it again, warm and slow, to see whether it stays."
+        )
+    else:
+        steps.append("Correct what the failed checks name, and record again.")
+    return steps
+
+
+def words(effect: str, joint: str | None) -> str:
+    """An effect's name in words, with its joint."""
+    text = effect.replace("_", " ")
+    return f"{text} at {joint}" if joint else text
+
+
+def _found(effect: Mapping[str, Any]) -> str:
+    values = ", ".join(f"{_symbol(k)} {quantity(p)}" for k, p in effect["parameters"].items())
+    return f"{words(effect['effect'], effect.get('joint'))} ({values}; {effect['gap_share']:.0%} of the gap)"
+
+
+def quantity(parameter: Mapping[str, Any]) -> str:
+    """value ± std unit, with as many digits as the standard deviation allows."""
+    value, std = float(parameter["value"]), float(parameter.get("std") or 0.0)
+    unit = _unit(str(parameter.get("unit", "")))
+    if not (np.isfinite(std) and std > 0):
+        return f"{value:.4g} {unit}".strip()
+    digits = max(0, min(12, 1 - int(np.floor(np.log10(std)))))
+    return f"{value:.{digits}f} ± {std:.{digits}f} {unit}".strip()
+
+
+def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    facts: list[tuple[str, Any]] = []
+    for effect in diagnosis.get("effects", [])[:1]:
+        facts.append(("explains", f"{effect['gap_share']:.0%} of the gap"))
+        facts.append(("confidence in the name", f"{effect['confidence']:.0%}"))
+    gap = diagnosis.get("gap") or {}
+    noise = np.asarray(gap.get("noise_floor", []), float)
+    if len(noise):
+        worst = [
+            float(np.max(np.asarray(gap[k], float) / noise))
+            for k in ("before", "refit", "after")
+            if len(gap.get(k, [])) == len(noise)
+        ]
+        if len(worst) == 3:
+            facts.append(("worst joint, before → refitted → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise"))
+        facts.append(("held-out log", gap.get("log", "")))
+    return facts
+
+
+def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+    names = list(evidence["joint_names"])
+    unit = _unit(diagnosis.get("gap", {}).get("unit", "N*m"))
+    tau = np.asarray(evidence["tau"])
+    predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
+    j = _joint_in_question(diagnosis, names)
+    page.section("Where the gap is")
+    gap = diagnosis.get("gap") or {}
+    if len(gap.get("noise_floor", [])) == len(gap.get("joints", [])) > 0:
+        levels = {role: np.asarray(gap[role], float) for role in ("before", "refit", "after")}
+        page.figure(
+            pictures.gaps(gap["joints"], np.asarray(gap["noise_floor"], float), levels),
+            f"Gap on the held-out log {gap['log']}, each joint against its own noise floor.",
+        )
+    residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
+    load = predicted["before"][:, j]
+    page.figure(
+        pictures.where(names[j], np.asarray(evidence["t"]), np.asarray(evidence["q"])[:, j], np.asarray(evidence["dq"])[:, j], load, residuals, unit),
+        f"What the model leaves at {names[j]}, before and after: over time, speed, position and load. A slope, a step or a wave is structure; a flat band is noise.",
+    )  # fmt: skip
+
+
+def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+    predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
+    unit = _unit(diagnosis["gap"]["unit"])
+    page.section("Every joint").figure(
+        pictures.torques(
+            list(evidence["joint_names"]), np.asarray(evidence["t"]), np.asarray(evidence["tau"]), predicted, unit
+        ),
+        "Measured torque with the model's prediction before and after (left), and what each leaves (right).",
+    )
+
+
+def _joint_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> int:
+    for entry in [*diagnosis.get("effects", [])[:1], *diagnosis.get("unexplained", [])[:1]]:
+        if entry.get("joint") in names:
+            return names.index(entry["joint"])
+    gap = diagnosis.get("gap") or {}
+    before, noise = np.asarray(gap.get("before", []), float), np.asarray(gap.get("noise_floor", []), float)
+    return names.index(gap["joints"][int(np.argmax(before / noise))]) if len(before) and len(before) == len(noise) else 0
+
+
+def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+    effects = diagnosis.get("effects", [])
+    if effects:
+        page.section("What was found")
+        rows = [
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), _unit(p.get("unit", "")), e["gap_share"], e["confidence"]]
+            for e in effects
+            for k, p in e["parameters"].items()
+        ]  # fmt: skip
+        page.table(
+            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "share of the gap", "confidence"], rows
+        )
+    candidates = sorted(evidence.get("candidates") or [], key=lambda c: -float(c[3]))[:12]
+    if candidates:
+        chosen = {(e["effect"], e.get("joint")) for e in effects}
+        page.section("Why this name, and what else it could be").figure(
+            pictures.bars(
+                [words(effect, joint) for effect, joint, _, _ in candidates],
+                [100 * float(share) for _, _, _, share in candidates],
+                [(effect, joint) in chosen for effect, joint, _, _ in candidates],
+                "share of the gap that the effect alone would explain [%]",
+            ),
+            "Every candidate was fitted in place of the others; the filled ones were chosen. What explains nearly as much is a runner-up.",
+        )
+        page.table(
+            ["effect", "joint", "score", "share of the gap"],
+            [
+                [words(effect, None), joint or "whole arm", float(score), float(share)]
+                for effect, joint, score, share in candidates
+            ],
+            "Candidates; the score is evidence in favour, greater is better",
+            fold=True,
+        )
+    if diagnosis.get("unexplained"):
+        page.section("What no effect explains").table(
+            ["joint", "depends on", "RMS", "unit"],
+            [
+                [u["joint"], _and([_variable(v) for v in u["depends_on"]]), u["rms"], _unit(u["unit"])]
+                for u in diagnosis["unexplained"]
+            ],
+        )
+
+
+def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+    gap = diagnosis.get("gap") or {}
+    if gap.get("joints"):
+        unit = _unit(gap["unit"])
+        columns = ["noise_floor", "before", "refit", "after"]
+        page.section("The gap in numbers").table(
+            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "refitted only", "after"))],
+            [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
+            f"RMS torque gap on {gap['log']}; “refitted only” is the gap when just the ordinary parameters are fitted, without naming an effect",
+        )
+    forward = evidence.get("forward") or {}
+    if forward:
+        page.table(
+            ["joint", "before [rad]", "after [rad]"],
+            [[joint, *pair] for joint, pair in forward.items()],
+            "RMS error of position in forward simulation: the model is driven by the measured torque and must go where the arm went",
+        )
+
+
+def _variable(text: str) -> str:
+    kind, _, joint = text.partition(":")
+    return f"{ {'q': 'position', 'dq': 'speed', 'ddq': 'acceleration', 'tau': 'load', 't': 'time'}.get(kind, kind) }" + (
+        f" of {joint}" if joint else ""
+    )
+
+
+def _symbol(parameter: str) -> str:
+    return parameter.replace("_", " ")
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit.replace("*", " ")
+
+
+def _and(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else "nothing seen"

@@ -1,0 +1,63 @@
+"""Plain data as the commands hand it to the pages, made up but of the right shapes."""
+
+from typing import Any
+
+import numpy as np
+
+JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+
+
+def motion(samples: int = 3000) -> dict[str, Any]:
+    """A held-out log in which the elbow's dry friction is 3 N m greater than the model says."""
+    rng = np.random.default_rng(7)
+    t = np.linspace(0, 30, samples)
+    rate = 0.4 + 0.13 * np.arange(6)
+    q = np.sin(np.outer(t, rate)) * 1.2
+    dq = np.cos(np.outer(t, rate)) * rate * 1.2
+    after = 40 * np.cos(q) / (1 + np.arange(6)) ** 1.5 + 2 * np.tanh(dq / 0.02)
+    before = after.copy()
+    before[:, 2] -= 3 * np.tanh(dq[:, 2] / 0.02)
+    refit = after.copy()
+    refit[:, 2] -= np.tanh(dq[:, 2] / 0.02)
+    tau = after + rng.normal(0, 0.15, after.shape)
+    return {"joint_names": JOINTS, "t": t, "q": q, "dq": dq, "tau": tau, "before": before, "refit": refit, "after": after}
+
+
+def diagnosis(verdict: str = "effects_found") -> tuple[dict[str, Any], dict[str, Any]]:
+    """diagnosis.json and its evidence for a verdict."""
+    evidence = motion()
+    gap = {k: np.sqrt(np.mean((evidence["tau"] - evidence[k]) ** 2, axis=0)).tolist() for k in ("before", "refit", "after")}
+    effect = {
+        "effect": "coulomb_friction",
+        "joint": "elbow_joint",
+        "parameters": {"coulomb": {"value": 8.213, "std": 0.041, "nominal": 5.2, "unit": "N*m"}},
+        "confidence": 0.98,
+        "gap_share": 0.93,
+        "indistinguishable_from": [],
+        "experiment": None,
+    }
+    data: dict[str, Any] = {
+        "schema": "diagnosis/1",
+        "arm": "ur10e",
+        "verdict": verdict,
+        "effects": [effect] if verdict == "effects_found" else [],
+        "unexplained": [],
+        "gap": {"unit": "N*m", "log": "validation.mcap", "joints": JOINTS, "noise_floor": [0.15] * 6, **gap},
+        "data_checks": [{"check": "gaps", "ok": True, "detail": "no sample is missing"}],
+        "arm_out": "arm",
+    }
+    evidence["candidates"] = [
+        ("coulomb_friction", "elbow_joint", 410.0, 0.93),
+        ("asymmetric_friction", "elbow_joint", 12.0, 0.05),
+        ("payload", None, 3.0, 0.02),
+    ]
+    evidence["forward"] = dict.fromkeys(JOINTS, (0.02, 0.002))
+    if verdict == "unexplained":
+        data["unexplained"] = [
+            {"joint": "elbow_joint", "depends_on": ["q:elbow_joint", "dq:wrist_1_joint"], "rms": 1.2, "unit": "N*m"}
+        ]
+    if verdict == "bad_data":
+        data["data_checks"] = [{"check": "time", "ok": False, "detail": "time runs backwards at sample 812"}]
+        data["gap"] |= {"joints": [], "noise_floor": [], "before": [], "refit": [], "after": []}
+        evidence = {}
+    return data, evidence

@@ -1,0 +1,69 @@
+"""The diagnosis page says its verdict as a sentence, shows where and why, and opens in a real browser without a complaint."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from calib.report import diagnosis
+from tests.calib.report import examples
+from tests.calib.report.browser import Visit
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("effects_found", "The model lacks coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the gap)"),
+        ("no_missing_effect", "No effect is missing"),
+        ("unexplained", "elbow_joint is off by 1.2 N m depending on position of elbow_joint and speed of wrist_1_joint"),
+        ("bad_data", "The data cannot be used: time runs backwards at sample 812"),
+    ],
+)
+def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
+    assert words in diagnosis.sentence(examples.diagnosis(verdict)[0])
+
+
+def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
+    data, _ = examples.diagnosis()
+    data["effects"][0] |= {
+        "indistinguishable_from": [{"effect": "load_dependent_friction", "joint": "elbow_joint"}],
+        "experiment": "record the elbow at two loads",
+    }
+    steps = " ".join(diagnosis.next_steps(data))
+    assert "coulomb friction at elbow_joint cannot be told apart from load dependent friction at elbow_joint" in steps
+    assert "record the elbow at two loads" in steps
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (8.2134, 0.041, "8.213 ± 0.041 kg"),
+        (1234.5, 67.0, "1234 ± 67 kg"),
+        (1.5e-4, 2e-6, "0.0001500 ± 0.0000020 kg"),
+        (3.0, 0.0, "3 kg"),
+    ],
+)
+def test_digits_follow_the_uncertainty(value: float, std: float, text: str) -> None:
+    assert diagnosis.quantity({"value": value, "std": std, "unit": "kg"}) == text
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit], dark: bool) -> None:
+    seen = visit(diagnosis.write(tmp_path / "diagnosis.html", *examples.diagnosis()), dark=dark)
+    assert seen.complaints == []
+    assert seen.requests == []
+    table = seen.page.locator("table").last
+    table.scroll_into_view_if_needed()
+    joints = seen.page.locator("table", has_text="noise floor").first
+    joints.get_by_role("button", name="before").click()
+    joints.get_by_role("button", name="before").click()
+    assert joints.locator("tbody tr").first.locator("td").first.inner_text() == "elbow_joint"
+    ink, paper = seen.page.evaluate("[getComputedStyle(document.body).color, getComputedStyle(document.body).backgroundColor]")
+    assert (paper == "rgb(20, 23, 27)") is dark
+    assert ink != paper
+
+
+def test_without_arrays_the_page_still_tells(tmp_path: Path, visit: Callable[..., Visit]) -> None:
+    seen = visit(diagnosis.write(tmp_path / "bad-data.html", *examples.diagnosis("bad_data")), width=480)
+    assert seen.complaints == []
+    assert "time runs backwards" in seen.page.inner_text("h1")
