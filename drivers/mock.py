@@ -9,16 +9,17 @@ import numpy as np
 from pydantic import Field
 
 from drivers.driver import DeviceInfo, Driver
-from sim.arm import Arm, ArmEffect, Positive, _Strict, validated
+from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock, SimulatedClock
 from sim.effects import with_effect
 from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
 from sim.plant import Plant
+from sim.strict import Positive, StrictTable, validated
 
 
-class MockOptions(_Strict):
+class MockOptions(StrictTable):
     """[options] of a mock cell: control rate Hz; realtime makes the mock keep the wall clock."""
 
     rate: Positive | None = None

@@ -7,14 +7,15 @@ import numpy as np
 from drivers.driver import DeviceInfo, Driver
 from logs import read_log
 from logs.log import Log
-from sim.arm import Arm, _Strict, validated
+from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock
 from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
+from sim.strict import StrictTable, validated
 
 
-class ReplayOptions(_Strict):
+class ReplayOptions(StrictTable):
     """[options] of a replay cell: the log to play, relative to the cell file."""
 
     log: str

@@ -10,9 +10,10 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from safety.plan import HEX, Hashes, Plan, hashes_of, read_bytes, sealed, unsealed
-from sim.arm import Arm, Positive, validated
+from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
+from sim.strict import Positive, validated
 
 APPROVAL_HOURS = 8.0
 FILE = "approval.toml"

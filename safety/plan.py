@@ -21,9 +21,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from sim.arm import Arm, Positive, validated
+from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
+from sim.strict import Positive, validated
 from sim.trajectory import Trajectory
 from sim.version import software_version
 

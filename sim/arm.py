@@ -9,94 +9,17 @@ import hashlib
 import math
 import re
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable
 from sim.errors import ConfigError
-from sim.model import KinematicTree, checked_text, compiled, kinematic_tree
+from sim.model import KinematicTree, checked_text, compiled, kinematic_tree, urdf_speed_limits
 from sim.resources import config_folders, nearest
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("must be finite")
-    return value
-
-
-Finite = Annotated[float, AfterValidator(_finite)]
-Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
-
-
-T = TypeVar("T", bound=BaseModel)
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
-
-
-class LimitsTable(_Strict):
-    """Per joint, in the order of `joints`."""
-
-    q_min: list[Finite]
-    q_max: list[Finite]
-    dq_max: list[Positive]
-    ddq_max: list[Positive]
-    jerk_max: list[Positive]
-    tau_max: list[Positive]
-
-
-class SensorsTable(_Strict):
-    """Rates and noise of the arm's readings; used by the plant and as the first guess of the noise floor.
-
-    rate Hz; encoder_resolution rad; velocity_noise rad/s, torque_noise N m (standard deviations per joint).
-    """
-
-    rate: Positive
-    encoder_resolution: Positive
-    velocity_noise: list[Annotated[float, Field(ge=0)]]
-    torque_noise: list[Annotated[float, Field(ge=0)]]
-
-
-class EffectTable(_Strict):
-    """One effect that the arm has, with its parameters and, where known, their standard deviations."""
-
-    effect: str
-    joint: str | None = None
-    parameters: dict[str, Finite]
-    std: dict[str, Finite] = Field(default_factory=dict)
-
-
-class PriorTable(_Strict):
-    """How well the arm's own numbers are known: relative standard deviations.
-
-    mass, com (relative to the link's size), inertia, coulomb, viscous, rotor.
-    """
-
-    mass: Positive = 0.02
-    com: Positive = 0.02
-    inertia: Positive = 0.05
-    coulomb: Positive = 0.05
-    viscous: Positive = 0.05
-    rotor: Positive = 0.05
-
-
-class ArmTable(_Strict):
-    """The schema of arm.toml."""
-
-    schema_: Literal["arm/1"] = Field(alias="schema")
-    name: str
-    model: str
-    joints: list[str]
-    limits: LimitsTable
-    sensors: SensorsTable
-    torque_constant: list[Positive] | None = None
-    prior: PriorTable = PriorTable()
-    effects: list[EffectTable] = Field(default_factory=list)
-    provenance: dict[str, str]
+from sim.strict import validated
 
 
 @dataclass(frozen=True)
@@ -116,6 +39,7 @@ class Arm:
     q_min q_max (n,) rad, dq_max (n,) rad/s, ddq_max (n,) rad/s^2, jerk_max (n,) rad/s^3, tau_max (n,) N m
     torque_constant (n,) N m/A at the joint, or None; gravity (3,) m/s^2 in the base frame
     effects are those beyond the rigid bodies; coulomb_friction, viscous_friction and rotor_inertia of the model file stand there too.
+    incomplete names the limits (and "sensors") that nobody has stated of an arm that came from a bare model file.
     """
 
     name: str
@@ -135,12 +59,17 @@ class Arm:
     model_path: Path
     model_text: str
     sha256: str
-    bare: bool = False
+    incomplete: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def bare(self) -> bool:
+        """True where the arm came from a bare model file, which does not state everything."""
+        return bool(self.incomplete)
 
     @property
     def gravity(self) -> np.ndarray:
@@ -194,45 +123,109 @@ def _folder(folder: Path) -> Arm:
     model_path = folder / table.model
     if not model_path.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(f"{file}: model = {table.model!r} leaves the arm's folder; copy the model file into it")
-    text = checked_text(model_path, folder)
-    tree = kinematic_tree(compiled(text, folder, str(model_path)), str(model_path))
+    text, tree = _model(model_path, folder)
     if list(tree.joint_names) != table.joints:
         raise ConfigError(
             f"{file}: joints = {table.joints}, but {model_path.name} has {list(tree.joint_names)}; "
             "list the joints of the model in its order"
         )
-    limits: dict[str, Any] = {
-        key: _row(getattr(table.limits, key), table.joints, f"{file}: limits.{key}") for key in LimitsTable.model_fields
-    }
-    wrong = np.flatnonzero(~(limits["q_min"] < limits["q_max"]))
+    limits = {key: _limit(table, key, tree, file) for key in LimitsTable.model_fields}
+    wrong = np.flatnonzero(limits["q_min"] >= limits["q_max"])
     if len(wrong):
         j = int(wrong[0])
         raise ConfigError(
             f"{file}: limits of {table.joints[j]}: q_min {limits['q_min'][j]} rad is not below q_max {limits['q_max'][j]} rad; "
             "swap them or correct one"
         )
+    if (table.sensors is None) != ("sensors" in table.incomplete):
+        raise ConfigError(f"{file}: {_stated('sensors', table.sensors is not None)}")
+    sensors = table.sensors or unknown_sensors(tree.n)
     for key in ("velocity_noise", "torque_noise"):
-        _row(getattr(table.sensors, key), table.joints, f"{file}: sensors.{key}")
+        _row(getattr(sensors, key), table.joints, f"{file}: sensors.{key}")
     constant = table.torque_constant
-    effects = tuple(ArmEffect(e.effect, e.joint, dict(e.parameters), dict(e.std)) for e in table.effects)
     return Arm(
         name=table.name, joint_names=tree.joint_names, **limits,
         torque_constant=None if constant is None else _row(constant, table.joints, f"{file}: torque_constant"),
-        effects=model_effects(tree) + effects, sensors=table.sensors, prior=table.prior, provenance=table.provenance, tree=tree,
+        effects=_all_effects(table.effects, tree, file), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
         model_path=model_path, model_text=text, sha256=hashlib.sha256(raw + text.encode()).hexdigest(),
+        incomplete=tuple(table.incomplete),
     )  # fmt: skip
 
 
-def _bare(path: Path) -> Arm:
-    text = checked_text(path)
-    tree = kinematic_tree(compiled(text, path.parent, str(path)), str(path))
+def _limit(table: ArmTable, key: Any, tree: KinematicTree, file: Path) -> np.ndarray:
+    """One row of [limits]; a row that `incomplete` names is the model's own, NaN where the model has none."""
+    values = getattr(table.limits, key)
+    if (values is None) != (key in table.incomplete):
+        raise ConfigError(f"{file}: {_stated(f'limits.{key}', values is not None)}")
+    if values is None:
+        return model_limits(tree)[key]
+    return _row(values, table.joints, f"{file}: limits.{key}")
+
+
+def _stated(key: str, given: bool) -> str:
+    if given:
+        return f"{key} is given, but incomplete says that it is not; take it off that list"
+    return f"missing key {key}; add it: it is never guessed"
+
+
+def model_limits(tree: KinematicTree) -> dict[str, np.ndarray]:
+    """The limits (n,) that a model file states, NaN where it has none; no model format has acceleration or jerk."""
     nan = np.full(tree.n, np.nan)
-    sensors = SensorsTable(rate=500.0, encoder_resolution=1e-5, velocity_noise=[0.0] * tree.n, torque_noise=[0.0] * tree.n)
+    return {
+        "q_min": tree.q_min,
+        "q_max": tree.q_max,
+        "dq_max": tree.dq_max,
+        "ddq_max": nan,
+        "jerk_max": nan,
+        "tau_max": tree.tau_max,
+    }
+
+
+def unknown_sensors(n: int) -> SensorsTable:
+    """What is assumed of n joints whose sensors nobody described: 500 Hz, 1e-5 rad, no noise."""
+    return SensorsTable(rate=500.0, encoder_resolution=1e-5, velocity_noise=[0.0] * n, torque_noise=[0.0] * n)
+
+
+def _all_effects(listed: list[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
+    """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
+    effects = {(e.effect, e.joint): e for e in model_effects(tree)}
+    from_model = dict(effects)
+    for item in listed:
+        key, parameters = (item.effect, item.joint), dict(item.parameters)
+        if item.joint is not None and item.joint not in tree.joint_names:
+            raise ConfigError(f"{file}: effects: {item.effect}: joint {item.joint!r}; {nearest(item.joint, tree.joint_names)}")
+        own = from_model.pop(key, None)
+        if own is None and key in effects:
+            raise ConfigError(f"{file}: effects: {item.effect} of {item.joint or 'the arm'} stands there twice; keep one")
+        if own is not None and not _same(own.parameters, parameters):
+            raise ConfigError(
+                f"{file}: effects: {item.effect} of {item.joint} is {parameters}, but the model file has {own.parameters}; "
+                "the model is what is simulated: make both the same, or remove the entry here"
+            )
+        effects[key] = ArmEffect(item.effect, item.joint, parameters if own is None else own.parameters, dict(item.std))
+    return tuple(effects.values())
+
+
+def _same(a: dict[str, float], b: dict[str, float]) -> bool:
+    return a.keys() == b.keys() and all(math.isclose(a[k], b[k], rel_tol=1e-12, abs_tol=1e-15) for k in a)
+
+
+def _model(path: Path, root: Path) -> tuple[str, KinematicTree]:
+    text = checked_text(path, root)
+    tree = kinematic_tree(compiled(text, root, str(path)), str(path))
+    if path.suffix.lower() == ".urdf":
+        tree = replace(tree, dq_max=urdf_speed_limits(text, tree.joint_names))
+    return text, tree
+
+
+def _bare(path: Path) -> Arm:
+    text, tree = _model(path, path.parent)
+    limits = model_limits(tree)
+    incomplete = [key for key, value in limits.items() if not np.all(np.isfinite(value))]
     return Arm(
-        name=_model_name(text) or path.stem, joint_names=tree.joint_names, q_min=tree.q_min, q_max=tree.q_max, dq_max=tree.dq_max,
-        ddq_max=nan, jerk_max=nan, tau_max=tree.tau_max, torque_constant=None, effects=model_effects(tree), sensors=sensors,
-        prior=PriorTable(), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path, model_text=text,
-        sha256=hashlib.sha256(text.encode()).hexdigest(), bare=True,
+        name=_model_name(text) or path.stem, joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
+        sensors=unknown_sensors(tree.n), prior=PriorTable(), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
+        model_text=text, sha256=hashlib.sha256(text.encode()).hexdigest(), incomplete=(*incomplete, "sensors"),
     )  # fmt: skip
 
 
@@ -242,9 +235,11 @@ def require_limits(arm: Arm, *names: str) -> None:
         value = getattr(arm, name)
         missing = [j for j, v in zip(arm.joint_names, value, strict=True) if not math.isfinite(v)]
         if missing:
+            place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and take it off incomplete"
+            folder = (arm.model_path.parent / "arm.toml").is_file()
             raise ConfigError(
                 f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file lacks it: "
-                "make an arm folder with `calib arm new`, and write the limits of the arm's data sheet there"
+                + (place if folder else "make an arm folder with `calib arm new`, with the limits of the arm's data sheet")
             )
 
 
@@ -259,37 +254,6 @@ def model_effects(tree: KinematicTree) -> tuple[ArmEffect, ...]:
             spring = {"stiffness": float(tree.stiffness[j]), "rest_angle": float(tree.springref[j])}
             effects.append(ArmEffect("joint_spring", joint, spring))
     return tuple(effects)
-
-
-def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
-    """`data` as `table`; ConfigError says key, value, rule, and for an unknown key the known ones."""
-    try:
-        return table.model_validate(data)
-    except ValidationError as error:
-        lines = []
-        for item in error.errors():
-            key = ".".join(str(x) for x in item["loc"])
-            if item["type"] == "extra_forbidden":
-                owner = _owner(table, item["loc"][:-1])
-                known = [f.alias or n for n, f in owner.model_fields.items()] if owner else []
-                lines.append(f"unknown key {key}; {nearest(str(item['loc'][-1]), known)}")
-            elif item["type"] == "missing":
-                lines.append(f"missing key {key}; add it: it is never guessed")
-            else:
-                lines.append(f"{key} = {item['input']!r}: {item['msg'][0].lower()}{item['msg'][1:]}")
-        raise ConfigError(f"{file}: " + "; ".join(lines)) from error
-
-
-def _owner(table: type[BaseModel], location: tuple[Any, ...]) -> type[BaseModel] | None:
-    owner: type[BaseModel] | None = table
-    for key in location:
-        if isinstance(key, int) or owner is None:
-            continue
-        field_info = next((f for n, f in owner.model_fields.items() if key in (n, f.alias)), None)
-        kind = field_info.annotation if field_info else None
-        candidates = [kind, *getattr(kind, "__args__", ())]
-        owner = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
-    return owner
 
 
 def _row(values: list[float], joints: list[str], where: str) -> np.ndarray:

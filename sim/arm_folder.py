@@ -14,9 +14,7 @@ from sim.arm import ArmTable
 
 def arm_toml_text(table: ArmTable) -> str:
     """The text of an arm.toml; rows of numbers on one line, every number as repr() has it."""
-    data = table.model_dump(by_alias=True, exclude_none=True)
-    if not data["effects"]:
-        del data["effects"]
+    data = {key: value for key, value in table.model_dump(by_alias=True, exclude_none=True).items() if value != []}
     text = tomli_w.dumps(data)
     # strings are escaped onto one line, so a bracket before a line break is an array
     return re.sub(

@@ -10,14 +10,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from sim.arm import EffectTable, Finite, Positive, _Strict, validated
+from sim.arm_table import EffectTable
 from sim.errors import ConfigError
 from sim.resources import config_folders, nearest
+from sim.strict import Finite, Positive, StrictTable, validated
 
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
 
-class BoxObstacle(_Strict):
+class BoxObstacle(StrictTable):
     """A box: centre m, roll-pitch-yaw rad, full edge lengths m, in the base frame."""
 
     kind: Literal["box"]
@@ -27,7 +28,7 @@ class BoxObstacle(_Strict):
     size: Vector
 
 
-class PlaneObstacle(_Strict):
+class PlaneObstacle(StrictTable):
     """A half space: everything behind the plane is solid; point m and outward normal, in the base frame."""
 
     kind: Literal["plane"]
@@ -36,7 +37,7 @@ class PlaneObstacle(_Strict):
     normal: Vector
 
 
-class MeshObstacle(_Strict):
+class MeshObstacle(StrictTable):
     """A closed triangle mesh (STL or OBJ) in the cell file's folder, metres."""
 
     kind: Literal["mesh"]
@@ -46,21 +47,21 @@ class MeshObstacle(_Strict):
     file: str
 
 
-class PayloadTable(_Strict):
+class PayloadTable(StrictTable):
     """What is declared to be mounted at the flange: kg, m in the last link's frame."""
 
     mass: Annotated[Finite, Field(ge=0)]
     com: Vector = [0.0, 0.0, 0.0]
 
 
-class EmulationTable(_Strict):
+class EmulationTable(StrictTable):
     """The plant behind a mock or emulated cell: a seed, and the effects that the tool is not told of."""
 
     seed: int = 0
     effects: list[EffectTable] = Field(default_factory=list)
 
 
-class MotionTable(_Strict):
+class MotionTable(StrictTable):
     """Rules for motion in this cell: speed of every point of the arm m/s, clearance m, largest following error rad."""
 
     point_speed_max: Positive = 1.5
@@ -69,7 +70,7 @@ class MotionTable(_Strict):
     following_error_max: Positive = 0.1
 
 
-class CellTable(_Strict):
+class CellTable(StrictTable):
     """The schema of a cell file."""
 
     schema_: Literal["cell/1"] = Field(alias="schema")

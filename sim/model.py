@@ -268,6 +268,17 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
     return tree
 
 
+def urdf_speed_limits(text: str, joint_names: tuple[str, ...]) -> np.ndarray:
+    """(n,) rad/s of a URDF's <limit velocity="...">, NaN where a joint has none; MuJoCo does not read them."""
+    found = {
+        joint.get("name"): _number(limit.get("velocity", ""), math.nan)
+        for joint in ElementTree.fromstring(text).iter("joint")
+        for limit in joint.iter("limit")
+    }
+    speeds = np.array([found.get(name, math.nan) for name in joint_names])
+    return np.where(speeds > 0, speeds, np.nan)
+
+
 def _check_numbers(tree: KinematicTree, name: str) -> None:
     for key in ("rotation", "position", "axis", "mass", "com", "inertia", "armature", "damping", "frictionloss", "gravity"):
         value = getattr(tree, key)

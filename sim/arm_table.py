@@ -1,0 +1,78 @@
+"""The schema of arm.toml."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from sim.strict import Finite, NotNegative, Positive, StrictTable
+
+
+class LimitsTable(StrictTable):
+    """Per joint, in the order of `joints`; every key is needed, except those that `incomplete` of arm.toml names."""
+
+    q_min: list[Finite] | None = None
+    q_max: list[Finite] | None = None
+    dq_max: list[Positive] | None = None
+    ddq_max: list[Positive] | None = None
+    jerk_max: list[Positive] | None = None
+    tau_max: list[Positive] | None = None
+
+
+class SensorsTable(StrictTable):
+    """Rates and noise of the arm's readings; used by the plant and as the first guess of the noise floor.
+
+    rate Hz; encoder_resolution rad; velocity_noise rad/s, torque_noise N m (standard deviations per joint).
+    """
+
+    rate: Positive
+    encoder_resolution: Positive
+    velocity_noise: list[NotNegative]
+    torque_noise: list[NotNegative]
+
+
+class EffectTable(StrictTable):
+    """One effect that the arm has, with its parameters and, where known, their standard deviations."""
+
+    effect: str
+    joint: str | None = None
+    parameters: dict[str, Finite]
+    std: dict[str, Finite] = Field(default_factory=dict)
+
+
+class PriorTable(StrictTable):
+    """How well the arm's own numbers are known: relative standard deviations.
+
+    mass, com (relative to the link's size), inertia, coulomb, viscous, rotor.
+    """
+
+    mass: Positive = 0.02
+    com: Positive = 0.02
+    inertia: Positive = 0.05
+    coulomb: Positive = 0.05
+    viscous: Positive = 0.05
+    rotor: Positive = 0.05
+
+
+Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max", "sensors"]
+
+
+class ArmTable(StrictTable):
+    """The schema of arm.toml.
+
+    incomplete: what nobody has stated of this arm, because it was written from a bare model file. Such a limit is read from the
+    model where the model has it; where not, whoever needs it asks for it. An entry leaves the list when its number is written here.
+    """
+
+    schema_: Literal["arm/1"] = Field(alias="schema")
+    name: str
+    model: str
+    joints: list[str]
+    incomplete: list[Incomplete] = Field(default_factory=list)
+    limits: LimitsTable = LimitsTable()
+    sensors: SensorsTable | None = None
+    torque_constant: list[Positive] | None = None
+    prior: PriorTable = PriorTable()
+    effects: list[EffectTable] = Field(default_factory=list)
+    provenance: dict[str, str]

@@ -1,0 +1,62 @@
+"""Configuration tables that refuse what they do not know: unknown keys, missing keys, numbers that are not finite."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError("must be finite")
+    return value
+
+
+Finite = Annotated[float, AfterValidator(_finite)]
+Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
+NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
+
+T = TypeVar("T", bound=BaseModel)
+
+
+class StrictTable(BaseModel):
+    """A table of a configuration file; a key that it does not list is an error."""
+
+    model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
+
+
+def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
+    """`data` as `table`; ConfigError says key, value, rule, and for an unknown key the known ones."""
+    try:
+        return table.model_validate(data)
+    except ValidationError as error:
+        lines = []
+        for item in error.errors():
+            key = ".".join(str(x) for x in item["loc"])
+            if item["type"] == "extra_forbidden":
+                owner = _owner(table, item["loc"][:-1])
+                known = [f.alias or n for n, f in owner.model_fields.items()] if owner else []
+                lines.append(f"unknown key {key}; {nearest(str(item['loc'][-1]), known)}")
+            elif item["type"] == "missing":
+                lines.append(f"missing key {key}; add it: it is never guessed")
+            else:
+                lines.append(f"{key} = {item['input']!r}: {item['msg'][0].lower()}{item['msg'][1:]}")
+        raise ConfigError(f"{file}: " + "; ".join(lines)) from error
+
+
+def _owner(table: type[BaseModel], location: tuple[Any, ...]) -> type[BaseModel] | None:
+    owner: type[BaseModel] | None = table
+    for key in location:
+        if isinstance(key, int) or owner is None:
+            continue
+        field_info = next((f for n, f in owner.model_fields.items() if key in (n, f.alias)), None)
+        kind = field_info.annotation if field_info else None
+        candidates = [kind, *getattr(kind, "__args__", ())]
+        owner = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+    return owner
