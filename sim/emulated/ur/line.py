@@ -1,0 +1,52 @@
+"""What can happen to data frames between controller and client: lost, late, twice, frozen, in the wrong order, none at all."""
+
+from __future__ import annotations
+
+from collections import deque
+
+FAULTS = ("drop", "delay", "duplicate", "freeze", "reorder")
+DROPPED = 50  # frames that `drop` loses
+DELAY = 0.25  # s that `delay` holds every later frame back
+
+
+class Line:
+    """One connection's data frames; `fault` switches one of FAULTS on, for this and all later frames unless it says otherwise."""
+
+    def __init__(self) -> None:
+        self._fault: str | None = None
+        self._drop = 0
+        self._frozen: bytes | None = None
+        self._held: bytes | None = None
+        self._late: deque[tuple[float, bytes]] = deque()
+
+    def fault(self, name: str | None) -> None:
+        """Switch to a fault; None is a line without faults."""
+        self._fault, self._frozen, self._held = name, None, None
+        self._drop = DROPPED if name == "drop" else 0
+
+    def carry(self, frame: bytes | None, now: float) -> bytes:
+        """The bytes that leave now, where `frame` (or none) comes in; called in every cycle."""
+        if self._fault == "delay":
+            if frame is not None:
+                self._late.append((now + DELAY, frame))
+            due = b""
+            while self._late and self._late[0][0] <= now:
+                due += self._late.popleft()[1]
+            return due
+        if frame is None:
+            return b""
+        if self._drop > 0:
+            self._drop -= 1
+            return b""
+        if self._fault == "duplicate":
+            return frame + frame
+        if self._fault == "freeze":
+            self._frozen = self._frozen or frame
+            return self._frozen
+        if self._fault == "reorder":
+            if self._held is None:
+                self._held = frame
+                return b""
+            out, self._held = frame + self._held, None
+            return out
+        return frame

@@ -1,0 +1,194 @@
+"""The controller itself: modes, safety, registers and one program, stepped one control cycle at a time in front of a plant."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from sim.emulated.ur.motion import Motion
+from sim.emulated.ur.program import control_program, register_offset
+from sim.joint_state import JointState
+
+STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
+POWER_OFF, RUNNING = 3, 7  # robot_mode
+NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1, 3, 7  # safety_mode
+JOINT_RUNNING, JOINT_OFF = 253, 235  # joint_mode
+PROGRAM_START = 0.06  # s from upload to the first cycle of a program
+UNLOCK_AFTER = 5.0  # s that a protective stop cannot be unlocked
+STOP_DECELERATION = 20.0  # rad/s^2 of a protective or emergency stop
+PROGRAM_END_DECELERATION = 4.0  # rad/s^2 when a program ends in motion
+AMBIENT = 27.0  # degC, where the plant says nothing of temperature
+
+
+class JointPlant(Protocol):
+    """What moves: the part of `sim.plant.Plant` that the controller needs."""
+
+    def reset(self, q: np.ndarray) -> None: ...
+    def command(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> None: ...
+    def advance(self, dt: float) -> None: ...
+    def read(self) -> JointState: ...
+
+
+class Robot:
+    """State of the emulated controller; everything happens in `step` and in the calls between two steps, in one thread."""
+
+    def __init__(
+        self,
+        plant: JointPlant,
+        q: np.ndarray,
+        version: tuple[int, int, int] = (5, 25, 1),
+        model: str = "UR10",
+        serial: str = "20230000000",
+        torque_constant: np.ndarray | None = None,
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+        payload: tuple[float, tuple[float, float, float]] = (0.0, (0.0, 0.0, 0.0)),
+    ) -> None:
+        self.version, self.build, self.model, self.serial = version, 0, model, serial
+        self.rate = 125.0 if version[0] == 3 else 500.0
+        self.dt = 1.0 / self.rate
+        self.time = 0.0
+        self.remote = True
+        self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
+        self.speed_slider = 1.0
+        self.payload, self.payload_cog = payload[0], list(payload[1])
+        # set_gravity of URScript gives the acceleration away from the earth's centre; taken to hold for its read-back too
+        self.target_gravity = [-g for g in gravity]
+        self.input_int, self.input_double = [0] * 48, [0.0] * 48
+        self.output_int, self.output_double = [0] * 48, [0.0] * 48
+        self.claims: dict[str, object] = {}
+        self.notes: deque[str] = deque(maxlen=100)
+        self.background: Iterator[None] | None = None
+        self.motion = Motion(q, self.dt)
+        self._plant, self._constant = plant, torque_constant
+        self._program: Iterator[None] | None = None
+        self._starting: tuple[float, int] | None = None
+        self._watch: tuple[str, float] | None = None
+        self._written: dict[str, float] = {}
+        self._stopped_at = -np.inf
+        plant.reset(np.array(q, dtype=float))
+        self._sense()
+
+    def step(self) -> None:
+        """One control cycle: program, target, plant, sensors."""
+        self.time += self.dt
+        if self._starting is not None and self.time >= self._starting[0]:
+            self._program, self._starting = control_program(self, self._starting[1]), None
+            self.runtime_state = PLAYING
+        if self._watch is not None and self.time - self._written.get(self._watch[0], self.time) > self._watch[1]:
+            self.note(f"watchdog: {self._watch[0]} was not written for {self._watch[1]:.3f} s; the program stops")
+            self.stop_program()
+        if self.runtime_state == PLAYING:
+            self._run()
+        self.motion.step()
+        self._plant.command(self.motion.q, self.motion.dq, np.zeros_like(self.motion.q))
+        self._plant.advance(self.dt)
+        self._sense()
+
+    def _run(self) -> None:
+        for routine in (self.background, self._program):
+            if routine is not None and self.runtime_state == PLAYING:
+                try:
+                    next(routine)
+                except StopIteration:
+                    if routine is self.background:
+                        self.background = None
+                    else:
+                        self.stop_program()
+
+    def _sense(self) -> None:
+        state = self._plant.read()
+        self.actual_q, self.actual_qd, self.actual_torque = state.q.tolist(), state.dq.tolist(), state.tau.tolist()
+        current = state.current
+        if not np.all(np.isfinite(current)) and self._constant is not None:
+            current = state.tau / self._constant
+        self.actual_current = current.tolist()
+        self.joint_temperatures = np.where(np.isfinite(state.temperature), state.temperature, AMBIENT).tolist()
+        self.target_q, self.target_qd, self.target_qdd = (
+            self.motion.q.tolist(),
+            self.motion.dq.tolist(),
+            self.motion.ddq.tolist(),
+        )
+
+    def write_input(self, name: str, value: float) -> None:
+        """An input variable arrives over RTDE."""
+        self._written[name] = self.time
+        if name.startswith("input_int_register_"):
+            self.input_int[int(name.rsplit("_", 1)[1])] = int(value)
+        elif name.startswith("input_double_register_"):
+            self.input_double[int(name.rsplit("_", 1)[1])] = value
+        elif name == "speed_slider_fraction":
+            self.speed_slider = min(1.0, max(0.0, value))
+
+    def upload(self, text: str) -> None:
+        """A program arrives on a script port: it replaces what runs, and starts where the robot is ready and remote."""
+        if self.robot_mode != RUNNING or self.safety_mode != NORMAL or (self.version[0] == 5 and not self.remote):
+            self.note("a program came while the robot was not ready for it or in local control; it was not started")
+            return
+        self.stop_program()
+        offset = register_offset(text)
+        if offset is None:
+            self.note("a program came that is not ur_rtde's control program; it ends at once")
+            return
+        self._starting = (self.time + PROGRAM_START, offset)
+
+    def watch(self, name: str, frequency: float) -> None:
+        """rtde_set_watchdog(name, frequency, "stop")."""
+        self._watch = (name, 1.0 / frequency) if frequency > 0 else None
+        self._written[name] = self.time
+
+    def stop_program(self) -> None:
+        """The program ends, whoever ends it; the arm comes to rest."""
+        self._program = self.background = self._starting = self._watch = None
+        if self.runtime_state != STOPPED:
+            self.runtime_state = STOPPED
+            self.motion.stop(PROGRAM_END_DECELERATION)
+
+    def protective_stop(self) -> None:
+        """Stop at once and pause the program, until somebody unlocks it and plays again."""
+        self.safety_mode, self._stopped_at = PROTECTIVE_STOP, self.time
+        if self.runtime_state == PLAYING:
+            self.runtime_state = PAUSED
+        self._watch = None
+        self.motion.stop(STOP_DECELERATION)
+
+    def unlock(self) -> bool:
+        """Unlock a protective stop; False within 5 s of it. The program stays paused."""
+        if self.safety_mode != PROTECTIVE_STOP or self.time - self._stopped_at < UNLOCK_AFTER:
+            return False
+        self.safety_mode = NORMAL
+        return True
+
+    def emergency_stop(self) -> None:
+        """Stop at once, end the program, drives off."""
+        self.safety_mode = EMERGENCY_STOP
+        self.stop_program()
+        self.motion.stop(STOP_DECELERATION)
+        self.robot_mode = POWER_OFF
+
+    def note(self, sentence: str) -> None:
+        """Keep what would stand in the controller's log."""
+        self.notes.append(f"{self.time:.3f} s: {sentence}")
+
+    @property
+    def program_running(self) -> bool:
+        return self.runtime_state == PLAYING
+
+    @property
+    def robot_status_bits(self) -> int:
+        return (self.robot_mode == RUNNING) | self.program_running << 1 | 1 << 3
+
+    @property
+    def safety_status_bits(self) -> int:
+        bits = {NORMAL: 1 << 0, PROTECTIVE_STOP: 1 << 2 | 1 << 10, EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10}
+        return bits[self.safety_mode]
+
+    @property
+    def speed_scaling(self) -> float:
+        return self.speed_slider
+
+    @property
+    def joint_mode(self) -> list[int]:
+        return [JOINT_RUNNING if self.robot_mode == RUNNING else JOINT_OFF] * len(self.actual_q)

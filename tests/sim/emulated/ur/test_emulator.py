@@ -1,0 +1,69 @@
+"""The real ur_rtde clients against the emulated controller. They run in a process of their own: their C++ holds Python's lock."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from sim.emulated.ur.emulator import UrEmulator
+from sim.errors import ConfigError, DeviceError
+
+CLIENT = """
+import json, sys
+import rtde_control, rtde_receive
+host = sys.argv[1]
+receive = rtde_receive.RTDEReceiveInterface(host)
+said = {"q": receive.getActualQ(), "mode": receive.getRobotMode()}
+control = rtde_control.RTDEControlInterface(host)
+q = receive.getActualQ()
+said["moved"] = control.moveJ([q[0] + 0.05] + q[1:], 1.0, 5.0)
+said["servoed"] = control.servoJ([q[0] + 0.05] + q[1:], 0.0, 0.0, 0.002, 0.1, 300.0)
+said["stopped"] = control.servoStop(5.0)
+control.stopScript()
+print(json.dumps(said))
+"""
+
+
+def client(host: str, script: str = CLIENT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", script, host], capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize("version", [(5, 25, 1), (3, 15, 4), (10, 11, 0)], ids=["e-Series", "CB3", "PolyScope X"])
+def test_the_real_clients_connect_move_and_stop(emulator: Callable[..., UrEmulator], version: tuple[int, int, int]) -> None:
+    controller = emulator(version)
+    before = list(controller.robot.actual_q)
+    done = client(controller.host)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert said == {"q": before, "mode": 7, "moved": True, "servoed": True, "stopped": True}
+    assert controller.robot.actual_q[0] == pytest.approx(before[0] + 0.05, abs=0.02)
+
+
+def test_the_real_client_is_refused_in_local_control(emulator: Callable[..., UrEmulator]) -> None:
+    controller = emulator()
+    controller.inject("local_control")
+    done = client(controller.host)
+    assert done.returncode != 0
+    assert "remote control" in done.stderr
+
+
+def test_the_real_client_is_refused_when_a_fieldbus_owns_the_registers(emulator: Callable[..., UrEmulator]) -> None:
+    controller = emulator()
+    controller.inject("fieldbus")
+    done = client(controller.host)
+    assert done.returncode != 0
+    assert "already in use" in done.stderr
+
+
+def test_an_address_is_emulated_once_and_only_on_loopback(emulator: Callable[..., UrEmulator]) -> None:
+    controller = emulator()
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        UrEmulator(controller.robot, controller.host).start()
+    with pytest.raises(ConfigError, match="loopback"):
+        UrEmulator(controller.robot, "192.168.0.10")
+    with pytest.raises(ConfigError, match="did you mean 'protective_stop'"):
+        controller.inject("protectivestop")
