@@ -74,7 +74,7 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | No
     grid = Table(title=Text(title) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for k, header in enumerate(headers):
         numeric = any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
-        grid.add_column(Text(header), justify="right" if numeric else "left", overflow="fold")
+        grid.add_column(Text(header), justify="right" if numeric else "left", overflow="fold", no_wrap=k == 0)
     for row in body:
         grid.add_row(*(Text(cell(value)) for value in row))
     _out().print(grid)
@@ -151,7 +151,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _out() -> Console:
-    return Console(file=sys.stdout)
+    """Standard output; wide enough for any table where nobody looks, so that a file or a pipe gets whole lines."""
+    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else 400)
 
 
 def _err() -> Console:

@@ -19,6 +19,8 @@ from sim.resources import nearest
 COMMANDS: dict[str, str] = {
     "check": "check",
     "emulate": "emulate",
+    "effects": "effects",
+    "runs": "runs",
 }
 
 

@@ -11,7 +11,6 @@ import tomllib
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError
 from sim.resources import nearest
+from sim.version import software_version
 
 FILE = "run.toml"
 RUNS = Path("runs")
@@ -49,14 +49,6 @@ class Run:
     directory: str
     exit_code: int | None
     sentence: str
-
-
-def software_version() -> str:
-    """The installed version of arm-calib, or "unknown" when run from a source tree that is not installed."""
-    try:
-        return version("arm-calib")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def new_run(arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | None = None, **extra: Any) -> Path:

@@ -21,8 +21,16 @@ def config_folders(own: Path | None, kind: str) -> list[Path]:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The part of an error message that helps: the nearest known word, and all of them."""
+    """The part of an error message that helps: the nearest known word, and all of them.
+
+    Capitals do not count, and the beginning of a long word is as near as the whole of it: `stribek` is nearest `stribeck_friction`.
+    """
     known = list(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+
+    def likeness(candidate: str) -> float:
+        a, b = word.lower(), candidate.lower()
+        return max(difflib.SequenceMatcher(None, a, part).ratio() for part in (b, b[: len(a)], b[: len(a) + 1]))
+
+    best = max(known, key=likeness, default="")
+    hint = f"did you mean {best!r}? " if best and likeness(best) >= 0.6 else ""
     return f"{hint}known: {', '.join(known) if known else 'none'}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import itertools
 import re
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
@@ -32,7 +33,7 @@ ROLES = {
     "bad": "#b3261e",
     "accent": "#8a6100",
 }
-LINE = {
+LINE: dict[str, dict[str, Any]] = {
     "measured": {"color": ROLES["ink"], "linewidth": 1.0},
     "before": {"color": ROLES["before"], "linewidth": 1.2, "linestyle": (0, (4, 1.5))},
     "refit": {"color": ROLES["refit"], "linewidth": 1.2, "linestyle": (0, (1.5, 1.2))},
@@ -71,11 +72,13 @@ def axes(
     return figure, grid
 
 
-def mosaic(layout: list[list[str]], width: float = 10.5, height: float = 2.4, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+def mosaic(
+    layout: Sequence[Sequence[str]], width: float = 10.5, height: float = 2.4, **options: Any
+) -> tuple[Figure, dict[str, Axes]]:
     """A figure of the house with named axes (matplotlib's subplot_mosaic); `height` is that of one row."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height * len(layout)), layout="constrained")
-        return figure, figure.subplot_mosaic(layout, **options)
+        return figure, figure.subplot_mosaic([list(row) for row in layout], **options)
 
 
 def svg(figure: Figure, title: str) -> Markup:

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from calib.console import cell, plain
 from calib.report.figure import svg
-from calib.run_folder import software_version
+from sim.version import software_version
 
 Verdict = Literal["good", "bad", "open", "found"]
 BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?", "found": "!"}

@@ -1,0 +1,68 @@
+"""`calib effects`: the catalogue."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from calib import console
+from sim.effects import EFFECTS, Effect, effect_named
+
+
+def _names(incomplete: str) -> list[str]:
+    return [e.name for e in EFFECTS if e.name.startswith(incomplete)]
+
+
+def command(
+    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="One effect in full.", autocompletion=_names)] = None,
+    as_json: console.Json = False,
+) -> None:
+    """List the physical effects that a diagnosis can name: what they are, how they look, their parameters.
+
+    Example:
+
+        calib effects stribeck_friction
+    """
+    chosen = EFFECTS if name is None else (effect_named(name),)
+    if as_json:
+        console.print_json({"schema": "effects/1", "effects": [_plain(e) for e in chosen]})
+    elif name is None:
+        rows = [[e.name, e.scope, ", ".join(f"{p.name} [{_unit(p.unit)}]" for p in e.parameters), e.summary] for e in EFFECTS]
+        console.table(["effect", "of", "parameters", "what it is"], rows)
+    else:
+        _describe(chosen[0])
+
+
+def _describe(effect: Effect) -> None:
+    console.say(f"{effect.name}: {effect.summary}")
+    console.say(f"  law         {(effect.__doc__ or '').strip()}")
+    console.say(f"  looks like  {effect.looks}")
+    if effect.experiment:
+        console.say(f"  shown by    {effect.experiment}")
+    console.say(f"  reference   {effect.reference}")
+    console.say(f"  belongs to  {'one joint' if effect.scope == 'joint' else 'the whole arm'}")
+    console.table(
+        ["parameter", "unit", "least", "greatest", "meaning"],
+        [[p.name, _unit(p.unit), p.lower, p.upper, p.meaning] for p in effect.parameters],
+    )
+
+
+def _plain(effect: Effect) -> dict[str, object]:
+    return {
+        "name": effect.name,
+        "scope": effect.scope,
+        "summary": effect.summary,
+        "law": (effect.__doc__ or "").strip(),
+        "looks": effect.looks,
+        "experiment": effect.experiment or None,
+        "reference": effect.reference,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "meaning": p.meaning, "lower": p.lower, "upper": p.upper}
+            for p in effect.parameters
+        ],
+    }
+
+
+def _unit(unit: str) -> str:
+    return unit.replace("*", " ")

@@ -1,0 +1,117 @@
+"""The page of `calib identify`: what the fit was worth on logs it had not seen, and every number with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.report import pictures
+from calib.report.page import Page, Verdict
+
+_VERDICTS: dict[str, Verdict] = {"good": "good", "usable": "good", "poor": "open", "bad": "bad"}
+
+
+def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, Any]) -> Path:
+    """Write the page of a fit; returns its path.
+
+    result    `FitResult.as_dict()`: the content of result.json
+    evidence  `joint_names`; `log`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on a held-out log, or else a training log
+    """
+    held_out = result.get("holdout") is not None
+    page = Page(result["arm"], result["outcome"], _VERDICTS[result["verdict"]], _facts(result), "identification")
+    if result.get("findings"):
+        page.aside("What to know about it", list(result["findings"]))
+    names = list(evidence["joint_names"])
+    t, tau, q, dq = (np.asarray(evidence[k], float) for k in ("t", "tau", "q", "dq"))
+    predicted = {role: np.asarray(evidence[role], float) for role in ("before", "after")}
+    seen = "a log that the fit had not seen" if held_out else "a log that the fit was made from (no log was held out)"
+    page.section("Torque, measured and predicted").figure(
+        pictures.torques(names, t, tau, predicted),
+        f"On {evidence['log']}, {seen}: the nominal arm (before) and the fitted one (after).",
+    )
+    residuals = {role: tau - value for role, value in predicted.items()}
+    worst = int(np.argmax(np.sqrt(np.mean(residuals["after"] ** 2, axis=0)) / (np.std(tau, axis=0) + 1e-12)))
+    page.figure(
+        pictures.where(
+            names[worst], t, q[:, worst], dq[:, worst], predicted["after"][:, worst],
+            {role: value[:, worst] for role, value in residuals.items()},
+        ),
+        f"What is left at {names[worst]}, the joint with most left: structure here is something that the model lacks; calib diagnose names it.",
+    )  # fmt: skip
+    _gaps(page, result)
+    _parameters(page, result)
+    excluded = result.get("excluded") or []
+    if excluded:
+        page.section("What was left out, and why").table(["log", "joint", "reason", "seconds"], excluded)
+    settings = result.get("settings") or {}
+    if settings:
+        page.table(["setting", "value"], [[k, str(v)] for k, v in settings.items()], "Settings of the fit", fold=True)
+    return page.write(path)
+
+
+def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    gap = result["holdout"] or result["training"]
+    share = np.asarray(gap["after"], float) / np.asarray(gap["signal"], float)
+    estimates = result["estimates"]
+    return [
+        ("left of the torque, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
+        ("condition number", f"{result['condition']:.3g}"),
+        ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} parameters"),
+        ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
+    ]
+
+
+def _gaps(page: Page, result: Mapping[str, Any]) -> None:
+    page.section("What is left, joint by joint")
+    for key, title in (("holdout", "held-out logs"), ("training", "training logs")):
+        gap = result.get(key)
+        if gap is None:
+            continue
+        ampere = gap.get("after_ampere") is not None
+        headers = ["joint", "before [N m]", "after [N m]", "signal [N m]", "left"]
+        rows = []
+        for k, joint in enumerate(result["joint_names"]):
+            row = [joint, gap["before"][k], gap["after"][k], gap["signal"][k], f"{gap['after'][k] / gap['signal'][k]:.1%}"]
+            rows.append([*row, gap["before_ampere"][k], gap["after_ampere"][k]] if ampere else row)
+        page.table(
+            [*headers, "before [A]", "after [A]"] if ampere else headers,
+            rows,
+            f"RMS torque residual on the {title}: {', '.join(gap['logs'])}",
+        )
+
+
+def _parameters(page: Page, result: Mapping[str, Any]) -> None:
+    estimates = [e for e in result["estimates"] if e["identifiable"] and e["nominal"] is not None and (e["std"] or 0) > 0]
+    page.section("Parameters")
+    if estimates:
+        numbers = (np.array([e[k] for e in estimates], float) for k in ("value", "std", "nominal"))
+        page.figure(
+            pictures.intervals([_label(e) for e in estimates], *numbers),
+            "How far the data moved each number from the arm's own, in its standard deviations, with 95 % intervals.",
+        )
+    headers = ["parameter", "joint", "estimate", "± std", "95 % from", "to", "nominal", "unit", "from the data", "note"]
+    for key, title in (("estimates", "Identified combinations"), ("full", "Physically consistent inertias of every link")):
+        if not result.get(key):
+            continue
+        rows = [
+            [e["name"], e["joint"], e["value"], e["std"], _edge(e, -1), _edge(e, 1), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e)]
+            for e in result[key]
+        ]  # fmt: skip
+        page.table(headers, rows, title, fold=key == "full")
+
+
+def _label(estimate: Mapping[str, Any]) -> str:
+    name = str(estimate["name"])
+    return f"{name[:60]}…" if len(name) > 60 else name
+
+
+def _edge(estimate: Mapping[str, Any], side: int) -> float | None:
+    return None if estimate["std"] is None else estimate["value"] + side * 1.96 * estimate["std"]
+
+
+def _note(estimate: Mapping[str, Any]) -> str:
+    notes = [] if estimate["identifiable"] else ["not identifiable from this data"]
+    return ", ".join([*notes, "at its bound"] if estimate["at_bound"] else notes)

@@ -1,0 +1,65 @@
+"""`calib runs` lists, shows and repeats; `calib effects` is the catalogue."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from calib.main import main
+from calib.run_folder import read_run
+from sim.effects import EFFECTS
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def _a_command_that_makes_a_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    package = tmp_path / "calib_commands_for_test.py"
+    package.write_text(
+        "from sim.errors import AnswerIsNo\n"
+        "from calib.run_folder import new_run\n"
+        "def command(arm: str) -> None:\n"
+        '    """Say no."""\n'
+        "    new_run(arm, 'check')\n"
+        "    raise AnswerIsNo('elbow_joint: too warm; let it cool')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    import calib_commands_for_test as module
+
+    import calib.commands
+
+    monkeypatch.setitem(sys.modules, "calib.commands.no", module)
+    monkeypatch.setattr(calib.commands, "no", module, raising=False)
+    monkeypatch.setitem(__import__("calib.main").main.COMMANDS, "no", "no")
+
+
+def test_no_runs_yet_says_how_to_make_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["runs"]) == 0
+    assert "There are no runs in runs/ yet" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("_a_command_that_makes_a_run")
+def test_a_run_records_its_end_and_can_be_done_again(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["no", "ur10e"]) == 1
+    run = read_run("ur10e")
+    assert (run.exit_code, run.sentence, run.arguments) == (1, "elbow_joint: too warm; let it cool", ("no", "ur10e"))
+    capsys.readouterr()
+    assert main(["runs", "--json"]) == 0
+    assert [r["exit_code"] for r in json.loads(capsys.readouterr().out)["runs"]] == [1]
+    assert main(["runs", run.folder.name, "--again"]) == 1
+    assert main(["runs", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out.split("\n", 1)[1])["runs"]) == 2
+
+
+def test_the_catalogue_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "--json"]) == 0
+    assert [e["name"] for e in json.loads(capsys.readouterr().out)["effects"]] == [e.name for e in EFFECTS]
+    for effect in EFFECTS:
+        assert main(["effects", effect.name]) == 0
+        out = capsys.readouterr().out
+        assert effect.looks in out
+        assert effect.reference in out
