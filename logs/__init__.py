@@ -2,5 +2,6 @@
 
 from logs.log import Event, Log, State
 from logs.read import read_log
+from logs.recorder import Recorder
 
-__all__ = ["Event", "Log", "State", "read_log"]
+__all__ = ["Event", "Log", "State", "read_log", "Recorder"]

@@ -176,7 +176,10 @@ def _state(recording: dict[str, str], ended: bool, journal: bool, damage: Damage
         )
     state = State[word.upper()]
     if state is not State.CLEAN:
-        damage.report("state", f"{state.value} ({recording.get('end_reason') or 'no reason was written'})")
+        fault = f"{state.value} ({recording.get('end_reason') or 'no reason was written'})"
+        if not damage.accept_partial:
+            raise damage.refuse("state", fault, "record it again, or use what there is with --accept-partial")
+        damage.note(fault)
     return state
 
 

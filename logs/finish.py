@@ -1,0 +1,93 @@
+"""A journal becomes a finished MCAP file: chunks, zstd, indexes, statistics, CRCs; checked, then put in place at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from logs.damage import Damage
+from logs.mcap_stream import MESSAGE, McapStream
+from logs.schemas import RECORDING
+from sim.errors import DeviceError
+
+LIBRARY = "arm-calib"
+
+
+def finish(journal: Path, state: str, words: dict[str, str], target: Path | None = None) -> tuple[str, ...]:
+    """Replace the journal by a finished file of the same name (or write `target` and keep the journal); returns findings.
+
+    `words` join the journal's own metadata in the record `recording`. The finished file is written beside its place, synced,
+    read back and counted, and only then renamed: at every instant there is one whole file under the name.
+    """
+    damage = Damage(journal, accept_partial=state != "clean")
+    target = target or journal
+    part = target.with_name(target.name + ".part")
+
+    def body(writer: Writer) -> dict[int, int]:
+        with journal.open("rb") as file:
+            stream = McapStream(file, journal.stat().st_size, damage)
+            numbers: dict[int, int] = {}
+            for batch in stream.batches():
+                heads = batch.heads()
+                rows = zip(
+                    batch.starts.tolist(), heads["length"].tolist(), heads["channel"].tolist(), heads["sequence"].tolist(),
+                    heads["log"].tolist(), heads["publish"].tolist(), strict=True,
+                )  # fmt: skip
+                for start, length, channel, sequence, log, publish in rows:
+                    if channel not in numbers:
+                        numbers[channel] = _register(writer, stream, channel)
+                    data = batch.data[start + MESSAGE.itemsize : start + 9 + length]
+                    writer.add_message(numbers[channel], log, data, publish, sequence)
+            for name, record in stream.metadata.items():
+                writer.add_metadata(name, record | ({**words, "state": state} if name == RECORDING else {}))
+            if stream.unsealed:
+                damage.note(f"the last {stream.unsealed} bytes are an incomplete sample and are left out")
+            return {numbers[channel]: count for channel, count in stream.counts.items()}
+
+    write_file(part, body)
+    put_in_place(part, target)
+    return damage.all_findings()
+
+
+def write_file(part: Path, body: Callable[[Writer], dict[int, int]]) -> None:
+    """Write an MCAP file with `body`, sync it and read it back; `body` returns the number of messages on each channel."""
+    try:
+        with part.open("wb") as file:
+            writer = Writer(file, enable_data_crcs=True)
+            writer.start("ros2", LIBRARY)
+            counts = body(writer)
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
+        with part.open("rb") as file:
+            stream = McapStream(file, part.stat().st_size, Damage(part))
+            for _ in stream.batches():
+                pass
+        if stream.counts != {channel: count for channel, count in counts.items() if count}:
+            raise DeviceError(
+                f"{part}: reads back {stream.counts} messages where {counts} were written; the disk is not to be trusted"
+            )
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise DeviceError(
+            f"{part}: cannot be written ({error.strerror}); free space or use another disk, then finish it with `calib import`"
+        ) from error
+
+
+def put_in_place(part: Path, target: Path) -> None:
+    """Rename, and make the rename itself survive a power cut."""
+    os.replace(part, target)
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _register(writer: Writer, stream: McapStream, number: int) -> int:
+    channel = stream.channels[number]
+    schema = writer.register_schema(channel.schema, channel.schema_encoding, channel.definition.encode())
+    return writer.register_channel(channel.topic, channel.encoding, schema)

@@ -1,0 +1,177 @@
+"""The file behind a running recording: new, append-only, space reserved ahead, synced to the disk from another thread.
+
+After the first failed write nothing is written any more: `failure` keeps the sentence, and every later call raises it again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import threading
+import zlib
+from pathlib import Path
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Header, McapRecord, Metadata, Schema
+
+from logs.mcap_stream import JOURNAL, MAGIC, SEAL
+from logs.schemas import RECORDING, SCHEMAS, TOPICS
+from sim.errors import DeviceError
+
+AHEAD = 16 << 20
+SYNC_PERIOD = 0.2  # s: what a power cut can lose
+_KEEP_SIZE = 1
+_SEAL_HEAD = bytes([SEAL]) + (4).to_bytes(8, "little")
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """One record as the mcap library writes it."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()
+
+
+def journal_head(metadata: dict[str, str]) -> bytes:
+    """Header, what the recording says of itself (state open), schemas and channels: after the magic, a valid start of a file."""
+    numbers = {kind: k for k, kind in enumerate(SCHEMAS, start=1)}
+    records: list[McapRecord] = [Header(profile="ros2", library=JOURNAL)]
+    records.append(Metadata(name=RECORDING, metadata={**metadata, "state": "open"}))
+    records += [Schema(id=numbers[kind], name=kind, encoding="ros2msg", data=text.encode()) for kind, text in SCHEMAS.items()]
+    records += [
+        Channel(id=k, topic=topic, message_encoding="cdr", metadata={}, schema_id=numbers[kind])
+        for k, (topic, kind) in enumerate(TOPICS.items(), start=1)
+    ]
+    return b"".join(record_bytes(record) for record in records)
+
+
+class Disk:
+    """The calls to the operating system, in one place, so that a test can make any of them fail."""
+
+    def write(self, fd: int, data: bytes) -> int:
+        return os.write(fd, data)
+
+    def sync(self, fd: int) -> None:
+        os.fdatasync(fd)
+
+    def reserve(self, fd: int, start: int, size: int) -> None:
+        """Blocks for `size` bytes after `start` without making the file longer; OSError where there is no room.
+
+        posix_fallocate would make the file longer, and zeros are no MCAP records; fallocate(2) can keep the size.
+        """
+        fallocate = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)
+        if fallocate is None:
+            raise OSError(errno.EOPNOTSUPP, "no fallocate")
+        off_t = ctypes.c_int64
+        if fallocate(ctypes.c_int(fd), ctypes.c_int(_KEEP_SIZE), off_t(start), off_t(size)):
+            number = ctypes.get_errno()
+            raise OSError(number, os.strerror(number))
+
+    def free(self, fd: int) -> int:
+        """Bytes that an ordinary user can still write."""
+        status = os.fstatvfs(fd)
+        return status.f_bavail * status.f_frsize
+
+
+class Journal:
+    """`append(records)` is one write and a seal; a kill at any moment loses at most the sample that was being written."""
+
+    def __init__(self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None) -> None:
+        """A new file at `path`; `reserve` bytes are asked of the file system first, and more in time when they run low."""
+        self.path, self.disk = path, disk or Disk()
+        self._step = min(reserve, AHEAD)
+        self.failure: str | None = None
+        self.reserves = True
+        self._reserved = self._size = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DeviceError(f"{path.parent}: is no folder and cannot be made one ({error.strerror})") from error
+        try:
+            self._fd = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except FileExistsError:
+            raise DeviceError(f"{path}: exists already; recordings are never overwritten, give another name") from None
+        except OSError as error:
+            raise DeviceError(
+                f"{path}: cannot be created ({error.strerror}); record into a folder that can be written"
+            ) from error
+        try:
+            self._reserve(reserve)
+            self._check()
+            self._size = self.disk.write(self._fd, MAGIC)
+            self.append(journal_head(metadata))
+        except (OSError, DeviceError) as error:
+            os.close(self._fd)
+            path.unlink()
+            raise (
+                error if isinstance(error, DeviceError) else DeviceError(f"{path}: cannot be written ({error.strerror})")
+            ) from error
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._keep_synced, name="journal sync", daemon=True)
+        self._thread.start()
+
+    def append(self, records: bytes) -> None:
+        """Write `records` and their check sum at once; DeviceError from the first failure on."""
+        data = records + _SEAL_HEAD + zlib.crc32(records).to_bytes(4, "little")
+        if self.failure is None or self._size + len(data) <= self._reserved:
+            try:
+                written = self.disk.write(self._fd, data)
+                if written != len(data):
+                    raise OSError(errno.ENOSPC, f"{written} of {len(data)} bytes written")
+                self._size += written
+                if self._size + self._step // 2 > self._reserved:
+                    self._reserve(self._step)
+            except OSError as error:
+                self._reserved = 0
+                self._fail(error)
+        self._check()
+
+    def _reserve(self, size: int) -> None:
+        """Room for `size` more bytes; running out of it is a failure while there is still room to end the motion in."""
+        try:
+            self.disk.reserve(self._fd, self._size, size)
+            self._reserved = self._size + size
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):
+                self._fail(error)
+                return
+            self.reserves = False
+            if self.disk.free(self._fd) < size:
+                self._fail(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+                return
+            self._reserved = self._size + size
+
+    def _fail(self, error: OSError) -> None:
+        if self.failure is None:
+            self.failure = (
+                f"{self.path}: cannot be written after byte {self._size} ({error.strerror}); nothing is recorded from here on; "
+                "free space or use another disk, and record again"
+            )
+
+    def _check(self) -> None:
+        if self.failure is not None:
+            raise DeviceError(self.failure)
+
+    def _keep_synced(self) -> None:
+        while not self._stop.wait(SYNC_PERIOD):
+            try:
+                self.disk.sync(self._fd)
+            except OSError as error:
+                self._fail(error)
+                return
+
+    def close(self) -> None:
+        """Sync and close; a failure is raised after the file is closed. Safe to call more than once."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._thread.join()
+        try:
+            if self.failure is None:
+                self.disk.sync(self._fd)
+            os.ftruncate(self._fd, self._size)  # gives back what was reserved, and cuts half a sample off
+        except OSError as error:
+            self._fail(error)
+        finally:
+            os.close(self._fd)
+        self._check()

@@ -1,0 +1,169 @@
+"""Records joint states, commands and events: a journal while it runs, a finished MCAP file after a proper end."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from logs.encode import JointEncoder, log_body, message_record
+from logs.finish import finish
+from logs.journal import AHEAD, Disk, Journal
+from logs.schemas import TOPICS
+from sim.errors import CalibError, DeviceError
+from sim.joint_state import JointState, Status
+
+COMPLETED = "completed"  # the only end reason that makes a recording clean
+INFO, WARN, ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
+_STATES, _COMMANDS, _DIAGNOSTICS, _EVENTS = range(1, len(TOPICS) + 1)
+
+
+def metadata_text(metadata: Mapping[str, Any]) -> dict[str, str]:
+    """What the recording says of itself, as text: text as it is, anything else as JSON."""
+    return {key: value if isinstance(value, str) else json.dumps(value, allow_nan=False) for key, value in metadata.items()}
+
+
+class Recorder:
+    """Every sample is on its way to the disk when `write` returns; a failure to write is raised and never forgotten.
+
+    A recording is a journal (state open) at `path` until `close("completed")` turns it into a finished file of the same name
+    (state clean). Any other end reason, or leaving the context by an exception, makes it state aborted. `write` may raise
+    DeviceError (disk full, pulled, read-only): the motion must then stop, and the file is never reported as complete.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        joint_names: Sequence[str],
+        metadata: Mapping[str, Any] | None = None,
+        *,
+        reserve: int = AHEAD,
+        disk: Disk | None = None,
+        wall_clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """`reserve` bytes of disk are set aside first; `wall_clock` (ns) is read once here and once at the end."""
+        self.path = Path(path)
+        self.joint_names = tuple(joint_names)
+        if not self.joint_names or len(set(self.joint_names)) != len(self.joint_names):
+            raise ValueError(f"a recording needs different joint names, got {self.joint_names}")
+        self.samples = 0
+        self._wall_clock = wall_clock
+        self._wall_start = wall_clock()
+        self._host_start: float | None = None
+        self._host_last = math.nan
+        self._counts = [0] * (len(TOPICS) + 1)
+        self._encoder = JointEncoder(self.joint_names)
+        self._slow = b""
+        self._status = Status.RUNNING
+        self._closed = False
+        head = metadata_text(metadata or {}) | {
+            "software": f"arm-calib {_own_version()}",
+            "joint_names": json.dumps(self.joint_names),
+            "wall_clock_start_ns": str(self._wall_start),
+        }
+        self._journal = Journal(self.path, head, reserve, disk)
+
+    def write(
+        self,
+        state: JointState,
+        q_cmd: np.ndarray | None = None,
+        dq_cmd: np.ndarray | None = None,
+        tau_cmd: np.ndarray | None = None,
+    ) -> None:
+        """Append one sample and the command (n,) rad, rad/s, N m that was sent with it; one write to the file."""
+        if state.n != len(self.joint_names):
+            raise ValueError(f"a state of {state.n} joints in a recording of {len(self.joint_names)}")
+        stamp, host = self._times(state.t_device, state.t)
+        records = [self._joints(_STATES, host, stamp, (state.q, state.dq, state.tau))]
+        if q_cmd is not None:
+            command = [self._array(value) for value in (q_cmd, dq_cmd, tau_cmd)]
+            records.append(self._joints(_COMMANDS, host, stamp, command))
+        slow = state.current.tobytes() + state.temperature.tobytes()
+        if slow != self._slow and not (np.isnan(state.current).all() and np.isnan(state.temperature).all()):
+            self._slow = slow
+            records.append(self._joints(_DIAGNOSTICS, host, stamp, (state.current, state.temperature)))
+        if state.status is not self._status:
+            self._status = state.status
+            level = INFO if state.status in (Status.RUNNING, Status.IDLE) else ERROR
+            records.append(self._event(host, stamp, level, "status", f"{state.status.value} {state.detail}".strip()))
+        self._journal.append(b"".join(records))
+        self.samples += 1
+
+    def event(self, level: int, name: str, message: str, t_device: float) -> None:
+        """Append a line to /events at `t_device`, s on the device clock."""
+        stamp, host = self._times(t_device, self._host_last if self._host_start is not None else 0.0)
+        self._journal.append(self._event(host, stamp, level, name, message))
+
+    def close(self, end_reason: str = COMPLETED) -> None:
+        """End the recording: clean if `end_reason` is "completed", else aborted for that reason. Safe to call more than once.
+
+        DeviceError where a write had failed or the finished file cannot be made; what was written stays in the journal.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        state = "clean" if end_reason == COMPLETED else "aborted"
+        self._journal.close()
+        finish(
+            self.path, state,
+            {
+                "end_reason": end_reason, "samples": str(self.samples), "wall_clock_end_ns": str(self._wall_clock()),
+                "host_clock_start": repr(self._host_start), "host_clock_end": repr(self._host_last),
+                "space_reserved": str(self._journal.reserves).lower(),
+            },
+        )  # fmt: skip
+
+    def _times(self, t_device: float, t_host: float) -> tuple[int, int]:
+        """Stamps in ns: the device clock as it is, the host clock as wall time at the start plus what has passed since."""
+        if not (math.isfinite(t_device) and math.isfinite(t_host) and 0 <= t_device < 2**31):
+            raise DeviceError(
+                f"{self.path}: instants {t_device} s (device) and {t_host} s (host) cannot be recorded; the device clock must be "
+                "finite and within 0 to 2^31 s: check the driver"
+            )
+        if self._host_start is None:
+            self._host_start = t_host
+        self._host_last = t_host
+        return round(t_device * 1e9), self._wall_start + round((t_host - self._host_start) * 1e9)
+
+    def _array(self, value: np.ndarray | None) -> np.ndarray:
+        n = len(self.joint_names)
+        array = np.full(n, np.nan) if value is None else np.asarray(value, dtype=float)
+        if array.shape != (n,):
+            raise ValueError(f"a command of shape {array.shape} in a recording of {n} joints")
+        return array
+
+    def _joints(self, channel: int, host: int, stamp: int, arrays: Sequence[np.ndarray]) -> bytes:
+        return self._record(channel, host, stamp, self._encoder.body(stamp, arrays))
+
+    def _event(self, host: int, stamp: int, level: int, name: str, text: str) -> bytes:
+        return self._record(_EVENTS, host, stamp, log_body(stamp, level, name, text))
+
+    def _record(self, channel: int, host: int, stamp: int, body: bytes) -> bytes:
+        self._counts[channel] += 1
+        return message_record(channel, self._counts[channel] - 1, max(host, 0), stamp, body)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if error is None:
+            self.close()
+            return
+        try:
+            self.close(f"{type(error).__name__}: {error}")
+        except CalibError as second:
+            error.add_note(str(second))
+
+
+def _own_version() -> str:
+    try:
+        return version("arm-calib")
+    except PackageNotFoundError:
+        return "(not installed)"
