@@ -2,6 +2,7 @@
 
 from logs.log import Event, Log, State
 from logs.read import read_log
-from logs.recorder import Recorder
+from logs.recorder import COMPLETED, Recorder, Recording
+from logs.recorder_process import RecorderProcess
 
-__all__ = ["Event", "Log", "State", "read_log", "Recorder"]
+__all__ = ["COMPLETED", "Event", "Log", "Recorder", "RecorderProcess", "Recording", "State", "read_log"]

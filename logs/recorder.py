@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,6 +19,7 @@ from logs.journal import AHEAD, Disk, Journal
 from logs.schemas import TOPICS
 from sim.errors import CalibError, DeviceError
 from sim.joint_state import JointState, Status
+from sim.version import software_version
 
 COMPLETED = "completed"  # the only end reason that makes a recording clean
 INFO, WARN, ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
@@ -30,7 +31,45 @@ def metadata_text(metadata: Mapping[str, Any]) -> dict[str, str]:
     return {key: value if isinstance(value, str) else json.dumps(value, allow_nan=False) for key, value in metadata.items()}
 
 
-class Recorder:
+class Recording(ABC):
+    """Something that takes samples and events until it is closed; leaving its context by an exception ends it as aborted."""
+
+    path: Path
+    joint_names: tuple[str, ...]
+    samples: int
+
+    @abstractmethod
+    def write(
+        self,
+        state: JointState,
+        q_cmd: np.ndarray | None = None,
+        dq_cmd: np.ndarray | None = None,
+        tau_cmd: np.ndarray | None = None,
+    ) -> None:
+        """One sample and the command (n,) rad, rad/s, N m that was sent with it; DeviceError once recording has failed."""
+
+    @abstractmethod
+    def event(self, level: int, name: str, message: str, t_device: float) -> None:
+        """One line of /events at `t_device`, s on the device clock."""
+
+    @abstractmethod
+    def close(self, end_reason: str = COMPLETED) -> None:
+        """End the recording: clean if `end_reason` is "completed", else aborted for that reason. Safe to call more than once."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if error is None:
+            self.close()
+            return
+        try:
+            self.close(f"{type(error).__name__}: {error}")
+        except CalibError as second:
+            error.add_note(str(second))
+
+
+class Recorder(Recording):
     """Every sample is on its way to the disk when `write` returns; a failure to write is raised and never forgotten.
 
     A recording is a journal (state open) at `path` until `close("completed")` turns it into a finished file of the same name
@@ -64,7 +103,7 @@ class Recorder:
         self._status = Status.RUNNING
         self._closed = False
         head = metadata_text(metadata or {}) | {
-            "software": f"arm-calib {_own_version()}",
+            "software": software_version(),
             "joint_names": json.dumps(self.joint_names),
             "wall_clock_start_ns": str(self._wall_start),
         }
@@ -148,22 +187,3 @@ class Recorder:
     def _record(self, channel: int, host: int, stamp: int, body: bytes) -> bytes:
         self._counts[channel] += 1
         return message_record(channel, self._counts[channel] - 1, max(host, 0), stamp, body)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if error is None:
-            self.close()
-            return
-        try:
-            self.close(f"{type(error).__name__}: {error}")
-        except CalibError as second:
-            error.add_note(str(second))
-
-
-def _own_version() -> str:
-    try:
-        return version("arm-calib")
-    except PackageNotFoundError:
-        return "(not installed)"

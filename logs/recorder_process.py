@@ -1,0 +1,195 @@
+"""A recorder in a process of its own: the control loop hands samples over in microseconds and never waits for the disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from logs.journal import AHEAD
+from logs.recorder import COMPLETED, Recorder, Recording, metadata_text
+from logs.ring import Ring, shared_memory
+from sim.errors import DeviceError
+from sim.joint_state import JointState, Status
+
+SLOTS = 8192  # 16 s at 500 Hz: longer than a disk usually stalls
+SAMPLE, EVENT = 1, 2
+START_TIME = 30.0  # s
+CLOSE_TIME = 600.0  # s
+_SAMPLE = struct.Struct("<BBBxxxxxdd")  # kind, status, whether a command is there, host clock, device clock
+_STATUSES = tuple(Status)
+
+
+class RecorderProcess(Recording):
+    """The methods of `Recorder`; samples travel over a bounded ring in shared memory.
+
+    `write` raises DeviceError, without ever waiting, once the ring is full (the disk is too slow: samples are lost and counted,
+    the recording ends aborted), once the recording process has failed to write, or once it is gone. If this process dies, the
+    recording process writes what the ring still holds and ends the file as aborted.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        joint_names: Sequence[str],
+        metadata: Mapping[str, Any] | None = None,
+        *,
+        reserve: int = AHEAD,
+        slots: int = SLOTS,
+        stall: float = 0.0,
+    ) -> None:
+        """Start the recording process and wait until its file is open; `stall` (s) makes every write slow, for tests."""
+        self.path, self.joint_names = Path(path), tuple(joint_names)
+        self.samples = 0
+        self._closed = False
+        slot = -(-(256 + 64 * len(self.joint_names)) // 64) * 64
+        fd = shared_memory(Ring.bytes(slots, slot))
+        try:
+            self._ring = Ring(fd, slots, slot)
+            task = {
+                "fd": fd, "slots": slots, "slot": slot, "parent": os.getpid(), "path": str(self.path), "reserve": reserve,
+                "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}), "stall": stall,
+            }  # fmt: skip
+            root = str(Path(__file__).resolve().parent.parent)
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", "import sys; from logs.recorder_process import serve; serve(sys.argv[1])", json.dumps(task)],
+                pass_fds=(fd,), start_new_session=True, stdin=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))},
+            )  # fmt: skip
+        finally:
+            os.close(fd)
+        self._await_start()
+
+    def _await_start(self) -> None:
+        deadline = time.monotonic() + START_TIME
+        while self._ring.said("ready") is None and self._process.poll() is None:
+            if time.monotonic() > deadline:
+                self._process.kill()
+            time.sleep(0.002)
+        if self._process.poll() is not None:
+            raise DeviceError(self._failure())
+
+    def write(
+        self,
+        state: JointState,
+        q_cmd: np.ndarray | None = None,
+        dq_cmd: np.ndarray | None = None,
+        tau_cmd: np.ndarray | None = None,
+    ) -> None:
+        """Hand over one sample and the command that was sent with it; never waits."""
+        n = len(self.joint_names)
+        if state.n != n:
+            raise ValueError(f"a state of {state.n} joints in a recording of {n}")
+        commands = [
+            np.full(n, np.nan) if value is None else np.asarray(value, dtype=float) for value in (q_cmd, dq_cmd, tau_cmd)
+        ]
+        if any(command.shape != (n,) for command in commands):
+            raise ValueError(f"a command of shapes {[c.shape for c in commands]} in a recording of {n} joints")
+        head = _SAMPLE.pack(SAMPLE, _STATUSES.index(state.status), q_cmd is not None, state.t, state.t_device)
+        arrays = (state.q, state.dq, state.tau, state.current, state.temperature, *commands)
+        self._put(head + b"".join(array.tobytes() for array in arrays) + state.detail.encode("utf-8"))
+        self.samples += 1
+
+    def event(self, level: int, name: str, message: str, t_device: float) -> None:
+        """Hand over a line of /events."""
+        self._put(bytes([EVENT]) + json.dumps([level, name, message, t_device]).encode("utf-8"))
+
+    def close(self, end_reason: str = COMPLETED) -> None:
+        """End the recording as `Recorder.close` does; DeviceError where it could not be ended as a clean file."""
+        if self._closed:
+            return
+        self._closed = True
+        self._ring.say("end", end_reason)
+        try:
+            self._process.wait(CLOSE_TIME)
+        except subprocess.TimeoutExpired:
+            raise DeviceError(
+                f"{self.path}: the recording process has not ended in {CLOSE_TIME:g} s; leave it running, or kill process "
+                f"{self._process.pid} and recover the file with `calib import`"
+            ) from None
+        if self._process.returncode or self._ring.said("failure"):
+            raise DeviceError(self._failure())
+
+    def _put(self, data: bytes) -> None:
+        self._check()
+        if not self._ring.put(data):
+            raise DeviceError(self._failure())
+
+    def _check(self) -> None:
+        if self._ring.said("failure") or self._ring.lost or self._process.poll() is not None:
+            raise DeviceError(self._failure())
+
+    def _failure(self) -> str:
+        said = self._ring.said("failure")
+        if said:
+            return said
+        if self._ring.lost:
+            return (
+                f"{self.path}: the disk is slower than the samples come: the ring of {self._ring.slots} is full and "
+                f"{self._ring.lost} are lost; record to a faster disk, or at a lower rate"
+            )
+        return (
+            f"{self.path}: the recording process is gone, or did not start in {START_TIME:g} s (exit code {self._process.returncode}); what it wrote can be recovered "
+            "with `calib import`"
+        )
+
+
+def serve(task_text: str) -> None:
+    """The recording process: take from the ring and write, until told to end or until the parent is gone."""
+    task = json.loads(task_text)
+    ring = Ring(task["fd"], task["slots"], task["slot"])
+    os.close(task["fd"])
+    try:
+        recorder = Recorder(task["path"], task["joint_names"], task["metadata"], reserve=task["reserve"])
+        ring.say("ready", "yes")
+        _record(ring, recorder, task)
+    except Exception as error:  # whatever it is, the control loop must learn of it
+        ring.say("failure", str(error) or type(error).__name__)
+        sys.exit(1)
+
+
+def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
+    n = len(recorder.joint_names)
+    failure: DeviceError | None = None
+    while True:
+        orphan = os.getppid() != task["parent"]
+        end = "the program that recorded died" if orphan else ring.said("end")
+        data = ring.take()
+        if data is None:
+            if end is not None:
+                break
+            time.sleep(0.001)
+            continue
+        time.sleep(task["stall"])
+        try:
+            _write(recorder, data, n)
+        except DeviceError as error:
+            failure = failure or error
+            ring.say("failure", str(error))
+    if ring.lost:
+        end = f"{ring.lost} samples were lost: the disk was too slow"
+    recorder.close(end)
+    if failure is not None:
+        raise failure
+
+
+def _write(recorder: Recorder, data: bytes, n: int) -> None:
+    if data[0] == EVENT:
+        level, name, message, t_device = json.loads(data[1:])
+        recorder.event(level, name, message, t_device)
+        return
+    _, status, commanded, t, t_device = _SAMPLE.unpack_from(data)
+    size = _SAMPLE.size + 64 * n
+    arrays = np.frombuffer(data, offset=_SAMPLE.size, count=8 * n).reshape(8, n)
+    q, dq, tau, current, temperature = arrays[:5]
+    detail = data[size:].decode("utf-8")
+    state = JointState(t, t_device, q, dq, tau, current, temperature, _STATUSES[status], detail)
+    recorder.write(state, *(arrays[5:] if commanded else ()))

@@ -1,0 +1,120 @@
+"""The recording process: nothing is lost on a proper end, and every other end is seen."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from logs import RecorderProcess, State, read_log
+from sim.errors import DeviceError
+from sim.joint_state import JointState, Status
+
+NAMES = ("a", "b")
+
+
+def sample(k, status=Status.RUNNING, detail=""):
+    x = np.array([0.001 * k, 1.0])
+    return JointState(5 + 0.002 * k, 0.002 * k, x, x + 1, x + 2, x + 3, x + 30, status=status, detail=detail)
+
+
+def record(recorder, count, pause=0.0):
+    for k in range(count):
+        recorder.write(sample(k))
+        time.sleep(pause)
+
+
+def test_what_was_handed_over_is_read(tmp_path):
+    with RecorderProcess(tmp_path / "a.mcap", NAMES, {"arm": "x"}) as recorder:
+        for k in range(500):
+            recorder.write(sample(k), sample(k).q + 9, sample(k).q, sample(k).q)
+        recorder.event(30, "guard", "a long text " * 100, 1.0)
+        recorder.write(sample(500, Status.FAULT, "joint 2"), *[np.zeros(2)] * 3)
+    log = read_log(tmp_path / "a.mcap")
+    assert (len(log), log.state, log.metadata["arm"]) == (501, State.CLEAN, "x")
+    x = np.array([sample(k).q for k in range(501)])
+    np.testing.assert_array_equal(log.q, x)
+    np.testing.assert_array_equal(log.temperature, x + 30)
+    np.testing.assert_array_equal(log.q_cmd[:500], x[:500] + 9)
+    assert log.events[0].message == "a long text " * 100
+    assert log.events[1].message == f"{Status.FAULT.value} joint 2"
+
+
+def test_a_slow_disk_is_counted_and_stops_the_run(tmp_path):
+    recorder = RecorderProcess(tmp_path / "a.mcap", NAMES, slots=16, stall=0.01)
+    with pytest.raises(DeviceError, match="the ring of 16 is full and 1 are lost"):
+        record(recorder, 1000)
+    handed_over = recorder.samples
+    assert 16 <= handed_over < 999
+    with pytest.raises(DeviceError, match="the ring of 16 is full"):
+        recorder.write(sample(0))
+    recorder.close()
+    log = read_log(tmp_path / "a.mcap", accept_partial=True)
+    assert (len(log), log.state) == (handed_over, State.ABORTED)
+    assert "1 samples were lost" in log.metadata["end_reason"]
+
+
+def test_the_recording_process_fails_to_open_its_file(tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"x")
+    with pytest.raises(DeviceError, match="never overwritten"):
+        RecorderProcess(tmp_path / "a.mcap", NAMES)
+
+
+def test_a_failed_write_reaches_the_control_loop(tmp_path):
+    folder = tmp_path / "small"
+    folder.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", folder], capture_output=True).returncode:
+        pytest.skip("a small file system cannot be mounted by this user")
+    try:
+        recorder = RecorderProcess(folder / "a.mcap", NAMES, reserve=32_768)
+        with pytest.raises(DeviceError, match=os.strerror(errno.ENOSPC)):
+            record(recorder, 100_000, pause=0.0001)
+        with pytest.raises(DeviceError, match=os.strerror(errno.ENOSPC)):
+            recorder.close()
+        assert len(read_log(folder / "a.mcap", accept_partial=True)) > 100
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
+def test_the_death_of_the_recording_process_is_seen(tmp_path):
+    recorder = RecorderProcess(tmp_path / "a.mcap", NAMES)
+    recorder.write(sample(0))
+    recorder._process.kill()
+    recorder._process.wait()
+    with pytest.raises(DeviceError, match=r"is gone.*\(exit code -9\)"):
+        recorder.write(sample(1))
+    with pytest.raises(DeviceError, match="is gone"):
+        recorder.close()
+
+
+PARENT = """
+import sys, time, numpy as np
+from logs import RecorderProcess
+from sim.joint_state import JointState
+recorder = RecorderProcess(sys.argv[1], ("a", "b"))
+for k in range(300):
+    x = np.array([0.001 * k, 1.0])
+    recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x))
+print("handed over", flush=True)
+time.sleep(60)
+"""
+
+
+def test_the_death_of_the_control_loop_ends_the_file_as_aborted(tmp_path):
+    path = tmp_path / "a.mcap"
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, str(path)], stdout=subprocess.PIPE)
+    assert parent.stdout.readline() == b"handed over\n"
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 60
+    log = read_log(path, accept_partial=True)
+    while log.state is not State.ABORTED and time.monotonic() < deadline:
+        time.sleep(0.02)
+        log = read_log(path, accept_partial=True)
+    assert (len(log), log.state) == (300, State.ABORTED)
+    assert log.metadata["end_reason"] == "the program that recorded died"

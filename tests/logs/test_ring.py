@@ -1,0 +1,65 @@
+"""The ring loses nothing it took, counts what it did not take, and never hands out half a message."""
+
+import os
+import random
+
+import pytest
+
+from logs.ring import Ring, shared_memory
+
+
+@pytest.fixture
+def ends():
+    fd = shared_memory(Ring.bytes(8, 64))
+    yield Ring(fd, 8, 64), Ring(fd, 8, 64)
+    os.close(fd)
+
+
+def test_messages_come_out_as_they_went_in(ends):
+    put, take = ends
+    rng = random.Random(1)
+    for _ in range(500):
+        sent = [rng.randbytes(rng.randrange(0, 60)) for _ in range(rng.randrange(0, 4))]
+        assert all(put.put(data) for data in sent)
+        assert [take.take() for _ in sent] == sent
+        assert take.take() is None
+    assert put.lost == 0
+
+
+def test_a_message_longer_than_a_slot_takes_several(ends):
+    put, take = ends
+    text = bytes(range(200))
+    assert put.put(text)
+    assert put.put(b"x")
+    assert take.take() == text
+    assert take.take() == b"x"
+    assert not put.put(bytes(8 * 64))
+
+
+def test_a_full_ring_refuses_and_counts(ends):
+    put, take = ends
+    assert [put.put(bytes([k])) for k in range(10)] == [True] * 8 + [False] * 2
+    assert (put.lost, take.lost) == (2, 2)
+    assert take.take() == b"\x00"
+    assert put.put(b"again")
+    assert [take.take() for _ in range(8)] == [bytes([k]) for k in range(1, 8)] + [b"again"]
+
+
+def test_a_slot_that_is_not_wholly_written_is_not_taken(ends):
+    put, take = ends
+    put.put(b"abcdef")
+    at = put._memory.find(b"abcdef")
+    put._memory[at] ^= 1
+    assert take.take() is None
+    put._memory[at] ^= 1
+    assert take.take() == b"abcdef"
+
+
+def test_the_first_text_stays(ends):
+    put, take = ends
+    assert take.said("end") is None
+    put.say("end", "")
+    put.say("end", "later")
+    assert take.said("end") == ""
+    put.say("failure", "Ä" * 2000)
+    assert take.said("failure").startswith("ÄÄÄ")
