@@ -28,6 +28,11 @@ def quaternion(rotation: np.ndarray) -> np.ndarray:
     return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
 
 
+def full_inertia(inertia: np.ndarray) -> list[float]:
+    """(3, 3) in the order of MJCF's fullinertia: xx yy zz xy xz yz."""
+    return [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+
+
 def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = ()) -> str:
     """MJCF of the arm's tree with its native effects, one torque motor a joint, and boxes and planes to bump into."""
     tree = arm.tree
@@ -67,8 +72,7 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
 
 def add_inertial(body: ElementTree.Element, tree: KinematicTree, link: int) -> None:
     """The <inertial> of one link: full inertia about the centre of mass, in the body's axes."""
-    inertia = tree.inertia[link]
-    full = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    full = full_inertia(tree.inertia[link])
     attributes = {"pos": numbers(tree.com[link]), "mass": numbers([tree.mass[link]]), "fullinertia": numbers(full)}
     body.insert(0, ElementTree.Element("inertial", attributes))
 

@@ -192,17 +192,41 @@ def _check_inertia(where: str, element: ElementTree.Element) -> None:
         )
 
 
+def asset_files(text: str, folder: Path) -> dict[str, Path]:
+    """The mesh, texture and height-field files that MuJoCo reads for a checked model: path under `folder` -> file."""
+    root = ElementTree.fromstring(text)
+    urdf = root.tag == "robot"
+    places = {key: c.get(key, "") for c in root.iter("compiler") for key in ("assetdir", "meshdir", "texturedir") if c.get(key)}
+    collision_only = urdf and not any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
+    elements = [e for part in root.iter("collision") for e in part.iter()] if collision_only else root.iter()
+    found: dict[str, Path] = {}
+    for element in elements:
+        name = element.get("filename" if urdf else "file")
+        if element.tag not in ("mesh", "texture", "hfield", "skin") or not name:
+            continue
+        place = places.get("texturedir" if element.tag == "texture" else "meshdir") or places.get("assetdir", "")
+        candidates = [Path(place, name), Path(name), Path(place, Path(name).name), Path(Path(name).name)]
+        relative = next((c for c in candidates if (folder / c).is_file()), None)
+        if relative is None:
+            raise ConfigError(f"<{element.tag}> file {name!r} is not in {folder / place}; copy the file to there")
+        if not (folder / relative).resolve().is_relative_to(folder.resolve()):
+            raise ConfigError(f"<{element.tag}> file {folder / relative} leaves the folder {folder}; copy the file into it")
+        twin = next((p for p in found.values() if p.name == relative.name and p != folder / relative), None)
+        if twin is not None:
+            raise ConfigError(
+                f"{twin} and {folder / relative} have the same file name, which MuJoCo cannot tell apart; rename one"
+            )
+        found[relative.as_posix()] = folder / relative
+    return found
+
+
 def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
-    """The text as MuJoCo compiles it, with meshes from `folder`; ConfigError carries MuJoCo's own words."""
+    """The text as MuJoCo compiles it, with the files it names from `folder`; ConfigError carries MuJoCo's own words."""
     try:
-        assets = {}
-        for file in sorted(folder.rglob("*")) if folder.is_dir() else []:
-            if file.suffix.lower() in (".stl", ".obj", ".msh") and file.is_file():
-                if not file.resolve().is_relative_to(folder.resolve()):
-                    raise ConfigError(f"{file}: leaves the folder {folder}; copy the mesh into it")
-                assets[str(file.relative_to(folder))] = file.read_bytes()
-                assets.setdefault(file.name, assets[str(file.relative_to(folder))])
+        assets = {file.name: file.read_bytes() for file in asset_files(text, folder).values()}
         return mujoco.MjModel.from_xml_string(text, assets)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from error
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigError(f"{name}: MuJoCo cannot compile it: {str(error).strip()}") from error
 
@@ -311,7 +335,15 @@ def _merged(
     for b in bodies:
         r, p = to_link[b]
         axes = r @ _matrix(model.body_iquat[b])
-        parts.append((model.body_mass[b], p + r @ model.body_ipos[b], axes @ np.diag(model.body_inertia[b]) @ axes.T))
+        parts.append((float(model.body_mass[b]), p + r @ model.body_ipos[b], axes @ np.diag(model.body_inertia[b]) @ axes.T))
+    return combined(parts)
+
+
+def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass kg, centre of mass (3,) m and inertia (3, 3) kg m^2 about it of bodies in one frame (parallel axis theorem)."""
+    parts = [p for p in parts if p[0] != 0 or np.any(p[2])]
+    if len(parts) == 1:
+        return parts[0]
     mass = float(sum(m for m, _, _ in parts))
     if mass == 0:
         return 0.0, np.zeros(3), sum((i for _, _, i in parts), np.zeros((3, 3)))

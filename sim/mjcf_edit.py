@@ -1,0 +1,172 @@
+"""Change numbers in an arm's own MJCF text and leave everything else as it stands: meshes, materials, names, comments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from sim.arm import ArmEffect
+from sim.effects import effect_named
+from sim.errors import ConfigError
+from sim.mjcf import add_inertial, full_inertia, numbers
+from sim.model import KinematicTree, combined
+
+Element = ElementTree.Element
+Inertial = tuple[float, np.ndarray, np.ndarray]
+PAYLOAD = "calib_payload"
+# compiler settings by which MuJoCo would change the written masses again
+REWRITES_MASS = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
+
+
+def edited(
+    text: str,
+    model: mujoco.MjModel,
+    before: KinematicTree,
+    after: KinematicTree,
+    payload: Inertial | None = None,
+    effects: Iterable[ArmEffect] = (),
+) -> str:
+    """`text` with every number in which `after` differs from `before`, the tree that `model` was compiled to.
+
+    payload: mass kg, com (3,) m, inertia (3, 3) kg m^2 about it, a body of its own on the last link (see PAYLOAD), beside `after`.
+    effects: those that MuJoCo has as elements of their own (ripple, bias) replace the ones written earlier.
+    """
+    root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    bodies = _bodies(root)
+    if len(bodies) != before.n:
+        raise ConfigError(
+            f"the model has {before.n} joints but {len(bodies)} <joint> elements; write the arm out as plain bodies and joints"
+        )
+    changed = [j for j in range(before.n) if not _same_inertial(before, after, j)]
+    if payload is not None or changed:
+        for compiler in root.findall("compiler"):
+            if [compiler.attrib.pop(key) for key in REWRITES_MASS if key in compiler.attrib]:
+                changed = list(range(before.n))
+    for j in changed:
+        _set_inertial(bodies[j][0], _shifted(after, j, model.jnt_pos[j]), j)
+    degrees = not any(c.get("angle") == "radian" for c in root.findall("compiler"))
+    for j, (_, joint) in enumerate(bodies):
+        _set_joint(joint, model, before, after, j, degrees)
+    if not np.array_equal(before.gravity, after.gravity):
+        _set_gravity(root, after.gravity)
+    if payload is not None:
+        _add_payload(bodies[-1][0], payload, model.jnt_pos[before.n - 1])
+    _set_elements(root, effects)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _bodies(root: Element) -> list[tuple[Element, Element]]:
+    """(body, joint) of each moving link, in the order of the compiled model: bodies depth first."""
+    found = []
+    for body in (b for world in root.findall("worldbody") for b in world.iter("body")):
+        joint = next((e for e in _own(body) if e.tag == "joint"), None)
+        if joint is not None:
+            found.append((body, joint))
+    return found
+
+
+def _own(body: Element) -> Iterable[Element]:
+    """The elements of a body itself, those in its <frame>s included, without its child bodies."""
+    for child in body:
+        yield child
+        if child.tag == "frame":
+            yield from _own(child)
+
+
+def _fixed_children(body: Element) -> list[Element]:
+    """The bodies that are rigidly attached to `body`, directly or through one another."""
+    fixed = []
+    for child in (e for e in _own(body) if e.tag == "body"):
+        if not any(e.tag == "joint" for e in _own(child)):
+            fixed += [child, *_fixed_children(child)]
+    return fixed
+
+
+def _same_inertial(a: KinematicTree, b: KinematicTree, j: int) -> bool:
+    return a.mass[j] == b.mass[j] and np.array_equal(a.com[j], b.com[j]) and np.array_equal(a.inertia[j], b.inertia[j])
+
+
+def _shifted(tree: KinematicTree, j: int, joint_position: np.ndarray) -> KinematicTree:
+    """The tree with link j's centre of mass in its body's frame, which need not sit at the joint."""
+    com = tree.com.copy()
+    com[j] = com[j] + joint_position
+    return replace(tree, com=com)
+
+
+def _set_inertial(body: Element, tree: KinematicTree, j: int) -> None:
+    """Give the link's whole inertia to its own body; bodies fixed to it, which had a share of it, keep none."""
+    for old in body.findall("inertial"):
+        body.remove(old)
+    add_inertial(body, tree, j)
+    for child in _fixed_children(body):
+        for old in child.findall("inertial"):
+            child.remove(old)
+        child.insert(0, Element("inertial", {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}))
+
+
+def _set_joint(
+    joint: Element, model: mujoco.MjModel, before: KinematicTree, after: KinematicTree, j: int, degrees: bool
+) -> None:
+    dof = int(model.jnt_dofadr[j])
+    rest = {"damping": model.dof_dampingpoly[dof], "stiffness": model.jnt_stiffnesspoly[j]}
+    for key in ("damping", "frictionloss", "armature", "stiffness"):
+        value = getattr(after, key)[j]
+        if value != getattr(before, key)[j]:
+            higher = rest.get(key, np.zeros(0))
+            joint.set(key, numbers([value, *higher] if np.any(higher) else [value]))
+    if after.springref[j] != before.springref[j]:
+        turn = degrees and not after.prismatic[j]
+        joint.set("springref", numbers([math.degrees(after.springref[j]) if turn else after.springref[j]]))
+
+
+def _set_gravity(root: Element, gravity: np.ndarray) -> None:
+    options = root.findall("option")
+    if not options:
+        options = [Element("option")]
+        root.insert(0, options[0])
+    for option in options:
+        option.attrib.pop("gravity", None)
+    options[-1].set("gravity", numbers(gravity))
+
+
+def _add_payload(last: Element, payload: Inertial, joint_position: np.ndarray) -> None:
+    """Mount `payload` on the last link; what was mounted there by an earlier call stays, in one body with it."""
+    earlier = next((e for e in last.findall("body") if e.get("name") == PAYLOAD), None)
+    if earlier is not None:
+        last.remove(earlier)
+        payload = combined([payload, _inertial(earlier)])
+    mass, com, inertia = payload
+    body = Element("body", {"name": PAYLOAD, "pos": numbers(joint_position)})
+    form = {"fullinertia": numbers(full_inertia(inertia))} if np.any(inertia) else {"diaginertia": "0 0 0"}
+    body.append(Element("inertial", {"pos": numbers(com), "mass": numbers([mass]), **form}))
+    last.append(body)
+
+
+def _inertial(body: Element) -> Inertial:
+    """The inertial of a payload body as `_add_payload` writes it."""
+    inertial = body.find("inertial")
+    if inertial is None:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    xx, yy, zz, xy, xz, yz = [float(x) for x in inertial.get("fullinertia", "0 0 0 0 0 0").split()]
+    com = np.array([float(x) for x in inertial.get("pos", "0 0 0").split()])
+    return float(inertial.get("mass", "0")), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _set_elements(root: Element, effects: Iterable[ArmEffect]) -> None:
+    """Replace the passive actuators by which MuJoCo expresses effects; they are named calib_<effect>_<joint>."""
+    forms = [(e, effect_named(e.effect).mjcf(e.joint or "", e.parameters)) for e in effects]
+    for section in root.findall("actuator"):
+        for old in [e for e in section if e.get("name", "").startswith("calib_")]:
+            section.remove(old)
+    for _, form in forms:
+        for section_name, tag, attributes in form.elements if form else ():
+            place = root.find(section_name)
+            if place is None:
+                place = ElementTree.SubElement(root, section_name)
+            ElementTree.SubElement(place, tag, attributes)
