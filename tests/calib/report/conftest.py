@@ -26,10 +26,10 @@ def _browser() -> Iterator[Any]:
 
 @pytest.fixture
 def visit(_browser: Any) -> Iterator[Callable[..., Visit]]:
-    """Open a file: visit(path, dark=False, width=1280) -> Visit; a screenshot stays in build/screenshots."""
+    """Open a file: visit(path, dark=False, width=1280) -> Visit; `before` runs ahead of the page's own scripts; a screenshot stays in build/screenshots."""
     contexts = []
 
-    def opened(path: Path, dark: bool = False, width: int = 1280, shot: str | None = None) -> Visit:
+    def opened(path: Path, dark: bool = False, width: int = 1280, shot: str | None = None, before: str = "") -> Visit:
         context = _browser.new_context(
             viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light", offline=True
         )
@@ -38,6 +38,7 @@ def visit(_browser: Any) -> Iterator[Callable[..., Visit]]:
         seen.page.on("console", lambda m: seen.complaints.append(m.text) if m.type in ("error", "warning") else None)
         seen.page.on("pageerror", lambda e: seen.complaints.append(str(e)))
         seen.page.on("request", lambda r: seen.requests.append(r.url))
+        seen.page.add_init_script(before)
         seen.page.goto(path.resolve().as_uri())
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         name = (shot or path.stem) + ("-dark" if dark else "") + ("" if width == 1280 else f"-{width}")
