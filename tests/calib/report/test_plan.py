@@ -80,7 +80,7 @@ def test_it_plays_and_scrubs(page: Path, visit: Callable[..., Visit], dark: bool
     assert heads.count() == 5
     quarter = heads.first.evaluate("h => (h.getAttribute('x1') - h.dataset.x0) / (h.dataset.x1 - h.dataset.x0)")
     assert quarter == pytest.approx(0.25, abs=0.01)
-    browser.get_by_label("motion", exact=True).select_option("excitation")
+    browser.locator("[data-part=motion]").select_option("excitation")
     assert browser.locator('[data-motion="friction"]').is_hidden()
     assert browser.locator('[data-motion="excitation"]').is_visible()
     assert "/ 8.00 s" in browser.locator("[data-part=clock]").inner_text()
