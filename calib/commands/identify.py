@@ -10,12 +10,14 @@ import typer
 from calib import console
 from calib.run_folder import new_run
 
+LIST_OPTIONS = ("--holdout",)
+
 
 def command(
     arm: console.ArmArgument,
     log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
     holdout: Annotated[
-        list[Path] | None, typer.Option("--holdout", metavar="LOG", help="A recording the fit never sees; may be given more than once.")
+        list[Path] | None, typer.Option("--holdout", metavar="LOG", help="Recordings the fit never sees, one or several.")
     ] = None,
     cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
@@ -45,7 +47,9 @@ def command(
         logs = [read_log(path, nominal.joint_names) for path in log]
         held = [read_log(path, nominal.joint_names) for path in holdout or []]
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
-        found = identify(nominal, logs, held, options, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage))
+        found = identify(
+            nominal, logs, held, options, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)
+        )
         write_calibrated(folder / "arm", nominal, found.arm)
         found.result.write(folder / "result.json")
         page.write(folder / "report.html", found.result.as_dict(), evidence(found))

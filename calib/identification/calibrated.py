@@ -23,7 +23,11 @@ def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
     tree = calibrated.tree
     inertials = {joint: (float(tree.mass[j]), tree.com[j], tree.inertia[j]) for j, joint in enumerate(calibrated.joint_names)}
     return write_arm(
-        folder, nominal, inertials=inertials, effects=calibrated.effects, provenance={FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]}
+        folder,
+        nominal,
+        inertials=inertials,
+        effects=calibrated.effects,
+        provenance={FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]},
     )
 
 

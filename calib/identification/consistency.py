@@ -91,7 +91,9 @@ def possible_arm(
     signed = [k for k in range(len(theta) - b) if k % 3 < 2]
     constraints = [friction[signed] >= 0]
     if masses_only:
-        constraints += [_kept_inertia(nominal[10 * i : 10 * i + 10]) @ (links[i] - nominal[10 * i : 10 * i + 10]) == 0 for i in range(n)]
+        constraints += [
+            _kept_inertia(nominal[10 * i : 10 * i + 10]) @ (links[i] - nominal[10 * i : 10 * i + 10]) == 0 for i in range(n)
+        ]
     problem = cp.Problem(cp.Minimize(misfit + gamma * sum(divergence)), constraints)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -101,7 +103,7 @@ def possible_arm(
             f"{model.arm.name}: no arm that can exist is near the estimates ({problem.status}); the log's torque, sign or joint order "
             "contradicts the model: compare them with `calib validate`"
         )
-    found = np.concatenate([*[maps[i] @ shapes[i].value.reshape(-1) for i in range(n)], scale * rotor.value])
+    found = np.concatenate([*[maps[i] @ np.asarray(shapes[i].value).reshape(-1) for i in range(n)], scale * rotor.value])
     own = size * friction.value
     own[signed] = np.maximum(own[signed], 0.0)
     return PossibleArm(

@@ -6,6 +6,7 @@ to the model of the links and can serve as its prior.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,7 @@ def sweep_rows(m: Measurement) -> np.ndarray:
         others = np.delete(still, j, axis=1).all(axis=1)
         steady = others & ~still[:, j] & (np.abs(ddq[:, j]) * 0.3 < 0.1 * np.abs(dq[:, j])) & m.row_usable[:, j]
         edge = np.unique(np.concatenate([[0], np.flatnonzero(np.diff(steady)) + 1, [len(steady)]]))
-        for lo, hi in zip(edge[:-1], edge[1:], strict=True):
+        for lo, hi in itertools.pairwise(edge):
             out[lo:hi, j] = steady[lo] and hi - lo >= shortest
     return out
 

@@ -81,9 +81,7 @@ def identify(
     solution = solve(rows, as_prior(sweeps, model), nominal, options.robust)
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
-    possible = possible_arm(
-        model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only
-    )
+    possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
     sources = [log.path.name if log.path else "log" for log in logs]
     found = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), sources)
     training = gap(model, measured, model.nominal(), possible.theta)
@@ -211,10 +209,14 @@ def findings(arm: Arm, logs: Sequence[Log], solution: Solution, sweeps: Sequence
         )
     wide = [j for j, w in zip(arm.joint_names, model.slip_width, strict=True) if w > SLIP_WIDTHS[0]]
     if wide:
-        out.append(f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction")
+        out.append(
+            f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction"
+        )
     for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):
         if share > 0.1:
-            out.append(f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause")
+            out.append(
+                f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause"
+            )
     return tuple(out)
 
 
@@ -224,7 +226,11 @@ def outcome(result: FitResult) -> str:
     gap = result.holdout or result.training
     where = "held-out" if result.holdout else "training"
     share = float(np.nanmean(gap.after / np.maximum(gap.before, 1e-12)))
-    told = f"; not identifiable from these logs: {', '.join(unknown[:6])}{' and others' if len(unknown) > 6 else ''}" if unknown else ""
+    told = (
+        f"; not identifiable from these logs: {', '.join(unknown[:6])}{' and others' if len(unknown) > 6 else ''}"
+        if unknown
+        else ""
+    )
     return (
         f"{len(result.estimates) - len(unknown)} of {len(result.estimates)} parameters identified, condition number "
         f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's{told}"

@@ -46,7 +46,8 @@ def evidence(found: Identification) -> dict[str, Any]:
     rows = Rows(found.model, [m])
     n = found.model.arm.n
     nominal, fitted = found.model.nominal(), found.possible.theta
-    before, after = [], []
+    before: list[np.ndarray] = []
+    after: list[np.ndarray] = []
     for block in rows:
         for theta, out in ((nominal, before), (fitted, after)):
             out.append(np.stack([block.a[j] @ theta[rows.used[j]] for j in range(n)], axis=1))

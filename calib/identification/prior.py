@@ -27,7 +27,9 @@ def full_covariance(arm: Arm) -> np.ndarray:
     for i in range(n):
         mass, com, inertia = tree.mass[i], tree.com[i], tree.inertia[i]
         size = np.linalg.norm(com) + np.sqrt(max(np.trace(inertia), 0.0) / max(mass, 1e-9))
-        std = np.concatenate([[prior.mass * mass], np.full(3, prior.com * size), np.full(6, prior.inertia * np.trace(inertia) / 2)])
+        std = np.concatenate(
+            [[prior.mass * mass], np.full(3, prior.com * size), np.full(6, prior.inertia * np.trace(inertia) / 2)]
+        )
         jacobian = np.zeros((10, 10))
         reference = link_parameters(mass, com, inertia)
         jacobian[:, 0] = link_parameters(1.0, com, np.zeros((3, 3)))
