@@ -2,7 +2,7 @@
 // Everything it shows comes from <script type="application/json" id="scene">; nothing is fetched.
 import {
   AmbientLight, BoxGeometry, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, DoubleSide,
-  Float32BufferAttribute, GridHelper, Group, Line, LineBasicMaterial, Matrix4, Mesh, MeshStandardMaterial, PerspectiveCamera,
+  Float32BufferAttribute, FrontSide, GridHelper, Group, Line, LineBasicMaterial, Matrix4, Mesh, MeshStandardMaterial, PerspectiveCamera,
   PlaneGeometry, Quaternion, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -58,7 +58,7 @@ function paint(object, role) {
 for (const shape of data.shapes) {
   const obstacle = shape.link === null;
   const material = new MeshStandardMaterial({
-    roughness: 0.6, metalness: 0.1, transparent: obstacle, opacity: obstacle ? 0.25 : 1, side: obstacle ? DoubleSide : undefined,
+    roughness: 0.6, metalness: 0.1, transparent: obstacle, opacity: obstacle ? 0.25 : 1, side: obstacle ? DoubleSide : FrontSide,
   });
   const body = placed(new Mesh(solid(shape), material), shape.rotation, shape.position);
   paint(body, obstacle ? "accent" : shape.link < 0 ? "muted" : shape.link % 2 ? "link-odd" : "link-even");
