@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -11,6 +12,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.clock import Clock
+from sim.errors import ConfigError
 from sim.joint_state import JointState
 
 
@@ -46,6 +48,27 @@ class Check:
     remedy: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class DeviceStop:
+    """How the device brakes on its own when told to stop or when the link is lost; `safety.clear` proves room for it.
+
+    reaction s: for so long it may go on at the last speed; deceleration rad/s^2 after that, of every joint, or with `proportional`
+    of the fastest joint while the others keep their share of its speed. The default is slower than any device that we know of.
+    """
+
+    reaction: float = 0.1
+    deceleration: float = 4.0
+    proportional: bool = False
+
+    def __post_init__(self) -> None:
+        if not (
+            math.isfinite(self.reaction) and self.reaction >= 0 and math.isfinite(self.deceleration) and self.deceleration > 0
+        ):
+            raise ConfigError(
+                f"{self}: reaction is not negative, deceleration is above zero, both finite; state the device's own"
+            )
+
+
 class Driver(ABC):
     """connect, read, send, stop, close; a context manager that connects and closes.
 
@@ -57,6 +80,7 @@ class Driver(ABC):
     arm: Arm
     rate: float
     clock: Clock
+    device_stop: DeviceStop = DeviceStop()
 
     @abstractmethod
     def connect(self) -> DeviceInfo:

@@ -1,0 +1,148 @@
+"""The one way to a `ClearedTrajectory`: every check of this package on one motion, and the samples that will be sent."""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.driver import DeviceStop
+from safety.braking import DeviceStops, OwnStops, PathSheet
+from safety.collision import Clearance, Witness
+from safety.limits import check_limits, check_sent, sampled
+from safety.plan import hashes_of
+from safety.reach import check_point_speed
+from safety.torque import check_torque, torque_interval
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+from sim.trajectory import Trajectory
+
+CHUNK = 10_000
+_SEAL = object()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was proved: the largest share of each limit that is used (1 is the limit), the nearest approach, the longest stop."""
+
+    used: dict[str, float]
+    nearest: Witness | None
+    stop_time: float
+    stop_angle: float
+
+
+class ClearedTrajectory:
+    """A motion that passed every check, as the samples that will be sent at `rate` Hz; only `clear` makes one.
+
+    t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width: none can be written to.
+    """
+
+    __slots__ = ("__weakref__", "_values")
+
+    def __init__(self, seal: object, values: dict[str, Any]) -> None:
+        if seal is not _SEAL:
+            raise TypeError("only safety.clear() makes a ClearedTrajectory: clear the motion")
+        object.__setattr__(self, "_values", values)
+        _CLEARED.add(self)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return object.__getattribute__(self, "_values")[name]
+        except KeyError:
+            raise AttributeError(name) from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{name}: a ClearedTrajectory cannot be changed; clear the new motion")
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a ClearedTrajectory cannot be copied or sent to another process; clear the motion there")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+_CLEARED: weakref.WeakSet[ClearedTrajectory] = weakref.WeakSet()
+
+
+def require_cleared(motion: object, arm: Arm, rate: float) -> ClearedTrajectory:
+    """`motion` itself where `clear` made it for this arm and this rate; SafetyStop for anything else."""
+    if not (isinstance(motion, ClearedTrajectory) and motion in _CLEARED):
+        raise SafetyStop(f"{type(motion).__name__} was not made by safety.clear(); nothing else is ever sent to an arm")
+    if motion.arm_sha256 != arm.sha256 or motion.joint_names != arm.joint_names:
+        raise SafetyStop(f"the motion was cleared for another arm than {arm.name} ({arm.sha256[:12]}); clear it for this one")
+    if motion.rate != rate:
+        raise SafetyStop(
+            f"the motion was cleared for {motion.rate:g} Hz, the driver runs at {rate:g} Hz; clear it for this rate"
+        )
+    return motion
+
+
+def clear(
+    trajectory: Trajectory,
+    arm: Arm,
+    cell: Cell,
+    rate: float | None = None,
+    stop: DeviceStop | None = None,
+    latency: float = 0.0,
+    clearance: Clearance | None = None,
+) -> ClearedTrajectory:
+    """Prove limits, torque, power, point speed, clearance and both stops of a motion, or refuse it with a SafetyStop.
+
+    rate Hz of the samples that will be sent (the arm's own by default); stop says how the device brakes; latency s is the worst
+    that this computer may be late; clearance saves building the geometry again. Non-zero speed at an end is allowed here: whoever
+    joins motions clears the joined one.
+    """
+    if not isinstance(trajectory, Trajectory):
+        raise SafetyStop(f"{type(trajectory).__name__} is not a Trajectory; only a Trajectory can be cleared")
+    rate = arm.sensors.rate if rate is None else rate
+    if not (isinstance(rate, float | int) and np.isfinite(rate) and 10 <= rate <= 2000):
+        raise SafetyStop(f"rate {rate!r} Hz: a control rate is a number from 10 to 2000")
+    stop = stop or DeviceStop()
+    clearance = clearance or Clearance(arm, cell)
+    used = check_limits(trajectory, arm)
+    used["point speed"] = check_point_speed(trajectory, arm, cell)
+    sent = _samples(trajectory, float(rate))
+    check_sent(sent, arm)
+    torque = torque_interval(sent, arm, cell)
+    used |= check_torque(sent, torque, arm)
+    clearance.certify(PathSheet(trajectory), "the motion")
+    stop_time, stop_angle = 0.0, 0.0
+    for first in range(0, len(sent), CHUNK):
+        part = _rows(sent, first, min(first + CHUNK + 1, len(sent)))
+        own, device = OwnStops(part, arm), DeviceStops(part, arm, stop, latency)
+        for stops, what in ((own, "our stop"), (device, "the device's own stop")):
+            stops.check_limits()
+            clearance.certify(stops, what)
+            stop_time = max(stop_time, float(stops.duration.max()))
+            stop_angle = max(stop_angle, float(np.max(np.abs(stops.end()))))
+    verdict = Verdict(used, clearance.nearest_on(sent.t, sent.q), stop_time, stop_angle)
+    values: dict[str, Any] = {name: _frozen(getattr(sent, name)) for name in ("t", "q", "dq", "ddq")}
+    values |= {"tau_hat": _frozen(torque.tau_hat), "doubt": _frozen(torque.doubt)}
+    values |= {
+        "rate": float(rate), "arm_sha256": arm.sha256, "joint_names": arm.joint_names, "hashes": hashes_of(arm, cell),
+        "verdict": verdict, "stop": stop, "latency": latency,
+    }  # fmt: skip
+    return ClearedTrajectory(_SEAL, values)
+
+
+def _samples(motion: Trajectory, rate: float) -> Trajectory:
+    """The motion at k / rate s, its last sample included; the grid's last instant may lie less than a period after the motion's end."""
+    t = motion.t - motion.t[0]
+    based = Trajectory(t, motion.q, motion.dq, motion.ddq)
+    count = max(int(np.ceil(t[-1] * rate * (1 - 1e-12))), 1)
+    grid = np.arange(count + 1) / rate
+    inside = sampled(based, np.minimum(grid, t[-1]))
+    return inside if grid[-1] <= t[-1] else Trajectory(grid, inside.q, inside.dq, inside.ddq)
+
+
+def _rows(motion: Trajectory, first: int, last: int) -> Trajectory:
+    first = min(first, last - 2)
+    return Trajectory(motion.t[first:last], motion.q[first:last], motion.dq[first:last], motion.ddq[first:last])
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """A copy backed by bytes: no flag makes it writable again."""
+    return np.frombuffer(np.ascontiguousarray(array).tobytes(), dtype=array.dtype).reshape(array.shape)

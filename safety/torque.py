@@ -1,0 +1,108 @@
+"""|tau| <= tau_max and sum |tau dq| <= power_max for every parameter set that the arm may have, at every sample that is sent.
+
+tau = Y(q, dq, ddq) pi is linear in the parameters, so for pi in a box its interval is exact row by row:
+tau in Y pi_0 +- |Y| delta. The box is two standard deviations of the arm's prior wide, and the payload may be a fifth
+lighter or heavier than declared. Between two sent samples half the step from one to the next is added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+from sim.rigid_body import RigidBody, link_parameters
+from sim.trajectory import Trajectory
+
+PAYLOAD_DOUBT = 0.2
+SIGMAS = 2.0
+CHUNK = 20_000
+# Universal Robots' safety presets allow up to 1000 W of mechanical power ("least restricted"), the usual preset 300 W
+POWER_MAX = 1000.0
+
+
+@dataclass(frozen=True)
+class Torque:
+    """tau_hat (N, n) N m expected at the joint, friction included; doubt (N, n) N m half-width of its interval."""
+
+    tau_hat: np.ndarray
+    doubt: np.ndarray
+
+
+def torque_interval(motion: Trajectory, arm: Arm, cell: Cell) -> Torque:
+    """Expected torque of each sample and the half-width of its interval over the parameter box."""
+    body = RigidBody(arm)
+    pi, delta = parameter_box(arm, cell)
+    inertia, inertia_doubt = _rows(arm, "rotor_inertia", "inertia", arm.prior.rotor)
+    coulomb, coulomb_doubt = _rows(arm, "coulomb_friction", "coulomb", arm.prior.coulomb)
+    viscous, viscous_doubt = _rows(arm, "viscous_friction", "viscous", arm.prior.viscous)
+    tau_hat, doubt = np.empty_like(motion.q), np.empty_like(motion.q)
+    for start in range(0, len(motion), CHUNK):
+        part = slice(start, start + CHUNK)
+        dq, ddq = motion.dq[part], motion.ddq[part]
+        y = body.regressor(motion.q[part], dq, ddq)
+        tau_hat[part] = y @ pi + inertia * ddq + coulomb * np.sign(dq) + viscous * dq
+        doubt[part] = np.abs(y) @ delta + inertia_doubt * np.abs(ddq) + coulomb_doubt + np.abs(dq) * viscous_doubt
+    return Torque(tau_hat, doubt)
+
+
+def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (10 n,) and half-widths (10 n,) of the inertial parameters, the declared payload on the last link included."""
+    tree, prior = arm.tree, arm.prior
+    pi, delta = [], []
+    for mass, com, inertia in zip(tree.mass, tree.com, tree.inertia, strict=True):
+        centre = link_parameters(mass, com, inertia)
+        reach = float(np.linalg.norm(com)) + float(np.sqrt(max(np.trace(inertia), 0.0) / (2 * mass))) if mass > 0 else 0.0
+        widths = np.empty(10)
+        widths[0] = prior.mass * mass
+        widths[1:4] = np.abs(centre[1:4]) * prior.mass + mass * reach * prior.com
+        widths[4:] = prior.inertia * np.trace(inertia) + mass * reach**2 * (prior.mass + 2 * prior.com)
+        pi.append(centre)
+        delta.append(SIGMAS * widths)
+    if cell.table.payload is not None:
+        load = cell.table.payload
+        more = link_parameters(load.mass, np.array(load.com), np.zeros((3, 3)))
+        pi[-1] = pi[-1] + more
+        delta[-1] = delta[-1] + PAYLOAD_DOUBT * np.abs(more)
+    return np.concatenate(pi), np.concatenate(delta)
+
+
+def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, float]:
+    """Refuse a motion whose torque or power interval leaves the limits; returns the largest share of each that is used."""
+    worst = np.abs(torque.tau_hat) + torque.doubt + _half_steps(torque.tau_hat)
+    inside = np.isfinite(worst) & (worst <= arm.tau_max)
+    if not inside.all():
+        k, j = np.argwhere(~inside)[0]
+        raise SafetyStop(
+            f"{arm.joint_names[j]}: torque up to {worst[k, j]:.4g} N m (expected {torque.tau_hat[k, j]:.4g}, doubt "
+            f"{torque.doubt[k, j]:.4g}) exceeds {arm.tau_max[j]:.4g} N m at t={motion.t[k]:.4f} s; plan a slower motion, declare the "
+            "real payload in the cell file, or state better known masses in [prior] of arm.toml"
+        )
+    power = np.sum(worst * (np.abs(motion.dq) + _half_steps(motion.dq)), axis=1)
+    inside = np.isfinite(power) & (power <= POWER_MAX)
+    if not inside.all():
+        k = int(np.argmin(inside))
+        raise SafetyStop(
+            f"{arm.name}: mechanical power up to {power[k]:.4g} W exceeds {POWER_MAX:g} W at t={motion.t[k]:.4f} s; plan a slower motion"
+        )
+    return {"tau": float(np.max(worst / arm.tau_max)), "power": float(np.max(power) / POWER_MAX)}
+
+
+def _half_steps(x: np.ndarray) -> np.ndarray:
+    """Half of the larger step to a neighbouring sample, (N, n)."""
+    step = np.abs(np.diff(x, axis=0)) / 2
+    return np.maximum(np.vstack((step, np.zeros((1, x.shape[1])))), np.vstack((np.zeros((1, x.shape[1])), step)))
+
+
+def _rows(arm: Arm, effect: str, parameter: str, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """A parameter of every joint, zero where the arm has none, and its doubt: the fitted std, or the prior's share."""
+    value, doubt = np.zeros(arm.n), np.zeros(arm.n)
+    for j, joint in enumerate(arm.joint_names):
+        known = arm.effect(effect, joint)
+        if known is not None:
+            value[j] = known.parameters[parameter]
+            doubt[j] = SIGMAS * known.std.get(parameter, share * abs(value[j]))
+    return value, doubt
