@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow check bench exam format clean
+.PHONY: player demo test test-slow check bench exam format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -31,6 +31,10 @@ format: $(VENV)/ready
 
 bench: $(VENV)/ready  ## the measured figures, one table
 	$(BIN)/python -m benchmarks
+
+player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
+	cd calib/report/web && npm ci && npm run build
+	cd calib/report/web && sha256sum player.js package-lock.json > ../assets/player.sha256
 
 clean:
 	rm -rf $(VENV) build dist

@@ -21,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "emulate": "emulate",
     "effects": "effects",
     "runs": "runs",
+    "identify": "identify",
 }
 
 
@@ -40,7 +41,24 @@ class Commands(TyperGroup):
             single.command(name)(module.command)
         command = get_command(single)
         command.name = name
+        lists, parse = getattr(module, "LIST_OPTIONS", ()), command.parse_args
+        setattr(command, "parse_args", lambda ctx, args: parse(ctx, spread(args, lists)))  # noqa: B010
         return command
+
+
+def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
+    """`--holdout a b c` as `--holdout a --holdout b --holdout c`, for the options named in `lists`."""
+    out: list[str] = []
+    option = ""
+    for word in arguments:
+        if word in lists:
+            option = word
+        elif word.startswith("-"):
+            option = ""
+            out.append(word)
+        else:
+            out += [option, word] if option else [word]
+    return out
 
 
 app = typer.Typer(

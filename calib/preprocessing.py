@@ -130,7 +130,8 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
     usable = np.isfinite(tau)
     dq_noise = q_noise * np.linalg.norm(smooth.coefficients(1))
-    standing = _standing(np.abs(dq) < np.maximum(1e-3 * arm.dq_max, 4 * dq_noise), starts, rate)
+    fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))
+    standing = _standing(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
     clipped = _clipped(tau, arm.tau_max)
     for lo, hi in pairs:
         usable[lo : lo + smooth.reach] = usable[max(hi - smooth.reach, lo) : hi] = False
@@ -161,14 +162,14 @@ def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
 
 
 def motion_cutoff(log: Log) -> float:
-    """Hz: one and a half times the highest frequency at which the acceleration stands out of the reading's noise.
+    """Hz: one and a half times the frequency below which 99 % of the speed's power lies, as far as it stands out of the noise.
 
-    Within [8, 20] Hz and below 0.3 of the sampling rate: slower leaves too few rows, faster brings in noise only.
+    Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
     """
     rate = 1 / float(np.median(np.diff(log.t)))
     q = log.q[np.isfinite(log.q).all(axis=1)]
     if len(q) < 64:
-        return min(CUTOFF_LEAST, 0.3 * rate)
+        return min(CUTOFF_LEAST, 0.1 * rate)
     spectrum = np.abs(np.fft.rfft((q - q.mean(axis=0)) * np.hanning(len(q))[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     bins = np.minimum((frequency / 0.25).astype(int), int(0.5 * rate / 0.25) - 1)
@@ -176,10 +177,10 @@ def motion_cutoff(log: Log) -> float:
     power = np.stack([np.bincount(bins, s) / count for s in spectrum.T], axis=1)
     centre = (np.arange(len(power)) + 0.5) * 0.25
     floor = np.median(power[len(power) // 2 :], axis=0)
-    acceleration = np.where(power > 20 * floor, power, 0.0) * centre[:, None] ** 4
-    share = np.cumsum(acceleration, axis=0) / np.maximum(acceleration.sum(axis=0), 1e-300)
-    highest = centre[np.argmax(share >= 0.98, axis=0)].max()
-    return float(min(np.clip(1.5 * highest, CUTOFF_LEAST, CUTOFF_MOST), 0.3 * rate))
+    speed = np.where(power > 20 * floor, power, 0.0) * centre[:, None] ** 2
+    share = np.cumsum(speed, axis=0) / np.maximum(speed.sum(axis=0), 1e-300)
+    highest = centre[np.argmax(share >= 0.99, axis=0)].max()
+    return float(min(np.clip(1.5 * highest, CUTOFF_LEAST, CUTOFF_MOST), 0.1 * rate))
 
 
 def _check(log: Log, arm: Arm, name: str) -> None:

@@ -85,7 +85,7 @@ def solve(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, 
         theta = _solution(information, vector, prior)
         information, vector, scores, sigma, touched = _whitened(rows, theta, ar, sigma, huber)
     theta = _solution(information, vector, prior)
-    bread = _inverse(information + prior.precision)
+    bread = inverse(information + prior.precision)
     trusting = bread
     sandwich = bread @ (scores + prior.precision) @ bread
     covariance = _wider(trusting, sandwich)
@@ -155,7 +155,7 @@ def _solution(information: np.ndarray, vector: np.ndarray, prior: Prior) -> np.n
         return scale * (np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) @ (scale * right))
 
 
-def _inverse(information: np.ndarray) -> np.ndarray:
+def inverse(information: np.ndarray) -> np.ndarray:
     """Inverse after scaling; directions without information get the variance 1e12 times the scale instead of a division by zero."""
     scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     value, vector = np.linalg.eigh(information * np.outer(scale, scale))

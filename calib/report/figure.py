@@ -81,8 +81,10 @@ def mosaic(
         return figure, figure.subplot_mosaic([list(row) for row in layout], **options)
 
 
-def svg(figure: Figure, title: str) -> Markup:
+def svg(figure: Figure, title: str, playheads: Sequence[Axes] = ()) -> Markup:
     """`figure` as inline SVG without style attributes, with `title` for those who cannot see it.
+
+    Axes in `playheads`, which have time along x, get an upright line that the player of a plan moves.
 
     Every inline style becomes a presentation attribute or a class, so that the page needs no exception from its content policy.
     """
@@ -112,6 +114,7 @@ def svg(figure: Figure, title: str) -> Markup:
     label = ElementTree.Element(f"{{{_SVG}}}title", {"id": f"{prefix}title"})
     label.text = title
     root.insert(0, label)
+    root.extend(_playhead(figure, ax) for ax in playheads)
     text_out = ElementTree.tostring(root, encoding="unicode")
     return Markup(_LONG_NUMBER.sub(r"\1", re.sub(r"\s*\n\s*", "\n", text_out)))
 
@@ -148,6 +151,15 @@ def envelope(y: np.ndarray, points: int) -> np.ndarray:
         if len(holes) < len(part):
             kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
     return np.array(sorted(kept))
+
+
+def _playhead(figure: Figure, ax: Axes) -> ElementTree.Element:
+    box, (width, height) = ax.get_position(), 72 * figure.get_size_inches()
+    t0, t1 = ax.get_xlim()
+    numbers = {"x1": box.x0 * width, "x2": box.x0 * width, "y1": (1 - box.y1) * height, "y2": (1 - box.y0) * height}
+    data = {"data-x0": box.x0 * width, "data-x1": box.x1 * width, "data-t0": t0, "data-t1": t1}
+    values = {key: f"{value:.3f}" for key, value in (numbers | data).items()}
+    return ElementTree.Element(f"{{{_SVG}}}line", values | {"class": "playhead"})
 
 
 def _restyle(element: ElementTree.Element) -> None:

@@ -56,8 +56,8 @@ class Page:
         self.title, self.sentence, self.verdict, self.subtitle = title, sentence, verdict, subtitle
         self.facts = [(label, cell(value)) for label, value in facts]
         self._sections: list[_Section] = [_Section("")]
-        self._scripts = [_asset("page.js")]
-        self._styles = [_asset("page.css")]
+        self._scripts = [asset("page.js")]
+        self._styles = [asset("page.css")]
         self._data: dict[str, str] = {}
 
     def section(self, heading: str, text: str = "") -> Self:
@@ -90,7 +90,7 @@ class Page:
         for row in body:
             if len(row) != len(headers):
                 raise ValueError(f"a row has {len(row)} cells under {len(headers)} headers: {[text for text, _, _ in row]}")
-        html = _TEMPLATES.get_template("table.html").render(headers=headers, rows=body, caption=caption, fold=fold)
+        html = template("table.html").render(headers=headers, rows=body, caption=caption, fold=fold)
         return self._add(Markup(html))
 
     def embed(self, html: Markup, script: str = "", style: str = "", data: dict[str, Any] | None = None) -> Self:
@@ -114,7 +114,7 @@ class Page:
                 "form-action 'none'",
             ]
         )
-        return _TEMPLATES.get_template("page.html").render(
+        return template("page.html").render(
             page=self, policy=policy, badge=BADGES.get(self.verdict or "", ""), version=software_version(),
             written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), sections=self._sections,
             styles=[Markup(s) for s in self._styles], scripts=[Markup(s) for s in self._scripts],
@@ -132,7 +132,13 @@ class Page:
         return self
 
 
-def _asset(name: str) -> str:
+def template(name: str) -> jinja2.Template:
+    """A template of the house; it escapes whatever it is given that is not Markup."""
+    return _TEMPLATES.get_template(name)
+
+
+def asset(name: str) -> str:
+    """A script or style that stands in a page as it is."""
     text = (_FOLDER / "assets" / name).read_text(encoding="utf-8")
     if "</" + "script" in text or "</" + "style" in text:
         raise ValueError(f"{name} would end its own element on the page")

@@ -137,6 +137,7 @@ def intervals(labels: Sequence[str], value: np.ndarray, std: np.ndarray, nominal
     ax.errorbar(moved, rows, xerr=1.96, fmt="o", color=ROLES["after"], ecolor=ROLES["muted"], markersize=4, linewidth=1.0)
     ax.axvline(0.0, color=ROLES["before"], linewidth=1.2, linestyle=(0, (4, 1.5)))
     ax.set_xscale("symlog", linthresh=3)
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.set_yticks(rows, labels=list(labels))
     ax.invert_yaxis()
     name(ax, x="(estimate − nominal) / standard deviation; bar: 95 % interval; dashed: nominal")

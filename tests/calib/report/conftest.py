@@ -9,6 +9,8 @@ import pytest
 
 from tests.calib.report.browser import Visit
 
+# what a software WebGL says when a test reads its pixels back; a page cannot cause or avoid it
+READBACK = "GPU stall due to ReadPixels"
 SCREENSHOTS = Path(__file__).resolve().parents[3] / "build" / "screenshots"
 
 
@@ -26,18 +28,22 @@ def _browser() -> Iterator[Any]:
 
 @pytest.fixture
 def visit(_browser: Any) -> Iterator[Callable[..., Visit]]:
-    """Open a file: visit(path, dark=False, width=1280) -> Visit; a screenshot stays in build/screenshots."""
+    """Open a file: visit(path, dark=False, width=1280) -> Visit; `before` runs ahead of the page's own scripts; a screenshot stays in build/screenshots."""
     contexts = []
 
-    def opened(path: Path, dark: bool = False, width: int = 1280, shot: str | None = None) -> Visit:
+    def opened(path: Path, dark: bool = False, width: int = 1280, shot: str | None = None, before: str = "") -> Visit:
         context = _browser.new_context(
             viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light", offline=True
         )
         contexts.append(context)
         seen = Visit(context.new_page())
-        seen.page.on("console", lambda m: seen.complaints.append(m.text) if m.type in ("error", "warning") else None)
+        seen.page.on(
+            "console",
+            lambda m: seen.complaints.append(m.text) if m.type in ("error", "warning") and READBACK not in m.text else None,
+        )
         seen.page.on("pageerror", lambda e: seen.complaints.append(str(e)))
         seen.page.on("request", lambda r: seen.requests.append(r.url))
+        seen.page.add_init_script(before)
         seen.page.goto(path.resolve().as_uri())
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         name = (shot or path.stem) + ("-dark" if dark else "") + ("" if width == 1280 else f"-{width}")

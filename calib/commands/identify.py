@@ -1,0 +1,69 @@
+"""`calib identify`: logs in, a calibrated arm folder and an honest result out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import new_run
+
+LIST_OPTIONS = ("--holdout",)
+
+
+def command(
+    arm: console.ArmArgument,
+    log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
+    holdout: Annotated[
+        list[Path] | None, typer.Option("--holdout", metavar="LOG", help="Recordings the fit never sees, one or several.")
+    ] = None,
+    cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
+    masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
+    no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Friction, base parameters and possible inertias of an arm from recordings of it.
+
+    Writes arm/ (the calibrated arm folder), result.json and report.html.
+
+    Example:
+
+        calib identify ur10e friction.mcap excitation.mcap --holdout validation.mcap --out runs/first
+    """
+    from calib.identification.calibrated import write_calibrated
+    from calib.identification.identify import Options, identify
+    from calib.identification.outcome import evidence, gap_table, parameter_table
+    from calib.report import identification as page
+    from logs import read_log
+    from sim.arm import load_arm
+
+    nominal = load_arm(arm, configs)
+    folder = new_run(nominal, "identify", out)
+    with console.progress("identify") as advance:
+        logs = [read_log(path, nominal.joint_names) for path in log]
+        held = [read_log(path, nominal.joint_names) for path in holdout or []]
+        options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
+        found = identify(
+            nominal, logs, held, options, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)
+        )
+        write_calibrated(folder / "arm", nominal, found.arm)
+        found.result.write(folder / "result.json")
+        page.write(folder / "report.html", found.result.as_dict(), evidence(found))
+    if as_json:
+        console.print_json(found.result.as_dict())
+        return
+    result = found.result
+    for gap, title in ((result.training, "training logs"), (result.holdout, "held-out logs")):
+        if gap is not None:
+            headers, rows = gap_table(result.joint_names, gap)
+            console.table(headers, rows, f"torque residual on the {title}: {', '.join(gap.logs)}")
+    headers, rows = parameter_table(result)
+    console.table(headers, rows, "friction and rotors")
+    for sentence in result.findings:
+        console.say(f"- {sentence}")
+    console.say(f"{result.outcome}.")
+    console.say(f"{folder}: arm/, result.json, report.html")

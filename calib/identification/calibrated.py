@@ -1,0 +1,68 @@
+"""Fitted numbers as an arm: the same noun as the nominal one, so that it goes wherever that goes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.identification.consistency import PossibleArm
+from calib.identification.model import SLIP_WIDTHS, TorqueModel
+from sim.arm import Arm, ArmEffect
+from sim.arm_folder import write_arm
+from sim.rigid_body import link_inertia
+
+FITTED_PROVENANCE = "links, rotors, friction, offsets"
+FITTED = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset")
+
+
+def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
+    """The folder of a calibrated arm, written over its nominal model file; returns it as it loads."""
+    tree = calibrated.tree
+    inertials = {joint: (float(tree.mass[j]), tree.com[j], tree.inertia[j]) for j, joint in enumerate(calibrated.joint_names)}
+    return write_arm(
+        folder,
+        nominal,
+        inertials=inertials,
+        effects=calibrated.effects,
+        provenance={FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]},
+    )
+
+
+def calibrated_arm(arm: Arm, model: TorqueModel, possible: PossibleArm, std: np.ndarray, sources: Sequence[str]) -> Arm:
+    """`arm` with the links, rotors, friction and offsets of `possible`; its other effects stay as they are.
+
+    std (p,) goes with the friction and offsets. Dry friction that turns over more than the narrowest slip width becomes a presliding stiffness, level / width.
+    """
+    n = arm.n
+    links = [link_inertia(possible.pi[10 * i : 10 * i + 10]) for i in range(n)]
+    own = {
+        kind: np.array([possible.theta[model.friction_column(kind, j)] for j in range(n)])
+        for kind in ("viscous", "coulomb", "offset")
+    }
+    tree = replace(
+        arm.tree,
+        mass=np.array([m for m, _, _ in links]),
+        com=np.array([c for _, c, _ in links]),
+        inertia=np.array([(i + i.T) / 2 for _, _, i in links]),
+        armature=possible.pi[10 * n :].copy(),
+        damping=own["viscous"],
+        frictionloss=own["coulomb"],
+    )
+    known = {kind: [float(std[model.friction_column(kind, j)]) for j in range(n)] for kind in own}
+    effects = []
+    for j, joint in enumerate(arm.joint_names):
+        for kind, effect in (("coulomb", "coulomb_friction"), ("viscous", "viscous_friction"), ("offset", "torque_offset")):
+            effects.append(ArmEffect(effect, joint, {kind: float(own[kind][j])}, {kind: known[kind][j]}))
+        effects.append(ArmEffect("rotor_inertia", joint, {"inertia": float(tree.armature[j])}))
+    wide = [j for j in range(n) if model.slip_width[j] > SLIP_WIDTHS[0] and own["coulomb"][j] > 0]
+    replaced = {("presliding_friction", arm.joint_names[j]) for j in wide}
+    for j in wide:
+        stiffness = float(own["coulomb"][j] / model.slip_width[j])
+        effects.append(ArmEffect("presliding_friction", arm.joint_names[j], {"stiffness": stiffness}))
+    kept = [e for e in arm.effects if e.effect not in FITTED and (e.effect, e.joint) not in replaced]
+    fitted = "identified by calib identify from " + ", ".join(sources)
+    provenance = dict(arm.provenance) | {FITTED_PROVENANCE: fitted}
+    return replace(arm, tree=tree, effects=(*effects, *kept), provenance=provenance)

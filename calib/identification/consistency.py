@@ -1,0 +1,148 @@
+"""min |theta_hat - B pi|^2_S + gamma sum_i D(J_i, J0_i), J_i > 0: the possible arm nearest to the data and, where they are silent, to
+the nominal model.
+
+J = [[tr(I)/2 1 - I, h], [h^T, m]] is a link's pseudo-inertia; it is positive definite exactly for a mass distribution that exists
+(P. Wensing, S. Kim, J.-J. Slotine 2018, doi:10.1109/LRA.2017.2729659). D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4 is the entropic
+divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Park 2020, doi:10.1109/TRO.2019.2933636).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification.model import TorqueModel
+from sim.errors import AnswerIsNo
+
+GAMMA = 0.5
+
+
+@dataclass(frozen=True)
+class PossibleArm:
+    """pi (11 n,): link parameters and rotor inertias that exist; theta (p,) what they and the friction give in the model's columns.
+
+    divergence (n,): how far each link moved from the nominal one, in nats.
+    """
+
+    pi: np.ndarray
+    theta: np.ndarray
+    divergence: np.ndarray
+
+
+def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
+    """J (4, 4) of ten link parameters in Pinocchio's order [m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz] about the joint's origin."""
+    return np.tensordot(pi, _BASIS, axes=(0, 0))
+
+
+def link_of_pseudo_inertia(j: np.ndarray) -> np.ndarray:
+    """The ten parameters (10,) of a pseudo-inertia (4, 4)."""
+    s = j[:3, :3]
+    inertia = np.trace(s) * np.eye(3) - s
+    upper = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+    return np.array([j[3, 3], *j[:3, 3], *(inertia[k] for k in upper)])
+
+
+def _basis() -> np.ndarray:
+    out = np.zeros((10, 4, 4))
+    out[0, 3, 3] = 1.0
+    for k in range(3):
+        out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0
+    for k, (a, b) in enumerate([(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]):
+        inertia = np.zeros((3, 3))
+        inertia[a, b] = inertia[b, a] = 1.0
+        out[4 + k, :3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    return out
+
+
+_BASIS = _basis()
+
+
+def possible_arm(
+    model: TorqueModel,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    nominal: np.ndarray,
+    gamma: float = GAMMA,
+    masses_only: bool = False,
+) -> PossibleArm:
+    """The nearest arm that can exist; nominal (11 n,). With `masses_only` each link keeps its inertia about its nominal centre of mass.
+
+    AnswerIsNo where the conic solver finds no such arm, which means that the data contradict every possible one.
+    """
+    import cvxpy as cp
+
+    n, b = model.arm.n, len(model.base)
+    roots = [_root(pseudo_inertia(nominal[10 * i : 10 * i + 10])) for i in range(n)]
+    shapes = [cp.Variable((4, 4), symmetric=True) for _ in range(n)]
+    scale = np.maximum(nominal[10 * n :], 1e-3)
+    rotor = cp.Variable(n, nonneg=True)
+    size = np.maximum(np.abs(theta[b:]), np.sqrt(np.diag(covariance)[b:]))
+    friction = cp.Variable(len(theta) - b)
+    maps = [np.stack([_link_map(root, k) for k in range(16)], axis=1) for root in roots]
+    links = [maps[i] @ cp.vec(shapes[i], order="C") for i in range(n)]
+    pi = cp.hstack([*links, cp.multiply(scale, rotor)])
+    whiten = np.linalg.inv(np.linalg.cholesky(_conditioned(covariance)))
+    base_error = model.base.projection @ pi - theta[:b]
+    own_error = cp.multiply(size, friction) - theta[b:]
+    misfit = cp.sum_squares(whiten @ cp.hstack([base_error, own_error]))
+    divergence = [cp.trace(k) - cp.log_det(k) - 4 for k in shapes]
+    signed = [k for k in range(len(theta) - b) if k % 3 < 2]
+    constraints = [friction[signed] >= 0]
+    if masses_only:
+        constraints += [
+            _kept_inertia(nominal[10 * i : 10 * i + 10]) @ (links[i] - nominal[10 * i : 10 * i + 10]) == 0 for i in range(n)
+        ]
+    problem = cp.Problem(cp.Minimize(misfit + gamma * sum(divergence)), constraints)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.solve(solver=cp.CLARABEL)
+    if problem.status not in ("optimal", "optimal_inaccurate") or rotor.value is None:
+        raise AnswerIsNo(
+            f"{model.arm.name}: no arm that can exist is near the estimates ({problem.status}); the log's torque, sign or joint order "
+            "contradicts the model: compare them with `calib validate`"
+        )
+    found = np.concatenate([*[maps[i] @ np.asarray(shapes[i].value).reshape(-1) for i in range(n)], scale * rotor.value])
+    own = size * friction.value
+    own[signed] = np.maximum(own[signed], 0.0)
+    return PossibleArm(
+        found, np.concatenate([model.base.projection @ found, own]), np.array([float(d.value) for d in divergence])
+    )
+
+
+def _root(j: np.ndarray) -> np.ndarray:
+    """S with S S^T = J, after the least lift that makes J positive definite (a nominal link may be a point mass)."""
+    value, vector = np.linalg.eigh(j)
+    floor = max(1e-6 * value[-1], 1e-9)
+    return vector * np.sqrt(np.maximum(value, floor))
+
+
+def _link_map(root: np.ndarray, k: int) -> np.ndarray:
+    """Ten parameters of root E_k root^T with E_k the k-th unit matrix: the linear map from shape to link."""
+    unit = np.zeros((4, 4))
+    unit[divmod(k, 4)] = 1.0
+    j = root @ unit @ root.T
+    return link_of_pseudo_inertia((j + j.T) / 2)
+
+
+def _conditioned(covariance: np.ndarray) -> np.ndarray:
+    """Covariance with relative standard deviations of its directions within 1e8 of the smallest, for the solver's sake."""
+    std = np.sqrt(np.diag(covariance))
+    value, vector = np.linalg.eigh(covariance / np.outer(std, std))
+    value = np.maximum(value, 1e-10 * value[-1])
+    return np.outer(std, std) * ((vector * value) @ vector.T)
+
+
+def _kept_inertia(pi: np.ndarray) -> np.ndarray:
+    """(6, 10): inertia about the fixed point c0 = mc/m of the nominal link, linear in the ten parameters."""
+    c = pi[1:4] / max(pi[0], 1e-9)
+    out = np.zeros((6, 10))
+    out[:, 4:] = np.eye(6)
+    pairs = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+    for row, (a, b) in enumerate(pairs):
+        same = 1.0 if a == b else 0.0
+        out[row, 0] = same * (c @ c) - c[a] * c[b]
+        for k in range(3):
+            out[row, 1 + k] = -(same * 2 * c[k] - (c[b] if k == a else 0.0) - (c[a] if k == b else 0.0))
+    return out

@@ -1,0 +1,65 @@
+"""What people are shown of an identification: tables of numbers, and the curves that a page draws."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calib.identification.identify import Identification
+from calib.identification.model import FRICTION
+from calib.identification.rows import Rows
+from calib.result import FitResult, Gap
+
+MOST_ROWS = 20_000
+
+
+def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
+    """RMS residual before and after, N m and, with torque constants, A."""
+    headers = ["joint", "before [N m]", "after [N m]", "signal [N m]", "left"]
+    rows: list[list[Any]] = []
+    for j, joint in enumerate(joint_names):
+        left = gap.after[j] / gap.signal[j] if gap.signal[j] > 0 else np.nan
+        row = [joint, float(gap.before[j]), float(gap.after[j]), float(gap.signal[j]), f"{left:.1%}"]
+        if gap.before_ampere is not None and gap.after_ampere is not None:
+            row += [float(gap.before_ampere[j]), float(gap.after_ampere[j])]
+        rows.append(row)
+    return (headers if gap.after_ampere is None else [*headers, "before [A]", "after [A]"]), rows
+
+
+def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
+    """Friction and rotor inertia of every joint, each as value ± standard deviation."""
+    shown = [("Ia", "rotor [kg m^2]"), *[(k, f"{k} [{u}]") for k, u in zip(FRICTION, ("N m s/rad", "N m", "N m"), strict=True)]]
+    rows: list[list[Any]] = []
+    for j, joint in enumerate(result.joint_names):
+        cells = []
+        for kind, _ in shown:
+            e = result.estimate(f"{kind}_{j + 1}")
+            cells.append(f"{e.value:.4g} ± {e.std:.2g}" + ("" if e.identifiable else " (not identifiable)"))
+        rows.append([joint, *cells])
+    return ["joint", *[title for _, title in shown]], rows
+
+
+def evidence(found: Identification) -> dict[str, Any]:
+    """Filtered rows of the first held-out log, or of the first training log: measured torque, and before and after as predicted."""
+    m = (found.holdout or found.measurements)[0]
+    rows = Rows(found.model, [m])
+    n = found.model.arm.n
+    nominal, fitted = found.model.nominal(), found.possible.theta
+    before: list[np.ndarray] = []
+    after: list[np.ndarray] = []
+    for block in rows:
+        for theta, out in ((nominal, before), (fitted, after)):
+            out.append(np.stack([block.a[j] @ theta[rows.used[j]] for j in range(n)], axis=1))
+    index = np.flatnonzero(m.row_usable.any(axis=1))
+    index = index[:: max(1, len(index) // MOST_ROWS)]
+    return {
+        "joint_names": m.joint_names,
+        "log": m.name,
+        "t": m.trajectory.t[m.row_samples][index] - m.trajectory.t[0],
+        "tau": m.rows(m.tau)[index],
+        "before": np.concatenate(before)[index],
+        "after": np.concatenate(after)[index],
+        "q": m.rows(m.trajectory.q)[index],
+        "dq": m.rows(m.trajectory.dq)[index],
+    }

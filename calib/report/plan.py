@@ -1,0 +1,239 @@
+"""plan.html: what the arm is about to do, in 3D and as curves against its limits, before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from calib.report.figure import ROLES, draw_line, mosaic, name, svg
+from calib.report.page import Page, asset, template
+from calib.report.scene import scene
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+
+FRAMES_PER_SECOND = 25
+MOST_FRAMES = 3000
+LOOKS = 300
+JOINT_COLOURS = [ROLES[r] for r in ("after", "before", "good", "refit", "accent", "ink")]
+
+
+class Motion(Protocol):
+    """A named motion, as `safety.plan.Motion` is."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def trajectory(self) -> Trajectory: ...
+
+
+class Distances(Protocol):
+    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins."""
+
+    pairs: tuple[tuple[str, str], ...]
+    margin: np.ndarray
+
+    def distances(self, q: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """What is drawn of one motion: t (K,) s, q (K, n), speed (K,) m/s of the flange, gap (K,) m or None, the closest moment."""
+
+    t: np.ndarray
+    q: np.ndarray
+    flange: np.ndarray
+    speed: np.ndarray
+    gap: np.ndarray | None
+    margin: float
+    closest: float | None
+    pair: str
+
+
+def write(
+    path: str | Path, arm: Arm, cell: Cell | None, motions: Sequence[Motion], clearance: Distances | None = None,
+    worth: Mapping[str, Any] | None = None,
+) -> Path:  # fmt: skip
+    """Write the preview of a plan; returns its path.
+
+    clearance  distances in the cell, without which no clearance is drawn and the page says so
+    worth      what the plan is good for: `condition` number, `identified`: (parameter, relative std) pairs, `not_identified`: names,
+               `notes`: sentences; every key may be missing
+    """
+    worth = worth or {}
+    looks = {motion.name: _look(arm, motion.trajectory, clearance) for motion in motions}
+    total = sum(motion.trajectory.duration for motion in motions)
+    page = Page(arm.name, _sentence(arm, cell, motions, looks, total), None, _facts(motions, looks, total, worth), "plan")
+    options = Markup("").join(
+        Markup('<option value="{0}">{0} · {1:.0f} s</option>').format(m.name, m.trajectory.duration) for m in motions
+    )
+    page.embed(
+        Markup(template("player.html").render(options=options)),
+        asset("player.js"), asset("player.css"), {"scene": scene(arm, cell) | {"motions": [_played(m, looks[m.name]) for m in motions]}},
+    )  # fmt: skip
+    page.section("The motion against its limits")
+    for motion in motions:
+        look = looks[motion.name]
+        body = Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(
+            _curves(arm, cell, motion, look), _caption(motion, look)
+        )
+        page.embed(Markup('<div data-motion="{}">{}</div>').format(motion.name, body))
+    _motions(page, motions, looks)
+    _worth(page, worth)
+    return page.write(path)
+
+
+def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
+    t, body = motion.t - motion.t[0], RigidBody(arm)
+    grid = np.linspace(0, t[-1], int(np.clip(t[-1] * FRAMES_PER_SECOND, 2, MOST_FRAMES)))
+    q = np.column_stack([np.interp(grid, t, motion.q[:, j]) for j in range(motion.n)])
+    dq = np.column_stack([np.interp(grid, t, motion.dq[:, j]) for j in range(motion.n)])
+    linear, _ = body.jacobian(q)
+    speed = np.linalg.norm(np.einsum("kcj,kj->kc", linear, dq), axis=1)
+    flange = np.array([_flange(arm, row) for row in q])
+    if clearance is None or not clearance.pairs:
+        return _Looks(grid, q, flange, speed, None, 0.0, None, "")
+    rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
+    spare = np.array([clearance.distances(q[k]) - clearance.margin for k in rows])
+    k, p = np.unravel_index(int(np.argmin(spare)), spare.shape)
+    least = np.argmin(spare, axis=1)
+    gap = np.interp(grid, grid[rows], spare[np.arange(len(rows)), least])
+    return _Looks(
+        grid, q, flange, speed, gap, float(clearance.margin[p]), float(grid[rows[k]]), " and ".join(clearance.pairs[p])
+    )
+
+
+def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Origin of the last link in the base frame, m (forward kinematics along the tree, Rodrigues' rotation)."""
+    tree, chain = arm.tree, []
+    link = tree.n - 1
+    while link >= 0:
+        chain.append(link)
+        link = int(tree.parent[link])
+    rotation, position = np.eye(3), np.zeros(3)
+    for link in reversed(chain):
+        position = position + rotation @ tree.position[link]
+        rotation = rotation @ tree.rotation[link]
+        axis = tree.axis[link]
+        if tree.prismatic[link]:
+            position = position + rotation @ (axis * q[link])
+            continue
+        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        rotation = rotation @ (np.eye(3) + np.sin(q[link]) * skew + (1 - np.cos(q[link])) * skew @ skew)
+    return position
+
+
+def _played(motion: Motion, look: _Looks) -> dict[str, Any]:
+    thin = max(1, len(look.t) // 600)
+    return {
+        "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
+        "trail": np.round(look.flange[::thin], 3), "closest": look.closest,
+    }  # fmt: skip
+
+
+def _curves(arm: Arm, cell: Cell | None, motion: Motion, look: _Looks) -> Markup:
+    rows = ["position", "speed", "acceleration", "flange", *(["clearance"] if look.gap is not None else [])]
+    figure, panel = mosaic([[row] for row in rows], height=1.45, sharex=True)
+    t = motion.trajectory.t - motion.trajectory.t[0]
+    middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
+    shares = {
+        "position": (motion.trajectory.q - middle) / half,
+        "speed": motion.trajectory.dq / arm.dq_max,
+        "acceleration": motion.trajectory.ddq / arm.ddq_max,
+    }
+    for key, share in shares.items():
+        for j, joint in enumerate(arm.joint_names):
+            style = {"color": JOINT_COLOURS[j % len(JOINT_COLOURS)], "linestyle": "-" if j < len(JOINT_COLOURS) else "--"}
+            draw_line(panel[key], t, 100 * share[:, j], 300, linewidth=1.1, label=joint, **style)
+        name(panel[key], f"{key}, share of its limit", y="%")
+        _limits(panel[key], 100, both=True)
+    draw_line(panel["flange"], look.t, look.speed, 300, color=ROLES["ink"], linewidth=1.1)
+    name(panel["flange"], "speed of the flange", y="m/s")
+    if cell is not None:
+        _limits(panel["flange"], cell.table.motion.point_speed_max, both=False)
+    if look.gap is not None and look.closest is not None:
+        draw_line(panel["clearance"], look.t, 1000 * look.gap, 300, color=ROLES["ink"], linewidth=1.1)
+        name(panel["clearance"], f"clearance beyond the margin; closest: {look.pair} at {look.closest:.2f} s", y="mm")
+        panel["clearance"].axvline(look.closest, color=ROLES["bad"], linewidth=1.0, linestyle=(0, (4, 2)))
+        _limits(panel["clearance"], 0.0, both=False)
+    panel[rows[-1]].set_xlabel("t [s]")
+    panel[rows[-1]].set_xlim(0, t[-1])
+    figure.legend(*panel["position"].get_legend_handles_labels(), loc="outside upper center", ncols=6, fontsize=8)
+    return svg(figure, f"Motion {motion.name} against the limits of the arm", list(panel.values()))
+
+
+def _limits(ax: Axes, limit: float, both: bool) -> None:
+    for value in (limit, -limit) if both else (limit,):
+        ax.axhline(value, color=ROLES["bad"], linewidth=0.9, linestyle=(0, (1, 2)))
+
+
+def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[Motion], looks: Mapping[str, _Looks], total: float) -> str:
+    place = f" in {cell.name}" if cell is not None else ""
+    fastest = max(float(look.speed.max()) for look in looks.values())
+    text = f"{arm.name} will move for {_clock(total)}{place} in {len(motions)} motion{'s' * (len(motions) != 1)}, its flange at up to {fastest:.2f} m/s"
+    near = [look for look in looks.values() if look.gap is not None]
+    if near:
+        least = min(near, key=lambda look: float(np.min(look.gap)))  # type: ignore[arg-type]
+        distance = float(np.min(least.gap)) + least.margin  # type: ignore[arg-type]
+        text += f", coming closest with {least.pair} at {1000 * distance:.0f} mm"
+    return text
+
+
+def _facts(
+    motions: Sequence[Motion], looks: Mapping[str, _Looks], total: float, worth: Mapping[str, Any]
+) -> list[tuple[str, Any]]:
+    facts: list[tuple[str, Any]] = [("duration", _clock(total))]
+    facts.append(("fastest flange", f"{max(float(look.speed.max()) for look in looks.values()):.2f} m/s"))
+    if worth.get("condition") is not None:
+        facts.append(("condition number", f"{worth['condition']:.3g}"))
+    if worth.get("identified") is not None:
+        count = len(worth["identified"])
+        facts.append(("identifies", f"{count} of {count + len(worth.get('not_identified', []))} parameters"))
+    if all(look.gap is None for look in looks.values()):
+        facts.append(("clearance", "not drawn: no cell was given"))
+    return facts
+
+
+def _caption(motion: Motion, look: _Looks) -> str:
+    return f"{motion.name} ({motion.kind}): dotted red lines are limits; the upright line is the moment that the player shows."
+
+
+def _motions(page: Page, motions: Sequence[Motion], looks: Mapping[str, _Looks]) -> None:
+    rows = []
+    for motion in motions:
+        look = looks[motion.name]
+        least = None if look.gap is None else 1000 * float(np.min(look.gap)) + 1000 * look.margin
+        rows.append(
+            [motion.name, motion.kind, motion.trajectory.duration, float(look.speed.max()), least, look.pair, look.closest]
+        )
+    headers = ["motion", "kind", "duration [s]", "flange [m/s]", "closest [mm]", "between", "at [s]"]
+    page.section("Motions").table(headers, rows)
+
+
+def _worth(page: Page, worth: Mapping[str, Any]) -> None:
+    if not worth:
+        return
+    page.section("What the plan will and will not identify")
+    page.items(list(worth.get("notes", [])))
+    if worth.get("not_identified"):
+        page.text("Not identified by this plan: " + ", ".join(worth["not_identified"]))
+    if worth.get("identified"):
+        page.table(
+            ["parameter", "expected standard deviation, relative"],
+            [[n, s] for n, s in worth["identified"]],
+            "Identified",
+            fold=True,
+        )
+
+
+def _clock(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"

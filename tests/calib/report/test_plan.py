@@ -1,0 +1,129 @@
+"""The preview of a plan plays, scrubs and jumps to the closest moment in a real browser, from one file."""
+
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.report import plan
+from calib.report.scene import scene
+from sim.arm import Arm, load_arm
+from sim.cell import load_cell
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+from tests.calib.report.browser import Visit
+
+REPORT = Path(plan.__file__).parent
+
+
+@dataclass
+class Motion:
+    name: str
+    kind: str
+    trajectory: Trajectory
+
+
+class Near:
+    """A forearm that comes closest to the table where the shoulder's angle is greatest."""
+
+    pairs = (("forearm", "table"), ("wrist_3", "base"))
+    margin = np.array([0.02, 0.01])
+
+    def distances(self, q: np.ndarray) -> np.ndarray:
+        return np.array([0.5 - 0.3 * q[0], 0.9])
+
+
+def motion(name: str, seconds: float) -> Motion:
+    t = np.linspace(0, seconds, int(100 * seconds) + 1)
+    rate = 2 * np.pi / seconds
+    wave = np.outer(np.sin(rate * t), np.full(6, 0.5))
+    speed = np.outer(np.cos(rate * t), np.full(6, 0.5 * rate))
+    home = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
+    return Motion(name, name, Trajectory(t, home + wave, speed, -wave * rate**2))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    worth = {
+        "condition": 38.2,
+        "identified": [("m3", 0.01)],
+        "not_identified": ["Ixx1"],
+        "notes": ["<script>alert(1)</script>"],
+    }
+    motions = [motion("friction", 12.0), motion("excitation", 8.0)]
+    path = tmp_path_factory.mktemp("plan") / "plan.html"
+    return plan.write(path, load_arm("ur10e"), load_cell("mock-ur10e"), motions, Near(), worth)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_it_plays_and_scrubs(page: Path, visit: Callable[..., Visit], dark: bool) -> None:
+    expect = pytest.importorskip("playwright.sync_api").expect
+    seen = visit(page, dark=dark)
+    browser = seen.page
+    colours = browser.evaluate(
+        """() => { const c = document.querySelector("#player canvas"), d = document.createElement("canvas");
+        d.width = d.height = 64; const x = d.getContext("2d"); x.drawImage(c, 0, 0, 64, 64);
+        const p = x.getImageData(0, 0, 64, 64).data, s = new Set();
+        for (let i = 0; i < p.length; i += 4) s.add(`${p[i]},${p[i + 1]},${p[i + 2]}`); return s.size; }"""
+    )
+    assert colours > 50
+    browser.get_by_role("button", name="play").click()
+    expect(browser.locator("[data-part=clock]")).not_to_have_text(re.compile(r"^0\.0"))
+    browser.get_by_role("button", name="pause").click()
+    browser.get_by_role("button", name="closest moment").click()
+    assert float(browser.locator("[data-part=scrub]").input_value()) == pytest.approx(3.0, abs=0.1)
+    heads = browser.locator('[data-motion="friction"] .playhead')
+    assert heads.count() == 5
+    quarter = heads.first.evaluate("h => (h.getAttribute('x1') - h.dataset.x0) / (h.dataset.x1 - h.dataset.x0)")
+    assert quarter == pytest.approx(0.25, abs=0.01)
+    browser.locator("[data-part=motion]").select_option("excitation")
+    assert browser.locator('[data-motion="friction"]').is_hidden()
+    assert browser.locator('[data-motion="excitation"]').is_visible()
+    assert "/ 8.00 s" in browser.locator("[data-part=clock]").inner_text()
+    assert seen.complaints == []
+    assert seen.requests == []
+
+
+def test_without_webgl_the_rest_still_works(page: Path, visit: Callable[..., Visit]) -> None:
+    seen = visit(page, shot="plan-without-webgl", before="HTMLCanvasElement.prototype.getContext = () => null;")
+    assert "This browser has no WebGL" in seen.page.inner_text("#player")
+    seen.page.get_by_role("button", name="closest moment").click()
+    assert float(seen.page.locator("[data-part=scrub]").input_value()) == pytest.approx(3.0, abs=0.1)
+
+
+def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
+    html = page.read_text()
+    assert "ur10e will move for 20 s in mock-ur10e in 2 motions" in html
+    assert "coming closest with forearm and table at 350 mm" in html
+    assert "1 of 2 parameters" in html
+    assert "<script>alert(1)" not in html
+    assert len(html) < 1_500_000
+
+
+@pytest.mark.parametrize("name", ["ur10e", "servo6"])
+def test_the_flange_stands_where_rigid_body_kinematics_has_it(name: str) -> None:
+    arm: Arm = load_arm(name)
+    rng = np.random.default_rng(3)
+    for q in rng.uniform(-2, 2, (5, arm.n)):
+        step = 1e-6
+        moved = np.array(
+            [(plan._flange(arm, q + step * e) - plan._flange(arm, q - step * e)) / (2 * step) for e in np.eye(arm.n)]
+        )
+        linear, _ = RigidBody(arm).jacobian(q)
+        assert np.allclose(moved.T, linear[0], atol=1e-8)
+
+
+def test_every_shape_of_an_arm_is_drawn() -> None:
+    arm = load_arm("servo6")
+    assert len(scene(arm, None)["shapes"]) == max(len(arm.tree.shapes), 1)
+    assert len(scene(load_arm("ur10e"), load_cell("mock-ur10e"))["shapes"]) == len(load_arm("ur10e").tree.shapes) + 1
+
+
+def test_the_player_was_built_from_its_source() -> None:
+    for line in (REPORT / "assets" / "player.sha256").read_text().splitlines():
+        digest, name = line.split()
+        assert hashlib.sha256((REPORT / "web" / name).read_bytes()).hexdigest() == digest, f"{name} changed: run `make player`"
