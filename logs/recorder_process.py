@@ -51,7 +51,7 @@ class RecorderProcess(Recording):
         self.samples = 0
         self._closed = False
         slot = -(-(256 + 64 * len(self.joint_names)) // 64) * 64
-        fd = shared_memory(Ring.bytes(slots, slot))
+        fd = shared_memory(Ring.size(slots, slot))
         try:
             self._ring = Ring(fd, slots, slot)
             task = {

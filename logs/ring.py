@@ -37,11 +37,11 @@ class Ring:
 
     def __init__(self, fd: int, slots: int, slot_size: int) -> None:
         self.slots, self.slot_size = slots, slot_size
-        self._memory = mmap.mmap(fd, self.bytes(slots, slot_size))
+        self._memory = mmap.mmap(fd, self.size(slots, slot_size))
         self._room = slot_size - _SLOT.size
 
     @staticmethod
-    def bytes(slots: int, slot_size: int) -> int:
+    def size(slots: int, slot_size: int) -> int:
         """Size of the shared memory."""
         return _HEADER + slots * slot_size
 

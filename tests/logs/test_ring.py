@@ -10,7 +10,7 @@ from logs.ring import Ring, shared_memory
 
 @pytest.fixture
 def ends():
-    fd = shared_memory(Ring.bytes(8, 64))
+    fd = shared_memory(Ring.size(8, 64))
     yield Ring(fd, 8, 64), Ring(fd, 8, 64)
     os.close(fd)
 
