@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from logs.clock_fit import ClockFit
+
 
 class State(Enum):
     """How the recording ended; the value is the sentence shown to people."""
@@ -37,13 +39,14 @@ class Log:
     t_host       (N,) s, host clock at reception, from `t_host_origin`; NaN where the format has none
     q dq tau     (N, n) rad, rad/s, N m: measured; tau is the torque that the drive reports
     q_cmd dq_cmd tau_cmd  (N, n) the last command at or before each sample
-    current      (N, n) A, the last reading at or before each sample
+    current      (N, n) A, on the line through the readings before and after where they have instants of their own
     temperature  (N, n) degC, the last reading at or before each sample
     joint_names  names, in the order of the columns
     metadata     what the recording says of itself (arm, firmware, payload, clock fit, end reason, ...); words as recorded
     events       lines of /events
     findings     sentences about damage, gaps and loss that the reader noticed
     state        how the recording ended
+    clock        the fit between device and host clock; None without a host clock, or where there is too little of it
     t_origin     device clock at t = 0, ns; t_host_origin the same of the host clock. A float of seconds since 1970 resolves
                  only 0.24 us, so the origins are kept apart as integers: device instant = t_origin + 1e9 t
     """
@@ -64,6 +67,7 @@ class Log:
     findings: tuple[str, ...] = ()
     path: Path | None = None
     state: State = State.UNSTATED
+    clock: ClockFit | None = None
     t_origin: int = 0
     t_host_origin: int = 0
 

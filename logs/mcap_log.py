@@ -3,135 +3,21 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from logs.cdr import CdrError, Layout, joint_layout, log_message
+from logs.cdr import CdrError, log_message
 from logs.damage import Damage
+from logs.joint_topic import JointTopic
 from logs.log import Event, Log, State
 from logs.mcap_stream import MESSAGE, Batch, Channel, McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, RECORDING, SCHEMAS, STATES
-from logs.timing import check_times
+from logs.timing import checked_times, unwrapped
 
 MAX_EVENTS = 100_000
-MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
 FIELDS = {"sensor_msgs/msg/JointState": 3, "calib_msgs/msg/JointDiagnostics": 2}
-
-
-@dataclass
-class JointTopic:
-    """Messages of one topic, decoded in pieces: stamps, host times and values in the order of `names`."""
-
-    topic: str
-    fields: int
-    wanted: tuple[str, ...] | None
-    damage: Damage
-    stamp: list[np.ndarray] = field(default_factory=list)
-    host: list[np.ndarray] = field(default_factory=list)
-    values: list[list[np.ndarray]] = field(default_factory=list)
-    others: int = 0
-    layouts: dict[int, list[Layout]] = field(default_factory=dict)
-
-    def take(self, batch: Batch, starts: np.ndarray, heads: np.ndarray) -> None:
-        """Decode the messages at `starts`; those of one size and layout at once."""
-        count = len(starts)
-        stamp = np.zeros(count, dtype=np.int64)
-        sound = np.zeros(count, dtype=bool)
-        values: list[np.ndarray | None] = [None] * self.fields
-        sizes = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
-        for size in np.unique(sizes).tolist():
-            left = np.flatnonzero(sizes == size)
-            rows = batch.payloads(starts[left], size) if size else np.empty((len(left), 0), dtype=np.uint8)
-            known = self.layouts.setdefault(size, [])
-            tried = 0
-            while len(left):
-                layout = known[tried] if tried < len(known) else self._parsed(rows[0], batch, starts[left[0]])
-                if layout is None:
-                    left, rows = left[1:], rows[1:]
-                    continue
-                if tried >= len(known) and len(known) < MAX_LAYOUTS:
-                    known.append(layout)
-                # beyond MAX_LAYOUTS every message is parsed by itself: slow and correct, and never quadratic
-                if tried < MAX_LAYOUTS:
-                    match = layout.matches(rows)
-                    places, matching, left, rows = left[match], rows[match], left[~match], rows[~match]
-                else:
-                    places, matching, left, rows = left[:1], rows[:1], left[1:], rows[1:]
-                tried += 1
-                if len(places):
-                    stamp[places], sound[places] = layout.stamps(matching)
-                    self._late(batch, starts[places[~sound[places]]])
-                    self._place(layout, matching, places, values, sound, count, batch, starts)
-        self._append(stamp, heads["log"].astype(np.int64), values, sound)
-
-    def _parsed(self, row: np.ndarray, batch: Batch, start: int) -> Layout | None:
-        try:
-            return joint_layout(row.tobytes(), self.fields)
-        except CdrError as error:
-            self.damage.report(f"{batch.where}, message on {self.topic} at byte {start} in it", str(error))
-            return None
-
-    def _late(self, batch: Batch, starts: np.ndarray) -> None:
-        if len(starts):
-            self.damage.report(f"{batch.where}, message on {self.topic} at byte {starts[0]} in it", "a stamp with over 1e9 ns")
-
-    def _place(
-        self, layout: Layout, rows: np.ndarray, places: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray,
-        count: int, batch: Batch, starts: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Values of matching messages into their columns, by joint name."""
-        if self.wanted is None:
-            self.wanted = layout.names
-        missing = [name for name in self.wanted if name not in layout.names]
-        if missing or not self.wanted:
-            if len(missing) == len(self.wanted):
-                self.others += len(places)
-            else:
-                self.damage.report(
-                    f"{batch.where}, message on {self.topic} at byte {starts[places[0]]} in it",
-                    f"joints {', '.join(missing)} are missing; it names {', '.join(layout.names)}",
-                )
-            sound[places] = False
-            return
-        columns = [layout.names.index(name) for name in self.wanted]
-        for k in range(self.fields):
-            part = layout.values(rows, k)
-            if part is None:
-                continue
-            target = values[k]
-            if target is None:
-                target = values[k] = np.full((count, len(self.wanted)), np.nan)
-            target[places] = part[:, columns]
-
-    def _append(self, stamp: np.ndarray, host: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray) -> None:
-        if not sound.any():
-            return
-        n = len(self.wanted or ())
-        self.stamp.append(stamp[sound])
-        self.host.append(host[sound])
-        nothing = np.broadcast_to(np.float64(np.nan), (int(sound.sum()), n))
-        everything = bool(sound.all())
-        self.values.append([nothing if part is None else part if everything else part[sound] for part in values])
-
-    def joined(self, k: int) -> np.ndarray:
-        """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""
-        pieces = [parts[k] for parts in self.values]
-        for parts in self.values:
-            parts[k] = np.empty((0, 0))
-        n = len(self.wanted or ())
-        if not any(piece.strides[0] for piece in pieces):
-            return np.broadcast_to(np.float64(np.nan), (sum(map(len, pieces)), n))
-        out = np.empty((sum(map(len, pieces)), n))
-        at = 0
-        pieces.reverse()
-        while pieces:
-            piece = pieces.pop()
-            out[at : at + len(piece)] = piece
-            at += len(piece)
-        return out
 
 
 def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Damage) -> Log:
@@ -263,9 +149,10 @@ def _assembled(
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
     t, t_host = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9
     q, dq, tau = (states.joined(k) for k in range(3))
-    q_cmd, dq_cmd, tau_cmd = _held(_named(topics, COMMANDS, names, damage), stamp, len(names), 3, damage)
-    current, temperature = _held(_named(topics, DIAGNOSTICS, names, damage), stamp, len(names), 2, damage)
-    check_times(t, damage)
+    t, clock = checked_times(t, t_host, damage)
+    n = len(names)
+    q_cmd, dq_cmd, tau_cmd = _held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
+    current, temperature = _held(_named(topics, DIAGNOSTICS, names, damage), stamp, t, n, 2, damage, between=(0,))
     measured = {"q": q, "dq": dq, "tau": tau, "current": current, "temperature": temperature}
     arrays = {"t": t, "t_host": t_host, **measured, "q_cmd": q_cmd, "dq_cmd": dq_cmd, "tau_cmd": tau_cmd}
     fault = first_fault(t, measured)
@@ -283,7 +170,7 @@ def _assembled(
     words |= {f"{name}.{key}": value for name, record in metadata.items() if name != RECORDING for key, value in record.items()}
     lines = tuple(Event((at - int(stamp[0])) * 1e-9, level, name, text) for at, level, name, text in events)
     return Log(
-        names, **arrays, metadata=words, events=lines, findings=damage.all_findings(), path=damage.path, state=state,
+        names, **arrays, metadata=words, events=lines, findings=damage.all_findings(), path=damage.path, state=state, clock=clock,
         t_origin=int(stamp[0]), t_host_origin=int(host[0]),
     )  # fmt: skip
 
@@ -304,25 +191,51 @@ def _named(topics: dict[str, JointTopic], name: str, joints: tuple[str, ...], da
     return topic
 
 
-def _held(topic: JointTopic | None, stamp: np.ndarray, n: int, fields: int, damage: Damage) -> list[np.ndarray]:
-    """The last message at or before each stamp (N,): fields x (N, n); NaN before the first, and where there is no topic."""
+def _held(
+    topic: JointTopic | None,
+    stamp: np.ndarray,
+    t: np.ndarray,
+    n: int,
+    fields: int,
+    damage: Damage,
+    between: tuple[int, ...] = (),
+) -> list[np.ndarray]:
+    """The last message at or before each sample: fields x (N, n); NaN before the first, and where there is no topic.
+
+    Fields in `between` are readings at instants of their own and are taken from the line through the readings before and after:
+    the last one alone would be old by half its period on average, which looks like a delay.
+    """
     if topic is None:
         return [np.broadcast_to(np.float64(np.nan), (len(stamp), n))] * fields
     own = np.concatenate(topic.stamp)
     parts = [topic.joined(k) for k in range(fields)]
     if len(own) == len(stamp) and np.array_equal(own, stamp):
         return parts
-    if np.any(np.diff(own) < 0):
-        order = np.argsort(own, kind="stable")
-        own, parts = own[order], [part[order] for part in parts]
+    at = unwrapped((own - stamp[0]) * 1e-9, damage)
+    if np.any(np.diff(at) < 0):
+        order = np.argsort(at, kind="stable")
+        at, parts = at[order], [part[order] for part in parts]
         damage.note(f"messages on {topic.topic} are not in the order of their stamps; they were read in that order")
-    place = np.searchsorted(own, stamp, side="right") - 1
+    place = np.searchsorted(at, t, side="right") - 1
     out = []
-    for part in parts:
-        if part.strides[0]:
-            part = part[np.maximum(place, 0)]
-            part[place < 0] = np.nan
-            out.append(part)
-        else:
+    for k, part in enumerate(parts):
+        if not part.strides[0]:
             out.append(np.broadcast_to(np.float64(np.nan), (len(stamp), n)))
+            continue
+        value = part[np.maximum(place, 0)]
+        value[place < 0] = np.nan
+        if k in between:
+            value += _share(at, place, t)[:, None] * (part[np.minimum(place + 1, len(part) - 1)] - value)
+            if np.any(at[np.maximum(place, 0)] != t):
+                damage.note(f"readings on {topic.topic} have instants of their own; they were interpolated on the device clock")
+        out.append(value)
     return out
+
+
+def _share(at: np.ndarray, place: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(N,) how far t lies between its reading and the next, 0 to 1; NaN after the last."""
+    after = np.minimum(place + 1, len(at) - 1)
+    step = at[after] - at[np.maximum(place, 0)]
+    past = t - at[np.maximum(place, 0)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(past == 0, 0.0, np.where(step > 0, past / step, np.nan))

@@ -99,7 +99,7 @@ class Recorder(Recording):
         self._host_last = math.nan
         self._counts = [0] * (len(TOPICS) + 1)
         self._encoder = JointEncoder(self.joint_names)
-        self._slow = b""
+        self._temperature = b""
         self._status = Status.RUNNING
         self._closed = False
         head = metadata_text(metadata or {}) | {
@@ -124,9 +124,7 @@ class Recorder(Recording):
         if q_cmd is not None:
             command = [self._array(value) for value in (q_cmd, dq_cmd, tau_cmd)]
             records.append(self._joints(_COMMANDS, host, stamp, command))
-        slow = state.current.tobytes() + state.temperature.tobytes()
-        if slow != self._slow and not (np.isnan(state.current).all() and np.isnan(state.temperature).all()):
-            self._slow = slow
+        if self._brings_reading(state):
             records.append(self._joints(_DIAGNOSTICS, host, stamp, (state.current, state.temperature)))
         if state.status is not self._status:
             self._status = state.status
@@ -158,6 +156,12 @@ class Recorder(Recording):
                 "space_reserved": str(self._journal.reserves).lower(),
             },
         )  # fmt: skip
+
+    def _brings_reading(self, state: JointState) -> bool:
+        """Whether there is a current, or a temperature that differs from the last; currents are written with every sample."""
+        temperature = state.temperature.tobytes()
+        changed, self._temperature = temperature != self._temperature, temperature
+        return not np.isnan(state.current).all() or (changed and not np.isnan(state.temperature).all())
 
     def _times(self, t_device: float, t_host: float) -> tuple[int, int]:
         """Stamps in ns: the device clock as it is, the host clock as wall time at the start plus what has passed since."""

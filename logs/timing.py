@@ -1,18 +1,25 @@
-"""What the stamps of a recording say: order, duplicates, gaps and rate of the samples on the device clock."""
+"""What the stamps of a recording say: order, counters that wrapped around, duplicates, gaps and rate of the samples."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from logs.clock_fit import ClockFit, fit_clocks
 from logs.damage import Damage
 
 GAP_FACTOR = 2.5  # a step longer than this many median steps is a gap
+# counters of 16, 31 and 32 bits that count ns, us, ms or 1/10 ms
+WRAP_PERIODS = tuple(2.0**bits * tick for bits in (16, 31, 32) for tick in (1e-9, 1e-6, 1e-4, 1e-3))
 
 
-def check_times(t: np.ndarray, damage: Damage) -> None:
-    """BadLog where time runs backwards; sentences about duplicates and gaps. t (N,) s, device clock."""
+def checked_times(t: np.ndarray, t_host: np.ndarray, damage: Damage) -> tuple[np.ndarray, ClockFit | None]:
+    """The instants t (N,) s with counters' wrap-arounds undone, and the fit of the clocks where there is a host clock.
+
+    BadLog where time runs backwards otherwise; sentences about wrap-arounds, duplicates, gaps, skew and jumps.
+    """
     if len(t) < 2:
-        return
+        return t, None
+    t = unwrapped(t, damage)
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0)
     if len(back):
@@ -33,3 +40,27 @@ def check_times(t: np.ndarray, damage: Damage) -> None:
             f"{len(gaps)} gaps of more than {GAP_FACTOR:g} sample periods, the longest {steps[k] * 1e3:.1f} ms at {t[k]:.4f} s; "
             f"about {lost} samples are missing"
         )
+    clock = fit_clocks(t, t_host)
+    if clock is not None:
+        for sentence in clock.findings():
+            damage.note(sentence)
+    return t, clock
+
+
+def unwrapped(t: np.ndarray, damage: Damage) -> np.ndarray:
+    """t with whole counter periods added back, if every step back is one period of a known counter less about one sample."""
+    steps = np.diff(t)
+    back = np.flatnonzero(steps < 0)
+    forward = steps[steps > 0]
+    if not len(back) or len(forward) < len(steps) // 2:
+        return t
+    median = float(np.median(forward))
+    for period in WRAP_PERIODS:
+        over = steps[back] + period
+        if period > 100 * median and np.all((over > 0) & (over < GAP_FACTOR * median)):
+            damage.note(
+                f"the device counter wrapped around {len(back)} times (period {period:.9g} s), first at {t[back[0]]:.4f} s; "
+                "whole periods were added"
+            )
+            return t + period * np.concatenate([[0], np.cumsum(steps < 0)])
+    return t

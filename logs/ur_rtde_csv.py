@@ -17,7 +17,7 @@ import numpy as np
 from logs.damage import Damage
 from logs.log import Log, State
 from logs.plausible import UNIT, bad_samples, first_fault
-from logs.timing import check_times
+from logs.timing import checked_times
 
 UR_JOINTS = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
@@ -63,11 +63,11 @@ def read_csv(path: Path, accept_partial: bool = False) -> Log:
     origin = round(float(t[0]) * 1e9)
     nothing = np.broadcast_to(np.float64(np.nan), (len(t), n))
     seconds = (np.rint(t * 1e9).astype(np.int64) - origin) * 1e-9
-    check_times(seconds, damage)
+    seconds, _ = checked_times(seconds, nothing[:, 0], damage)
     return Log(
         UR_JOINTS, seconds, nothing[:, 0], parts["q"], parts["dq"], nothing, parts["current"], parts.get("temperature", nothing),
         parts.get("q_cmd", nothing), parts.get("dq_cmd", nothing), nothing, {"format": "ur_rtde CSV"}, (),
-        damage.all_findings(), path, State.CUT if damage.count else State.UNSTATED, origin,
+        damage.all_findings(), path, State.CUT if damage.count else State.UNSTATED, None, origin,
     )  # fmt: skip
 
 

@@ -1,0 +1,126 @@
+"""The messages of one topic as arrays by joint name: all of one layout at once, every other message by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from logs.cdr import CdrError, Layout, joint_layout
+from logs.damage import Damage
+from logs.mcap_stream import MESSAGE, Batch
+
+MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
+
+
+@dataclass
+class JointTopic:
+    """Messages of one topic, decoded in pieces: stamps, host times and values in the order of `names`."""
+
+    topic: str
+    fields: int
+    wanted: tuple[str, ...] | None
+    damage: Damage
+    stamp: list[np.ndarray] = field(default_factory=list)
+    host: list[np.ndarray] = field(default_factory=list)
+    values: list[list[np.ndarray]] = field(default_factory=list)
+    others: int = 0
+    layouts: dict[int, list[Layout]] = field(default_factory=dict)
+
+    def take(self, batch: Batch, starts: np.ndarray, heads: np.ndarray) -> None:
+        """Decode the messages at `starts`; those of one size and layout at once."""
+        count = len(starts)
+        stamp = np.zeros(count, dtype=np.int64)
+        sound = np.zeros(count, dtype=bool)
+        values: list[np.ndarray | None] = [None] * self.fields
+        sizes = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
+        for size in np.unique(sizes).tolist():
+            left = np.flatnonzero(sizes == size)
+            rows = batch.payloads(starts[left], size) if size else np.empty((len(left), 0), dtype=np.uint8)
+            known = self.layouts.setdefault(size, [])
+            tried = 0
+            while len(left):
+                layout = known[tried] if tried < len(known) else self._parsed(rows[0], batch, starts[left[0]])
+                if layout is None:
+                    left, rows = left[1:], rows[1:]
+                    continue
+                if tried >= len(known) and len(known) < MAX_LAYOUTS:
+                    known.append(layout)
+                # beyond MAX_LAYOUTS every message is parsed by itself: slow and correct, and never quadratic
+                if tried < MAX_LAYOUTS:
+                    match = layout.matches(rows)
+                    places, matching, left, rows = left[match], rows[match], left[~match], rows[~match]
+                else:
+                    places, matching, left, rows = left[:1], rows[:1], left[1:], rows[1:]
+                tried += 1
+                if len(places):
+                    stamp[places], sound[places] = layout.stamps(matching)
+                    self._late(batch, starts[places[~sound[places]]])
+                    self._place(layout, matching, places, values, sound, count, batch, starts)
+        self._append(stamp, heads["log"].astype(np.int64), values, sound)
+
+    def _parsed(self, row: np.ndarray, batch: Batch, start: int) -> Layout | None:
+        try:
+            return joint_layout(row.tobytes(), self.fields)
+        except CdrError as error:
+            self.damage.report(f"{batch.where}, message on {self.topic} at byte {start} in it", str(error))
+            return None
+
+    def _late(self, batch: Batch, starts: np.ndarray) -> None:
+        if len(starts):
+            self.damage.report(f"{batch.where}, message on {self.topic} at byte {starts[0]} in it", "a stamp with over 1e9 ns")
+
+    def _place(
+        self, layout: Layout, rows: np.ndarray, places: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray,
+        count: int, batch: Batch, starts: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Values of matching messages into their columns, by joint name."""
+        if self.wanted is None:
+            self.wanted = layout.names
+        missing = [name for name in self.wanted if name not in layout.names]
+        if missing or not self.wanted:
+            if len(missing) == len(self.wanted):
+                self.others += len(places)
+            else:
+                self.damage.report(
+                    f"{batch.where}, message on {self.topic} at byte {starts[places[0]]} in it",
+                    f"joints {', '.join(missing)} are missing; it names {', '.join(layout.names)}",
+                )
+            sound[places] = False
+            return
+        columns = [layout.names.index(name) for name in self.wanted]
+        for k in range(self.fields):
+            part = layout.values(rows, k)
+            if part is None:
+                continue
+            target = values[k]
+            if target is None:
+                target = values[k] = np.full((count, len(self.wanted)), np.nan)
+            target[places] = part[:, columns]
+
+    def _append(self, stamp: np.ndarray, host: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray) -> None:
+        if not sound.any():
+            return
+        n = len(self.wanted or ())
+        self.stamp.append(stamp[sound])
+        self.host.append(host[sound])
+        nothing = np.broadcast_to(np.float64(np.nan), (int(sound.sum()), n))
+        everything = bool(sound.all())
+        self.values.append([nothing if part is None else part if everything else part[sound] for part in values])
+
+    def joined(self, k: int) -> np.ndarray:
+        """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""
+        pieces = [parts[k] for parts in self.values]
+        for parts in self.values:
+            parts[k] = np.empty((0, 0))
+        n = len(self.wanted or ())
+        if not any(piece.strides[0] for piece in pieces):
+            return np.broadcast_to(np.float64(np.nan), (sum(map(len, pieces)), n))
+        out = np.empty((sum(map(len, pieces)), n))
+        at = 0
+        pieces.reverse()
+        while pieces:
+            piece = pieces.pop()
+            out[at : at + len(piece)] = piece
+            at += len(piece)
+        return out
