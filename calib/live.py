@@ -1,0 +1,164 @@
+"""What is happening, while it happens: every joint against its limits, what is recorded, and how to stop, on one screen.
+
+On a terminal a view that is redrawn ten times a second; elsewhere one plain line every few seconds. The same view replays a log.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from sim.arm import Arm
+
+BAR = 9
+REDRAW = 0.1
+PLAIN = 5.0
+_FILL = " ▏▎▍▌▋▊▉█"
+_NEAR, _OVER = 0.8, 1.0
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One moment of a run; arrays (n,) in rad, rad/s, N m, degC, NaN where the device reports nothing.
+
+    stage says which of the staged runs this is ("2 of 3"), speed is its share of the planned speed; elapsed and duration s of the
+    motion; frames received and lost so far; disk_free bytes, None where nothing is recorded; note: the last event, as a sentence.
+    """
+
+    motion: str
+    stage: str
+    speed: float
+    elapsed: float
+    duration: float
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray
+    temperature: np.ndarray
+    q_cmd: np.ndarray
+    frames: int
+    lost: int
+    disk_free: float | None = None
+    note: str = ""
+
+
+class LiveView:
+    """A context manager around a run; `update` may be called as often as one likes and draws as often as a person can read.
+
+    keys: what can be pressed, and what it does; it stands at the bottom of the screen all the time.
+    """
+
+    def __init__(
+        self, arm: Arm, title: str, keys: Mapping[str, str], following_error_max: float = np.inf, console: Console | None = None,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self._arm, self._title, self._keys, self._error_max = arm, title, dict(keys), following_error_max
+        self._console = console or Console(file=sys.stderr)
+        self._now, self._due = now, -np.inf
+        self._live: Live | None = None
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live = Live(console=self._console, auto_refresh=False, transient=True, vertical_overflow="crop")
+            self._live.start()
+        else:
+            self._say(f"{self._title}; {self._keys_line()}")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._live:
+            self._live.stop()
+
+    def update(self, snapshot: Snapshot, force: bool = False) -> None:
+        """Draw the moment, unless one was drawn a moment ago."""
+        now = self._now()
+        if now < self._due and not force:
+            return
+        if self._live:
+            self._due = now + REDRAW
+            self._live.update(self.screen(snapshot), refresh=True)
+        else:
+            self._due = now + PLAIN
+            self._say(self.line(snapshot))
+
+    def line(self, s: Snapshot) -> str:
+        """The moment in one line: where it is, and the joint that is nearest to each limit."""
+        parts = [f"{s.motion} (stage {s.stage}, {s.speed:.0%} speed) {s.elapsed:.1f} of {s.duration:.1f} s"]
+        for word, share in (("speed", np.abs(s.dq) / self._arm.dq_max), ("torque", np.abs(s.tau) / self._arm.tau_max)):
+            if np.any(np.isfinite(share)):
+                parts.append(f"{word} up to {np.nanmax(share):.0%} ({self._arm.joint_names[int(np.nanargmax(share))]})")
+        error = np.abs(s.q - s.q_cmd)
+        if np.any(np.isfinite(error)):
+            parts.append(
+                f"following error {1000 * np.nanmax(error):.1f} mrad ({self._arm.joint_names[int(np.nanargmax(error))]})"
+            )
+        if np.any(np.isfinite(s.temperature)):
+            parts.append(f"{np.nanmax(s.temperature):.0f} °C")
+        parts.append(f"{s.frames} frames, {s.lost} lost")
+        return ", ".join(parts) + (f"; {s.note}" if s.note else "")
+
+    def screen(self, s: Snapshot) -> Group:
+        """The moment as a screen."""
+        share = min(1.0, s.elapsed / s.duration) if s.duration > 0 else 1.0
+        head = Text.assemble(
+            (f"{self._title}\n", "bold"),
+            f"{s.motion}   stage {s.stage}   {s.speed:.0%} speed   ",
+            (_bar(share, 24), "cyan"),
+            f"  {max(0.0, s.duration - s.elapsed):.0f} s left",
+        )
+        grid = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+        for header in ("joint", "position rad", "speed", "torque N m", "°C", "error mrad"):
+            grid.add_column(header, justify="left" if header == "joint" else "right", no_wrap=True)
+        for j, joint in enumerate(self._arm.joint_names):
+            grid.add_row(Text(joint), *self._joint(s, j))
+        lost = (f"{s.lost} lost", "bold red") if s.lost else ("none lost", "")
+        disk = "" if s.disk_free is None else f"   disk {s.disk_free / 1e9:.1f} GB free"
+        foot = Text.assemble(f"{s.frames} frames, ", lost, disk, f"\n{s.note}" if s.note else "")
+        return Group(head, grid, foot, Text(self._keys_line(), style="reverse"))
+
+    def _joint(self, s: Snapshot, j: int) -> list[Text]:
+        arm = self._arm
+        place = (s.q[j] - arm.q_min[j]) / (arm.q_max[j] - arm.q_min[j])
+        mark = int(np.clip(place, 0, 1) * (BAR - 1)) if np.isfinite(place) else None
+        rail = "".join("●" if k == mark else "─" for k in range(BAR))
+        edge = abs(2 * place - 1)
+        speed, load = abs(s.dq[j]) / arm.dq_max[j], abs(s.tau[j]) / arm.tau_max[j]
+        error = abs(s.q[j] - s.q_cmd[j])
+        return [
+            Text(f"{rail} {s.q[j]:+6.2f}", style=_style(edge, 0.95)),
+            Text(f"{_bar(speed, 6)} {speed:4.0%}", style=_style(speed)) if np.isfinite(speed) else Text("–"),
+            Text(f"{_bar(load, 6)} {s.tau[j]:+7.1f}", style=_style(load)) if np.isfinite(s.tau[j]) else Text("–"),
+            Text(f"{s.temperature[j]:.0f}" if np.isfinite(s.temperature[j]) else "–"),
+            Text(f"{1000 * error:.1f}", style=_style(error / self._error_max)) if np.isfinite(error) else Text("–"),
+        ]
+
+    def _keys_line(self) -> str:
+        return "   ".join(f"{key}: {what}" for key, what in self._keys.items())
+
+    def _say(self, sentence: str) -> None:
+        self._console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def _bar(share: float, width: int) -> str:
+    """`width` characters, filled to an eighth of a character."""
+    if not np.isfinite(share):
+        return " " * width
+    eighths = round(min(1.0, max(0.0, float(share))) * width * 8)
+    full, rest = divmod(eighths, 8)
+    return ("█" * full + (_FILL[rest] if rest else "")).ljust(width)
+
+
+def _style(share: float, near: float = _NEAR) -> str:
+    """Red at and above the limit, yellow when near it; a share that is not a number is never painted as harmless."""
+    if not share < _OVER:
+        return "bold red"
+    return "yellow" if share >= near else ""
