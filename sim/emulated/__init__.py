@@ -14,7 +14,7 @@ from sim.errors import ConfigError
 from sim.resources import nearest
 
 # driver named in the cell file -> module that has `emulator(cell, arm) -> Emulator`
-EMULATORS: dict[str, str] = {}
+EMULATORS: dict[str, str] = {"can_servo": "sim.emulated.can"}
 
 
 class Emulator(Protocol):

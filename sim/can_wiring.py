@@ -1,0 +1,114 @@
+"""Which servo drive sits on which joint, on which bus: the `[options]` of a can_servo cell, read by driver and emulated drives."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import ConfigError
+from sim.resources import nearest
+from sim.strict import Finite, Positive, StrictTable, validated
+
+ProtocolName = Literal["damiao", "cubemars", "robstride", "odrive"]
+
+
+class RangeTable(StrictTable):
+    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot tell it."""
+
+    q: Positive
+    dq: Positive
+    tau: Positive
+    kp: Positive = 500.0
+    kd: Positive = 5.0
+
+
+class ServoTable(StrictTable):
+    """One drive: joint it moves, its identifiers, its serial number, and its stiffness.
+
+    q_joint = direction * q_drive + zero; kp N m/rad and kd N m s/rad of an impedance drive. `feedback` is the identifier
+    of its answers (Damiao MST_ID, CubeMars), `gear` motor revolutions per joint revolution (ODrive).
+    """
+
+    joint: str
+    node: Annotated[int, Field(ge=0, le=0x7FF)]
+    feedback: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
+    serial: str | None = None
+    kp: Annotated[Finite, Field(ge=0)] = 0.0
+    kd: Annotated[Finite, Field(ge=0)] = 0.0
+    direction: Literal[-1, 1] = 1
+    zero: Finite = 0.0
+    gear: Positive = 1.0
+    ranges: RangeTable | None = None
+    watchdog_endpoint: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
+
+
+class CanOptions(StrictTable):
+    """A bus and its drives.
+
+    interface, channel, bitrate and `bus` go to python-can; rate Hz is the control rate. watchdog s is the silence after
+    which a drive switches itself off. brakes says that the joints hold without torque. bus_load_max is the largest part of
+    the bit rate that the planned traffic may take in the worst case.
+    """
+
+    interface: str
+    channel: str
+    bitrate: Literal[1_000_000, 500_000, 250_000, 125_000] = 1_000_000
+    bus: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    protocol: ProtocolName
+    rate: Positive
+    watchdog: Annotated[Finite, Field(gt=0, le=0.5)] = 0.1
+    watchdog_unproven: bool = False
+    brakes: bool
+    rest_tolerance: Positive = 0.05
+    start_tolerance: Positive = 0.03
+    feedforward: Literal["none", "gravity", "model"] = "model"
+    temperature_max: Positive = 70.0
+    bus_load_max: Annotated[Finite, Field(gt=0, le=0.95)] = 0.75
+    ignore: list[Annotated[int, Field(ge=0, le=0x1FFFFFFF)]] = Field(default_factory=list)
+    servos: list[ServoTable]
+
+    @model_validator(mode="after")
+    def _distinct(self) -> CanOptions:
+        for key in ("joint", "node", "serial"):
+            values = [v for s in self.servos if (v := getattr(s, key)) is not None]
+            twice = sorted({str(v) for v in values if values.count(v) > 1})
+            if twice:
+                raise ValueError(f"{key} {', '.join(twice)} stands twice in servos; each drive has its own")
+        return self
+
+
+def can_options(cell: Cell, arm: Arm) -> CanOptions:
+    """The checked options of a cell, servos in the order of the arm's joints; ConfigError says what is missing or unknown."""
+    options = validated(CanOptions, cell.table.options, cell.path)
+    by_joint = {s.joint: s for s in options.servos}
+    for name in by_joint:
+        if name not in arm.joint_names:
+            raise ConfigError(f"{cell.path}: options.servos names {name!r}; {nearest(name, arm.joint_names)}")
+    missing = [name for name in arm.joint_names if name not in by_joint]
+    if missing:
+        raise ConfigError(
+            f"{cell.path}: options.servos has no drive for {', '.join(missing)}; add one for each joint of {arm.name}"
+        )
+    for servo in options.servos:
+        needs = {
+            "damiao": ("feedback",), "cubemars": ("feedback", "ranges"), "robstride": ("ranges",), "odrive": (),
+        }[options.protocol]  # fmt: skip
+        for key in needs:
+            if getattr(servo, key) is None:
+                raise ConfigError(
+                    f"{cell.path}: servo of {servo.joint} lacks {key}; a {options.protocol} drive cannot do without it"
+                )
+        if options.protocol != "odrive" and not (servo.kp > 0 and servo.kd > 0):
+            raise ConfigError(f"{cell.path}: servo of {servo.joint} needs kp and kd above zero; without them its joint falls")
+    return options.model_copy(update={"servos": [by_joint[name] for name in arm.joint_names]})
+
+
+def pose(values: list[float] | None, arm: Arm, what: str, cell: Cell) -> list[float]:
+    """A pose of the cell file, (n,) rad; ConfigError where it is missing or has a wrong length."""
+    if values is None or len(values) != arm.n or not all(math.isfinite(v) for v in values):
+        raise ConfigError(f"{cell.path}: {what} needs {arm.n} angles in rad, one for each joint of {arm.name}")
+    return list(values)

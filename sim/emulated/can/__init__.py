@@ -1,0 +1,108 @@
+"""Emulated CAN servo arms: several drives' firmware on one bus, with an arm behind them, reached as a real adapter is reached."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import can
+
+from sim.arm import Arm
+from sim.can_wiring import CanOptions, can_options, pose
+from sim.cell import Cell
+from sim.emulated.can.bus import EmulatedBus, build_bus
+from sim.emulated.can.port import Port
+from sim.emulated.can.slcan import SlcanPort
+from sim.emulated.can.socketcand import SocketcandPort
+from sim.emulated.can.virtual import VirtualPort
+from sim.errors import ConfigError
+
+TICK = 0.001  # s, the longest wait for the host
+EARLY = 0.002  # s; answers leave this much before their time on the wire rather than late
+
+
+class CanEmulator:
+    """One bus and one port, run by one thread between `start` and `stop`."""
+
+    def __init__(self, bus: EmulatedBus, port: Port, where: str) -> None:
+        self.bus, self.port, self.where = bus, port, where
+        self.faults = bus.faults
+        self._lock = threading.Lock()
+        self._running = False
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Open the port and answer on it."""
+        self.port.open()
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name="emulated-can", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and close the port; safe to call more than once."""
+        self._running = False
+        if self._thread is not None:
+            self._thread.join(5.0)
+            self._thread = None
+        self.port.close()
+
+    def inject(self, fault: str) -> None:
+        """One of `faults`, from any thread."""
+        with self._lock:
+            was_unplugged = "unplugged" in self.bus.active
+            self.bus.inject(fault)
+            if fault == "unplugged":
+                self.port.unplug()
+            elif fault == "restore" and was_unplugged:
+                self.port.open()
+
+    def instructions(self) -> list[str]:
+        """Where the bus is reached and what can go wrong on it."""
+        return [
+            f"{len(self.bus.servos)} {self.bus.servos[0].protocol} drives at {self.where}; in a second terminal: calib check with the same cell",
+            "faults: " + ", ".join(f for f in self.faults if ":" not in f)
+            + "; with a joint: " + ", ".join(sorted({f.partition(":")[0] for f in self.faults if ":" in f})),
+            "Ctrl-C ends it",
+        ]  # fmt: skip
+
+    def _run(self) -> None:
+        while self._running:
+            with self._lock:
+                state, stalled = self.bus.state, "tx-full" in self.bus.active and not isinstance(self.port, SlcanPort)
+            messages = self._receive(state, stalled)
+            with self._lock:
+                for message in messages:
+                    self.port.acknowledge(message, self.bus.send(message, time.monotonic()))
+                answers = self.bus.poll(time.monotonic() + EARLY)
+                if "unplugged" not in self.bus.active:
+                    self.port.deliver(answers)
+
+    def _receive(self, state: str, stalled: bool) -> list[can.Message]:
+        try:
+            return self.port.receive(TICK, state, stalled)
+        except (OSError, ValueError, can.CanError):
+            time.sleep(TICK)  # the cable was pulled while waiting for the host
+            return []
+
+
+def emulator(cell: Cell, arm: Arm) -> CanEmulator:
+    """The emulated drives of a can_servo cell; ConfigError where its interface has no emulated adapter."""
+    options = can_options(cell, arm)
+    bus = build_bus(cell, arm, options, pose(cell.table.rest, arm, "rest", cell))
+    port, where = _port(cell, options)
+    return CanEmulator(bus, port, where)
+
+
+def _port(cell: Cell, options: CanOptions) -> tuple[Port, str]:
+    if options.interface == "slcan":
+        return SlcanPort(options.channel), options.channel
+    if options.interface == "socketcand":
+        host, port = str(options.bus.get("host", "127.0.0.1")), options.bus.get("port", 29536)
+        if not isinstance(port, int) or isinstance(port, bool):
+            raise ConfigError(f"{cell.path}: options.bus.port = {port!r} is not a port number; write an integer")
+        return SocketcandPort(host, port), f"socketcand://{host}:{port}"
+    if options.interface == "virtual":
+        return VirtualPort(options.channel), f"virtual channel {options.channel}"
+    raise ConfigError(
+        f"{cell.path}: interface {options.interface!r} has no emulated adapter; slcan, socketcand and virtual have"
+    )

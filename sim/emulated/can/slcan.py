@@ -1,0 +1,122 @@
+"""A serial CAN adapter behind a pseudo-terminal: the bytes of the Lawicel protocol, as CANable and CANUSB speak it.
+
+Status bits of F: can232 manual, LAWICEL AB: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data overrun,
+5 error passive, 6 arbitration lost, 7 bus error. Bus-off is not among them: 2, 5 and 7 together stand for it here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import tty
+from pathlib import Path
+
+import can
+
+from sim.emulated.can.port import Port
+from sim.errors import DeviceError
+
+OK, BELL = b"\r", b"\a"
+FLAGS = {"active": 0x00, "passive": 0x20, "off": 0xA4}
+
+
+class SlcanPort(Port):
+    """A link at `path` leads to the terminal's other end."""
+
+    def __init__(self, path: str) -> None:
+        self.path = Path(path)
+        self._master: int | None = None
+        self._slave: int | None = None
+        self._buffer = b""
+        self._open = False
+
+    def open(self) -> None:
+        if self.path.is_symlink():
+            self.path.unlink()
+        elif self.path.exists():
+            raise DeviceError(
+                f"{self.path} is a file, not a link of an earlier emulator; choose another channel in the cell file"
+            )
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path.symlink_to(os.ttyname(self._slave))
+        self._open = False
+
+    def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
+        if self._master is None:
+            select.select([], [], [], timeout)
+            return []
+        if stalled or not select.select([self._master], [], [], timeout)[0]:
+            if stalled:
+                select.select([], [], [], timeout)
+            return []
+        self._buffer += os.read(self._master, 65536)
+        *lines, self._buffer = self._buffer.split(OK)
+        frames = [f for line in lines if (f := self._line(line.decode("ascii", "replace"), state)) is not None]
+        return frames
+
+    def acknowledge(self, message: can.Message, accepted: bool) -> None:
+        self._write((b"Z\r" if message.is_extended_id else b"z\r") if accepted else BELL)
+
+    def deliver(self, messages: list[can.Message]) -> None:
+        if not self._open:
+            return
+        for m in messages:
+            if m.is_error_frame:
+                continue
+            head = f"T{m.arbitration_id:08X}" if m.is_extended_id else f"t{m.arbitration_id:03X}"
+            self._write(f"{head}{m.dlc:d}{m.data.hex().upper()}\r".encode())
+
+    def unplug(self) -> None:
+        for fd in (self._master, self._slave):
+            if fd is not None:
+                os.close(fd)
+        self._master = self._slave = None
+        self.path.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        self.unplug()
+
+    def _line(self, line: str, state: str) -> can.Message | None:
+        if not line:
+            return None
+        kind = line[0]
+        if kind in "tTrR" and self._open:
+            with contextlib.suppress(ValueError, IndexError):
+                wide = kind in "TR"
+                end = 9 if wide else 4
+                length = int(line[end])
+                data = bytes.fromhex(line[end + 1 : end + 1 + 2 * length])
+                remote = kind in "rR"
+                if length <= 8 and (remote or len(data) == length):
+                    return can.Message(
+                        arbitration_id=int(line[1:end], 16), is_extended_id=wide, is_remote_frame=remote, dlc=length,
+                        data=None if remote else data,
+                    )  # fmt: skip
+            self._write(BELL)
+        elif kind in "OL":
+            self._open = True
+            self._write(OK)
+        elif kind == "C":
+            self._open = False
+            self._write(OK)
+        elif kind == "F":
+            self._write(f"F{FLAGS[state]:02X}\r".encode())
+        elif kind in "SsYZM":
+            self._write(OK)
+        elif kind == "V":
+            self._write(b"V1013\r")
+        elif kind == "N":
+            self._write(b"NE001\r")
+        else:
+            self._write(BELL)
+        return None
+
+    def _write(self, data: bytes) -> None:
+        if self._master is not None:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._master, data)
