@@ -12,6 +12,7 @@ from sim.resources import nearest
 
 # driver named in the cell file -> module and class; imported only when a cell names it
 DRIVERS: dict[str, tuple[str, str]] = {
+    "can_servo": ("drivers.can_servo.driver", "CanServo"),
     "mock": ("drivers.mock", "MockDriver"),
     "replay": ("drivers.replay", "ReplayDriver"),
 }

@@ -1,0 +1,140 @@
+"""From an opened bus to drives that are known and guarded: identity, ranges, watchdog. Nothing here moves a joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import can
+
+from drivers.can_servo.cubemars import CubeMars
+from drivers.can_servo.damiao import Damiao
+from drivers.can_servo.drive import Drive, Identity
+from drivers.can_servo.link import Link
+from drivers.can_servo.odrive import ODrive
+from drivers.can_servo.robstride import RobStride
+from sim.can_wiring import CanOptions
+from sim.clock import Clock
+from sim.errors import DeviceError
+
+PROTOCOLS: dict[str, type[Drive]] = {
+    "damiao": Damiao,
+    "cubemars": CubeMars,
+    "robstride": RobStride,
+    "odrive": ODrive,
+}
+
+ANSWER_TIME, TRIES = 0.1, 3  # s for one answer, and how often it is asked for
+LINGER = 0.003  # s in which a second drive with the same identifier would answer too
+QUIET_TIME = 0.05  # s of listening before the first frame
+
+T = TypeVar("T")
+
+
+def make_drives(options: CanOptions) -> list[Drive]:
+    """The drives of a cell, not yet asked."""
+    return [PROTOCOLS[options.protocol](servo, options) for servo in options.servos]
+
+
+class Enquiry:
+    """Questions to drives, one at a time: an answer comes once, within 0.1 s, or the drive is not what the cell file says."""
+
+    def __init__(self, link: Link, clock: Clock) -> None:
+        self.link, self.clock = link, clock
+
+    def ask(self, message: can.Message, answers: Callable[[can.Message], T | None], what: str) -> T:
+        """The first answer that `answers` understands; DeviceError where none comes, or two do."""
+        for _ in range(TRIES):
+            self.link.send([message])
+            end = self.clock.now() + ANSWER_TIME
+            found: list[T] = []
+            while (heard := self.link.receive(end)) is not None:
+                answer = answers(heard)
+                if answer is not None:
+                    found.append(answer)
+                    if len(found) == 1:
+                        end = min(end, self.clock.now() + LINGER)
+            if len(found) > 1:
+                raise DeviceError(
+                    f"{what}: two answers came; two drives have this identifier: give each its own with the maker's tool"
+                )
+            if found:
+                return found[0]
+        raise DeviceError(
+            f"{what}: no answer on {self.link.where} in {TRIES} tries of {ANSWER_TIME:g} s; check supply, cable, termination, "
+            "bit rate, and the node and feedback identifiers in the cell file"
+        )
+
+
+def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[int]) -> None:
+    """DeviceError where somebody talks who should not: another host, or an identifier that the cell file does not know."""
+    end = clock.now() + QUIET_TIME
+    strangers: dict[int, int] = {}
+    keys = {drive.key for drive in drives}
+    while (message := link.receive(end)) is not None:
+        if message.arbitration_id in ignore:
+            continue
+        if any(drive.is_command(message) for drive in drives):
+            raise DeviceError(
+                f"{link.where}: identifier {message.arbitration_id:#x}: another host commands these drives; end the other program first"
+            )
+        if drives[0].key_of(message) not in keys or not drives[0].pushes:
+            strangers[message.arbitration_id] = strangers.get(message.arbitration_id, 0) + 1
+    if strangers:
+        seen = ", ".join(f"{i:#x} ({n} frames)" for i, n in sorted(strangers.items()))
+        raise DeviceError(
+            f"{link.where}: unknown traffic before the first command: {seen}; take these nodes off the bus, end the program that asks "
+            "them, or list their identifiers under ignore"
+        )
+
+
+def identify(enquiry: Enquiry, drives: Sequence[Drive]) -> list[Identity]:
+    """Every drive's identity, serial numbers matched with the cell file: a swapped cable or identifier is found here."""
+    found = [drive.identify(enquiry.ask) for drive in drives]
+    by_serial = {identity.serial: drive for drive, identity in zip(drives, found, strict=True) if identity.serial}
+    problems = []
+    for drive, identity in zip(drives, found, strict=True):
+        wanted = drive.servo.serial
+        if not identity.serial:
+            continue
+        if wanted is None:
+            problems.append(
+                f'{drive.name} has serial number {identity.serial}: write serial = "{identity.serial}" to its servo'
+            )
+        elif wanted != identity.serial:
+            other = next((d for d in drives if d.servo.serial == identity.serial), None)
+            hint = f", which belongs to {other.servo.joint}" if other else ""
+            problems.append(f"{drive.name} answers with serial number {identity.serial}{hint}, the cell file expects {wanted}")
+    if problems:
+        raise DeviceError(
+            "; ".join(problems) + "; correct the identifiers on the drives, or the cell file if a drive was replaced"
+        )
+    if len(by_serial) < sum(1 for i in found if i.serial):
+        raise DeviceError(
+            "two drives tell the same serial number, so joints cannot be told apart; ask the maker for distinct ones"
+        )
+    return found
+
+
+def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> list[float]:
+    """Each drive's silence timeout, set where it can be and read back, s; NaN where it cannot tell and the cell accepts that.
+
+    Without it a drive follows its last command for ever once the host has died, so an unread watchdog is a refusal.
+    """
+    values = []
+    for drive in drives:
+        value = drive.set_watchdog(enquiry.ask, options.watchdog)
+        if math.isnan(value):
+            if not options.watchdog_unproven:
+                raise DeviceError(
+                    f"{drive.name}: its watchdog cannot be read back; set it with the maker's tool, try it by pulling the cable with "
+                    "the arm supported, then state watchdog_unproven = true in the cell file"
+                )
+        elif not 0 < value <= options.watchdog * (1 + 1e-3):
+            raise DeviceError(
+                f"{drive.name}: its watchdog reads {value:g} s, the cell file asks for {options.watchdog:g} s or less; a drive without "
+                "one follows its last command for ever: set it with the maker's tool"
+            )
+        values.append(value)
+    return values

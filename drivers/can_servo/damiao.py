@@ -1,0 +1,113 @@
+"""Damiao drives in MIT mode; layout configs/can/damiao.dbc. They tell their ranges, watchdog, mode and serial number."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import can
+
+from drivers.can_servo import frames
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from sim.can_wiring import RangeTable
+from sim.errors import DeviceError
+
+REGISTERS = 0x7FF
+READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
+TIMEOUT, MODE, SOFTWARE, SERIAL, PMAX, VMAX, TMAX = 9, 10, 14, 15, 21, 22, 23
+MIT_MODE = 1
+TICK = 50e-6  # s, the unit of register 9
+ERRORS = {
+    8: "over-voltage", 9: "under-voltage", 10: "over-current", 11: "over-temperature of the driver", 12: "over-temperature of the motor",
+    13: "communication lost: it heard no command for its timeout and switched off", 14: "overload",
+}  # fmt: skip
+
+
+class Damiao(Drive):
+    """One answer for each command, none unasked; an error stays until it is cleared."""
+
+    protocol = "damiao"
+
+    @property
+    def key(self) -> Hashable:
+        return self.servo.feedback, self.servo.node & 0xF
+
+    @staticmethod
+    def key_of(message: can.Message) -> Hashable | None:
+        if message.is_extended_id or message.dlc != 8:
+            return None
+        return message.arbitration_id, message.data[0] & 0xF
+
+    def is_command(self, message: can.Message) -> bool:
+        return not message.is_extended_id and message.arbitration_id in (self.servo.node, REGISTERS)
+
+    def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
+        raw_q, raw_dq, raw_tau = self.raw_target(q, dq, tau)
+        data = frames.mit_command(raw_q, raw_dq, self.kp_raw, self.kd_raw, raw_tau)
+        return data_frame(self.servo.node, data), self.joint_side(self.q_field.value(raw_q))
+
+    def refresh(self) -> list[can.Message]:
+        return [data_frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
+
+    def decode(self, message: can.Message) -> Reading | None:
+        data = bytes(message.data)
+        state, (q, dq, tau), sign = data[0] >> 4, frames.mit_state(data), self.direction
+        if state not in (0, 1) and state not in ERRORS:
+            return None
+        return Reading(
+            self.joint_side(self.q_field.value(q)), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
+            float(max(data[6], data[7])), on=state == 1, error=ERRORS.get(state, ""),
+        )  # fmt: skip
+
+    def identify(self, ask: Ask) -> Identity:
+        mode = self._read(ask, MODE)
+        if mode != MIT_MODE:
+            raise DeviceError(
+                f"{self.name}: control mode {mode} is set, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool"
+            )
+        spans = [frames.as_float(self._read(ask, number)) for number in (PMAX, VMAX, TMAX)]
+        if not all(0 < x < 1e4 for x in spans):
+            raise DeviceError(
+                f"{self.name}: PMAX, VMAX, TMAX read as {spans}; expected positive numbers: set them with the maker's tool"
+            )
+        ranges = RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
+        self.set_ranges(ranges)
+        return Identity(
+            str(self._read(ask, SERIAL)), str(self._read(ask, SOFTWARE)), self._read(ask, TIMEOUT) * TICK, ranges
+        )  # fmt: skip
+
+    def set_watchdog(self, ask: Ask, seconds: float) -> float:
+        ticks = round(seconds / TICK)
+        if self._read(ask, TIMEOUT) != ticks:
+            self._request(ask, WRITE, TIMEOUT, ticks)
+        return self._read(ask, TIMEOUT) * TICK
+
+    def enable(self) -> can.Message:
+        return data_frame(self.servo.node, frames.special(0xFC))
+
+    def disable(self) -> can.Message:
+        return data_frame(self.servo.node, frames.special(0xFD))
+
+    def zero(self) -> can.Message:
+        return data_frame(self.servo.node, frames.special(0xFE))
+
+    def clear(self) -> can.Message:
+        return data_frame(self.servo.node, frames.special(0xFB))
+
+    def _read(self, ask: Ask, number: int) -> int:
+        return self._request(ask, READ, number, 0)
+
+    def _request(self, ask: Ask, order: int, number: int, value: int) -> int:
+        node = self.servo.node
+
+        def reply(message: can.Message) -> int | None:
+            # A register reply carries the identifier of the feedback; only its first four bytes tell them apart.
+            if message.arbitration_id != self.servo.feedback or message.is_extended_id or message.dlc != 8:
+                return None
+            told, what, register, raw = frames.register_reply(bytes(message.data))
+            return raw if (told, what, register) == (node, order, number) else None
+
+        answer = ask(
+            data_frame(REGISTERS, frames.register(node, order, number, value)), reply, f"{self.name}: register {number}"
+        )
+        assert isinstance(answer, int)
+        return answer

@@ -1,0 +1,157 @@
+"""One servo drive as the host sees it: its identifiers, its frames, what it says of itself. One subclass a protocol."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+
+import can
+
+from drivers.can_servo.scaling import Field
+from sim.can_wiring import CanOptions, RangeTable, ServoTable
+from sim.errors import DeviceError
+
+# Sends a frame and returns what `answers` made of the first frame it did not return None for; DeviceError after the last try.
+Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one feedback frame says, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
+
+    on is None where the protocol does not tell; error is empty or the drive's complaint.
+    """
+
+    q: float
+    dq: float
+    tau: float
+    temperature: float = math.nan
+    on: bool | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a drive says of itself; `serial` is empty where it cannot tell, `watchdog` s is NaN there and 0 where it is off."""
+
+    serial: str
+    firmware: str
+    watchdog: float
+    ranges: RangeTable
+
+
+class Drive(ABC):
+    """Encodes commands and decodes answers of one drive; knows nothing of time or of other drives.
+
+    Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes` marks a protocol whose drives send unasked;
+    `cycle` lists (extended, data bytes) of the frames of one control cycle, `beats` frames a second beside them.
+    """
+
+    protocol: str
+    extended = False
+    pushes = False
+    cycle: tuple[tuple[bool, int], ...] = ((False, 8), (False, 8))
+    beats = 0.0
+
+    def __init__(self, servo: ServoTable, options: CanOptions) -> None:
+        self.servo, self.options = servo, options
+        self.name = f"{servo.joint} (node {servo.node})"
+        self.direction, self.zero_at = servo.direction, servo.zero
+        if servo.ranges is not None:
+            self.set_ranges(servo.ranges)
+
+    def set_ranges(self, ranges: RangeTable) -> None:
+        """Scale every frame by these ranges from now on."""
+        bits = (16, 16, 16, 16, 16) if self.extended else (16, 12, 12, 12, 12)
+        self.ranges = ranges
+        joint = self.servo.joint
+        self.q_field = Field(f"{joint}: position", -ranges.q, ranges.q, bits[0], "rad")
+        self.dq_field = Field(f"{joint}: speed", -ranges.dq, ranges.dq, bits[1], "rad/s")
+        self.kp_field = Field(f"{joint}: kp", 0.0, ranges.kp, bits[2], "N*m/rad")
+        self.kd_field = Field(f"{joint}: kd", 0.0, ranges.kd, bits[3], "N*m*s/rad")
+        self.tau_field = Field(f"{joint}: torque", -ranges.tau, ranges.tau, bits[4], "N*m")
+        self.kp_raw, self.kd_raw = self.kp_field.raw(self.servo.kp), self.kd_field.raw(self.servo.kd)
+
+    def raw_target(self, q: float, dq: float, tau: float) -> tuple[int, int, int]:
+        """Integers of a joint-side target in drive coordinates; DeviceError where the frame cannot carry one."""
+        sign = self.direction
+        return self.q_field.raw(sign * (q - self.zero_at)), self.dq_field.raw(sign * dq), self.tau_field.raw(sign * tau)
+
+    def joint_side(self, q: float) -> float:
+        """Joint angle of a drive angle, rad."""
+        return self.direction * q + self.zero_at
+
+    @property
+    def q_step(self) -> float:
+        """Step of the position that is reported, rad; 0 for a float."""
+        return self.q_field.factor
+
+    @property
+    def dq_step(self) -> float:
+        """Step of the speed that is reported, rad/s; 0 for a float."""
+        return self.dq_field.factor
+
+    @property
+    @abstractmethod
+    def key(self) -> Hashable:
+        """What `key_of` gives for a frame of this drive."""
+
+    @staticmethod
+    @abstractmethod
+    def key_of(message: can.Message) -> Hashable | None:
+        """Which drive sent a frame; None for a frame that no drive of this protocol sends."""
+
+    @abstractmethod
+    def is_command(self, message: can.Message) -> bool:
+        """Whether a frame commands this drive: heard from outside, it means a second host."""
+
+    @abstractmethod
+    def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
+        """Frame for a joint-side target, and the position it really asks for after quantisation."""
+
+    @abstractmethod
+    def refresh(self) -> list[can.Message]:
+        """Frames that ask for a reading and change nothing; sent only while the drive is off. Empty for a drive that pushes."""
+
+    @abstractmethod
+    def decode(self, message: can.Message) -> Reading | None:
+        """The reading in a frame of this drive; None for another kind of frame, or one of the wrong length or content."""
+
+    @abstractmethod
+    def identify(self, ask: Ask) -> Identity:
+        """Ask the drive what it is; reads only."""
+
+    @abstractmethod
+    def set_watchdog(self, ask: Ask, seconds: float) -> float:
+        """Set the silence after which the drive switches off, and return what it reads back, s; NaN where it cannot tell."""
+
+    @abstractmethod
+    def enable(self) -> can.Message:
+        """Torque on, zero stiffness."""
+
+    @abstractmethod
+    def disable(self) -> can.Message:
+        """Torque off."""
+
+    @abstractmethod
+    def clear(self) -> can.Message:
+        """Clear a latched error; the drive stays off."""
+
+    @abstractmethod
+    def zero(self) -> can.Message:
+        """Make the present angle the drive's zero."""
+
+    def stated_ranges(self) -> RangeTable:
+        """The cell file's ranges, for a drive that cannot tell them."""
+        if self.servo.ranges is None:
+            raise DeviceError(
+                f"{self.name}: this drive cannot tell its ranges and the cell file does not state them; add ranges to its servo"
+            )
+        return self.servo.ranges
+
+
+def data_frame(identifier: int, data: bytes, extended: bool = False) -> can.Message:
+    """A data frame."""
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, check=False)

@@ -1,0 +1,40 @@
+"""Torque that goes along with a position: what the nominal arm needs, so that the drive's stiffness corrects only the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.rigid_body import RigidBody
+
+
+class Feedforward:
+    """tau = M(q) ddq + C(q, dq) dq + g(q) of the nominal arm and its rotors; "gravity" is g(q) alone, "none" is zero.
+
+    ddq is the difference of two commanded speeds. q, dq (n,) rad, rad/s -> (n,) N m.
+    """
+
+    def __init__(self, arm: Arm, kind: str, period: float) -> None:
+        self._kind, self._period, self._n = kind, period, arm.n
+        self._body = RigidBody(arm) if kind != "none" else None
+        rotors = [arm.effect("rotor_inertia", name) for name in arm.joint_names]
+        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotors])
+        self._last: tuple[float, np.ndarray] | None = None
+
+    def __call__(self, q: np.ndarray, dq: np.ndarray, now: float) -> np.ndarray:
+        """The torque for a moving target; after a pause the acceleration is taken as zero."""
+        if self._body is None:
+            return np.zeros(self._n)
+        if self._kind == "gravity":
+            return self.hold(q)
+        ddq = np.zeros(self._n)
+        if self._last is not None and now - self._last[0] < 3 * self._period:
+            ddq = (dq - self._last[1]) / self._period
+        self._last = (now, dq.copy())
+        return self._body.inverse_dynamics(q[None], dq[None], ddq[None])[0] + self._rotor * ddq
+
+    def hold(self, q: np.ndarray) -> np.ndarray:
+        """The torque that carries the arm at q."""
+        if self._body is None:
+            return np.zeros(self._n)
+        return self._body.gravity_torque(q[None])[0]

@@ -1,0 +1,128 @@
+"""What is known of each joint at this instant: its last reading, how old it is, and what its drive owes an answer for."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Hashable, Iterable, Sequence
+
+import can
+
+from drivers.can_servo.drive import Drive, Reading
+from drivers.can_servo.link import Link
+from sim.clock import Clock
+from sim.errors import DeviceError
+
+PERIODS_MAX = 3  # a joint that is silent for longer is a fault
+UNASKED_MAX = 2  # answers in a row that nobody asked for
+STRANGER_SHARE = 0.5  # a node that talks this much of what all drives do is babbling
+REJECTED_MAX = 3  # damaged frames in a row
+
+
+class Joints:
+    """Sorts frames to joints; `take` raises a DeviceError for everything that a healthy bus does not carry.
+
+    fresh[j] says that joint j has answered since `expect` was last called.
+    """
+
+    def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float, ignore: Sequence[int]) -> None:
+        self.drives, self.link, self.clock, self.period = drives, link, clock, 1.0 / rate
+        self.by_key: dict[Hashable, int] = {d.key: j for j, d in enumerate(drives)}
+        self.readings: list[Reading | None] = [None] * len(drives)
+        self.fresh = [True] * len(drives)
+        self.lost = 0
+        self._waiting_since = [clock.now()] * len(drives)
+        self._owed = [0] * len(drives)
+        self._unasked = [0] * len(drives)
+        self._rejected = [0] * len(drives)
+        self._strangers: deque[tuple[float, int]] = deque()
+        self._ignore = set(ignore)
+        self.rejected = 0
+
+    def expect(self, asked: Iterable[int]) -> None:
+        """Answers are due from these joints; a reading that is there already is not one."""
+        now = self.clock.now()
+        for j in asked:
+            self._owed[j] += 1
+            if self.fresh[j]:
+                self.fresh[j], self._waiting_since[j] = False, now
+
+    def missing(self) -> list[int]:
+        """Joints that have not answered."""
+        return [j for j, fresh in enumerate(self.fresh) if not fresh]
+
+    def take(self, message: can.Message) -> None:
+        """Sort one frame in; DeviceError for a second host, two drives with one identifier, a babbling node, damaged frames."""
+        key = self.drives[0].key_of(message)
+        j = self.by_key.get(key) if key is not None else None
+        if j is None:
+            self._stranger(message)
+            return
+        drive = self.drives[j]
+        reading = drive.decode(message)
+        if reading is None:
+            if not drive.pushes:
+                self._reject(j, message)
+            return
+        self._rejected[j] = 0
+        if not drive.pushes:
+            if self._owed[j] > 0:
+                self._owed[j] -= 1
+                self._unasked[j] = 0
+            else:
+                self._unasked[j] += 1
+                if self._unasked[j] >= UNASKED_MAX:
+                    raise DeviceError(
+                        f"{drive.name}: it answers twice: two drives have this identifier; give each its own with the maker's tool"
+                    )
+                return
+        self.readings[j], self.fresh[j] = reading, True
+
+    def collect(self, until: float) -> None:
+        """Sort in what comes until every joint has answered, or the instant `until`."""
+        while self.missing():
+            message = self.link.receive(until)
+            if message is None:
+                break
+            self.take(message)
+        self.require_age()
+
+    def require_age(self) -> None:
+        """DeviceError names the joints that owe an answer for more than three periods."""
+        now, limit = self.clock.now(), PERIODS_MAX * self.period * (1 + 1e-9)
+        late = {j: now - self._waiting_since[j] for j in self.missing()}
+        if any(not age <= limit for age in late.values()):
+            silent = ", ".join(self.drives[j].name for j, age in late.items() if not age <= limit)
+            raise DeviceError(
+                f"{silent}: silent for {1e3 * max(late.values()):.1f} ms, more than {PERIODS_MAX} periods of "
+                f"{1e3 * self.period:.1f} ms; look at cable and supply, and whether the drive has switched itself off"
+            )
+
+    def _reject(self, j: int, message: can.Message) -> None:
+        self.rejected += 1
+        self._rejected[j] += 1
+        if self._rejected[j] >= REJECTED_MAX:
+            data = bytes(message.data).hex(" ")
+            raise DeviceError(
+                f"{self.drives[j].name}: {REJECTED_MAX} frames in a row that are not of its protocol (last {data}); "
+                "check the firmware version, and that no other device has this identifier"
+            )
+
+    def _stranger(self, message: can.Message) -> None:
+        if message.arbitration_id in self._ignore:
+            return
+        if any(drive.is_command(message) for drive in self.drives):
+            raise DeviceError(
+                f"identifier {message.arbitration_id:#x}: another host commands these drives; end the other program, then start again"
+            )
+        now = self.clock.now()
+        window = 10 * self.period
+        self._strangers.append((now, message.arbitration_id))
+        while self._strangers[0][0] < now - window:
+            self._strangers.popleft()
+        allowed = STRANGER_SHARE * len(self.drives) * 10
+        if len(self._strangers) > allowed:
+            worst, count = Counter(i for _, i in self._strangers).most_common(1)[0]
+            raise DeviceError(
+                f"identifier {worst:#x}: a node that is no drive of this cell sent {count} frames in {1e3 * window:.0f} ms and "
+                "crowds the bus; take it off, or list it under ignore if it belongs here"
+            )

@@ -1,0 +1,114 @@
+"""python-can's serial adapter bus with what a servo loop needs of it: refusals counted, status flags read, nothing left in a queue."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import termios
+import time
+from typing import Any
+
+import can
+from can.bus import BusState
+from can.interfaces.slcan import slcanBus
+
+# F command: can232 manual, LAWICEL AB. Bus-off has no bit of its own: passive, warning and bus error together.
+PASSIVE, BUS_OFF = 0x20, 0xA4
+TRANSMIT_FULL = 0x02
+
+
+class LawicelBus(slcanBus):
+    """`refused` counts frames that the adapter answered with BELL; `state` is what its last status reply said.
+
+    Bytes are read in blocks and written at once: the parent reads one byte a call and waits until each frame has drained.
+    """
+
+    def __init__(self, channel: str, **arguments: Any) -> None:
+        self.refused = 0
+        self._flags = 0
+        self._block = bytearray()
+        super().__init__(channel=channel, **arguments)
+
+    @property
+    def state(self) -> BusState:
+        if self._flags & BUS_OFF == BUS_OFF:
+            return BusState.ERROR
+        return BusState.PASSIVE if self._flags & PASSIVE else BusState.ACTIVE
+
+    @state.setter
+    def state(self, new_state: BusState) -> None:
+        raise NotImplementedError("a serial adapter's state is read, not set")
+
+    def ask_status(self) -> None:
+        """Ask for the status flags; the reply is noticed while receiving."""
+        self._write("F")
+
+    def abandon(self) -> None:
+        """Throw away what has not left the computer, and close the adapter's channel, which empties its own queue."""
+        with contextlib.suppress(can.CanError, OSError, termios.error):
+            termios.tcflush(self.fileno(), termios.TCOFLUSH)
+            self._write("C")
+
+    def shutdown(self) -> None:
+        """Close the channel and the port, also when the adapter is gone."""
+        with contextlib.suppress(can.CanError, OSError, termios.error):
+            super().shutdown()
+        self._is_shutdown = True
+        with contextlib.suppress(OSError):
+            self.serialPortOrig.close()
+
+    def _write(self, string: str) -> None:
+        data = string.encode() + self.LINE_TERMINATOR
+        try:
+            fd = self.fileno()
+            if not select.select([], [fd], [], 0.0)[1]:
+                raise can.CanOperationError("the serial port takes no more bytes", error_code=105)
+            self.serialPortOrig.write(data)
+        except OSError as error:
+            raise can.CanOperationError(f"the serial port is gone: {error}", error_code=error.errno) from error
+
+    def _read(self, timeout: float | None) -> str | None:
+        end = None if timeout is None else time.monotonic() + timeout
+        while True:
+            line = self._line()
+            if line is not None:
+                return line
+            wait = None if end is None else max(0.0, end - time.monotonic())
+            try:
+                ready = select.select([self.fileno()], [], [], wait)[0]
+                if not ready:
+                    return None
+                data = self.serialPortOrig.read(max(1, self.serialPortOrig.in_waiting))
+            except (OSError, TypeError) as error:
+                raise can.CanOperationError(f"the serial port is gone: {error}", error_code=19) from error
+            if not data:
+                raise can.CanOperationError("the serial port is gone: it is readable and empty", error_code=19)
+            self._block += data
+
+    def _line(self) -> str | None:
+        """The next frame among the bytes that have come; acknowledgements, refusals and flags are taken out."""
+        while True:
+            ends = [i for i in (self._block.find(self._OK), self._block.find(self._ERROR)) if i >= 0]
+            if not ends:
+                return None
+            end = min(ends)
+            line, stop = bytes(self._block[:end]), self._block[end]
+            del self._block[: end + 1]
+            if stop == self._ERROR[0]:
+                self.refused += 1
+            elif line[:1] == b"F" and len(line) == 3:
+                with contextlib.suppress(ValueError):
+                    self._flags = int(line[1:], 16)
+            elif line[:1] in (b"t", b"T", b"r", b"R") and _whole(line):
+                return line.decode("ascii") + "\r"
+
+
+def _whole(line: bytes) -> bool:
+    """Whether a line is a frame of the length that it states; bytes get lost on serial lines."""
+    head = 4 if line[:1] in (b"t", b"r") else 9
+    if len(line) <= head or not line[head : head + 1].isdigit():
+        return False
+    length = int(line[head : head + 1])
+    data = 0 if line[:1] in (b"r", b"R") else 2 * length
+    digits = line[1:head] + line[head + 1 :]
+    return length <= 8 and len(line) == head + 1 + data and all(c in b"0123456789abcdefABCDEF" for c in digits)

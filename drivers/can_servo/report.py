@@ -1,0 +1,73 @@
+"""What `calib check` asks a servo arm: does the traffic fit, do the drives switch off by themselves, are they who they should be?"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from drivers.driver import Check
+
+if TYPE_CHECKING:
+    from drivers.can_servo.driver import CanServo
+
+
+def preflight_checks(driver: CanServo) -> list[Check]:
+    """The answers of a connected driver; nothing is sent."""
+    return [_load(driver), _watchdogs(driver), _serials(driver), _temperatures(driver), _losses(driver), _rest(driver)]
+
+
+def _load(driver: CanServo) -> Check:
+    b = driver.budget
+    detail = (
+        f"{b.frames_per_second:.0f} frames a second, {100 * b.load:.0f} to {100 * b.load_worst:.0f} % of {driver.options.bitrate} bit/s; "
+        f"{b.rate_max:.0f} Hz would still fit"
+    )
+    return Check("bus load", True, detail)
+
+
+def _watchdogs(driver: CanServo) -> Check:
+    unknown = [d.name for d, w in zip(driver.drives, driver.watchdogs, strict=True) if math.isnan(w)]
+    if unknown:
+        return Check(
+            "drive watchdogs", None, f"{', '.join(unknown)} cannot tell; the cell file accepts that (watchdog_unproven)"
+        )
+    return Check("drive watchdogs", True, f"read back as {1e3 * max(driver.watchdogs):.0f} ms at most")
+
+
+def _serials(driver: CanServo) -> Check:
+    told = [i.serial for i in driver.identities if i.serial]
+    if not told:
+        return Check("serial numbers", None, "these drives do not tell theirs: look that each identifier sits on its joint")
+    return Check("serial numbers", True, f"{len(told)} of {driver.arm.n} drives answer with the numbers of the cell file")
+
+
+def _temperatures(driver: CanServo) -> Check:
+    values = [r.temperature for r in driver.joints.readings if r is not None and r.temperature == r.temperature]
+    if not values:
+        return Check("temperatures", None, "these drives do not report them")
+    limit = driver.options.temperature_max
+    return Check(
+        "temperatures", max(values) <= limit, f"hottest drive {max(values):.0f} degC, limit {limit:g} degC", "let it cool down"
+    )
+
+
+def _losses(driver: CanServo) -> Check:
+    link, joints = driver._link, driver.joints
+    assert link is not None
+    detail = (
+        f"{link.sent} frames sent, {link.received} received, {joints.lost} answers lost, {joints.rejected} damaged, "
+        f"{link.refused} refused, {link.error_frames} error frames"
+    )
+    ok = joints.lost == joints.rejected == link.refused == link.error_frames == 0
+    return Check("frames", ok, detail, "check cable, termination and bit rate; a sound bus loses nothing")
+
+
+def _rest(driver: CanServo) -> Check:
+    if driver.options.brakes:
+        return Check("rest pose", True, "the joints hold without torque")
+    where = driver._away_from_rest()
+    if where:
+        return Check(
+            "rest pose", None, f"{where}: the arm must be supported until it is switched on, and moved to rest before the end"
+        )
+    return Check("rest pose", True, "the arm lies in its rest pose, where torque may be switched off")

@@ -1,0 +1,130 @@
+"""RobStride drives on their private protocol; layout configs/can/robstride.dbc. They tell a unique number, not their ranges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+
+import can
+
+from drivers.can_servo import frames
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from sim.errors import DeviceError
+
+HOST = 0xFD
+GET_ID, MOTION, FEEDBACK, ENABLE, STOP, ZERO, READ, WRITE = 0, 1, 2, 3, 4, 6, 0x11, 0x12
+CAN_TIMEOUT, POSITION = 0x7028, 0x7019
+TICK = 1 / 20000  # s, the unit of parameter 0x7028
+RUNNING = 2
+FAULTS = ("under-voltage", "over-current", "over-temperature", "magnetic encoder", "overload or hall encoder", "not calibrated")
+
+
+class RobStride(Drive):
+    """One answer for each command; silence puts the drive into reset mode, without a fault bit."""
+
+    protocol = "robstride"
+    extended = True
+    cycle = ((True, 8), (True, 8))
+
+    @property
+    def key(self) -> Hashable:
+        return self.servo.node & 0xFF
+
+    @staticmethod
+    def key_of(message: can.Message) -> Hashable | None:
+        identifier = message.arbitration_id
+        if not message.is_extended_id or message.dlc != 8 or identifier & 0xFF != HOST:
+            return None
+        return identifier >> 8 & 0xFF
+
+    def is_command(self, message: can.Message) -> bool:
+        identifier = message.arbitration_id
+        return (
+            message.is_extended_id
+            and identifier & 0xFF == self.servo.node
+            and identifier >> 24 in (MOTION, ENABLE, STOP, ZERO, WRITE)
+        )
+
+    def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
+        raw_q, raw_dq, raw_tau = self.raw_target(q, dq, tau)
+        data = frames.four_words(raw_q, raw_dq, self.kp_raw, self.kd_raw)
+        message = data_frame(MOTION << 24 | raw_tau << 8 | self.servo.node, data, extended=True)
+        return message, self.joint_side(self.q_field.value(raw_q))
+
+    def refresh(self) -> list[can.Message]:
+        return [self.disable()]
+
+    def decode(self, message: can.Message) -> Reading | None:
+        identifier, sign = message.arbitration_id, self.direction
+        if identifier >> 24 != FEEDBACK:
+            return None
+        q, dq, tau, temperature = frames.unpack_four_words(bytes(message.data))
+        faults = [name for bit, name in enumerate(FAULTS) if identifier >> 16 + bit & 1]
+        return Reading(
+            self.joint_side(self.q_field.value(q)), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
+            temperature / 10, on=identifier >> 22 & 3 == RUNNING, error=", ".join(faults),
+        )  # fmt: skip
+
+    def identify(self, ask: Ask) -> Identity:
+        node = self.servo.node
+
+        def unique(message: can.Message) -> int | None:
+            if not message.is_extended_id or message.arbitration_id != node << 8 | 0xFE or message.dlc != 8:
+                return None
+            return int.from_bytes(message.data, "little")
+
+        serial = ask(self._frame(GET_ID), unique, f"{self.name}: device identifier")
+        self.set_ranges(self.stated_ranges())
+        self._check_position_range(ask)
+        return Identity(str(serial), "unknown", self._read(ask, CAN_TIMEOUT) * TICK, self.stated_ranges())
+
+    def set_watchdog(self, ask: Ask, seconds: float) -> float:
+        ask(
+            self._frame(WRITE, frames.parameter(CAN_TIMEOUT, round(seconds / TICK))),
+            self._feedback,
+            f"{self.name}: set timeout",
+        )
+        return self._read(ask, CAN_TIMEOUT) * TICK
+
+    def enable(self) -> can.Message:
+        return self._frame(ENABLE)
+
+    def disable(self) -> can.Message:
+        return self._frame(STOP)
+
+    def clear(self) -> can.Message:
+        return self._frame(STOP, b"\x01" + bytes(7))
+
+    def zero(self) -> can.Message:
+        return self._frame(ZERO, b"\x01" + bytes(7))
+
+    def _check_position_range(self, ask: Ask) -> None:
+        """The float of parameter mechPos must be what the scaled field says, or the stated range is another model's."""
+        scaled = ask(self.disable(), self._feedback, f"{self.name}: state")
+        assert isinstance(scaled, Reading)
+        stated = self.joint_side(frames.as_float(self._read(ask, POSITION)))
+        if not math.isclose(scaled.q, stated, abs_tol=0.01 + 0.002 * abs(stated)):
+            raise DeviceError(
+                f"{self.name}: the scaled position says {scaled.q:.4f} rad, parameter mechPos {stated:.4f} rad; "
+                f"ranges.q = {self.ranges.q} is not this drive's: take it from the manual of its model and firmware"
+            )
+
+    def _feedback(self, message: can.Message) -> Reading | None:
+        return self.decode(message) if self.key_of(message) == self.key else None
+
+    def _read(self, ask: Ask, index: int) -> int:
+        def reply(message: can.Message) -> int | None:
+            identifier = message.arbitration_id
+            if self.key_of(message) != self.key or identifier >> 24 != READ:
+                return None
+            told, raw = frames.unpack_parameter(bytes(message.data))
+            if told == index and identifier >> 16 & 0xFF:
+                raise DeviceError(f"{self.name}: it refuses to tell parameter 0x{index:04X}; use a firmware that can be asked")
+            return raw if told == index else None
+
+        answer = ask(self._frame(READ, frames.parameter(index)), reply, f"{self.name}: parameter 0x{index:04X}")
+        assert isinstance(answer, int)
+        return answer
+
+    def _frame(self, kind: int, data: bytes = bytes(8)) -> can.Message:
+        return data_frame(kind << 24 | HOST << 8 | self.servo.node, data, extended=True)

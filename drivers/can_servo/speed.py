@@ -1,0 +1,48 @@
+"""Speed from positions, where the drive's own speed field is too coarse to be of use."""
+
+from __future__ import annotations
+
+import numpy as np
+
+WINDOW_MAX = 0.1  # s; longer looks back too far
+
+
+def end_slope_gain(samples: int) -> float:
+    """Standard deviation of the end slope of a parabola through `samples` equidistant points, per noise and spacing."""
+    i = np.arange(samples) - (samples - 1.0)
+    return float(np.linalg.norm(np.linalg.pinv(np.stack([np.ones(samples), i, i * i], axis=1))[1]))
+
+
+def window_for(q_step: float, dq_step: float, rate: float) -> int:
+    """The shortest window whose quantisation noise is below that of the speed field; 0 where the field is the better one.
+
+    gain(M) q_step rate <= dq_step, both divided by sqrt(12); q_step rad, dq_step rad/s, rate Hz. A step of 0 is a float.
+    """
+    if dq_step == 0.0:
+        return 0
+    for samples in range(5, int(WINDOW_MAX * rate) + 1, 2):
+        if end_slope_gain(samples) * q_step * rate <= dq_step:
+            return samples
+    return 0
+
+
+class Differentiator:
+    """dq(t_k) = slope at t_k of the parabola fitted to the last M positions; exact for constant acceleration."""
+
+    def __init__(self, samples: int) -> None:
+        self.samples = samples
+        self._t: list[float] = []
+        self._q: list[float] = []
+
+    def __call__(self, t: float, q: float) -> float:
+        """The speed at the newest sample, rad/s; NaN for fewer than three samples. t s, strictly increasing, q rad."""
+        self._t = [*self._t[-self.samples + 1 :], t]
+        self._q = [*self._q[-self.samples + 1 :], q]
+        if len(self._t) < 3:
+            return float("nan")
+        x = np.array(self._t) - t
+        return float(np.linalg.lstsq(np.stack([np.ones_like(x), x, x * x], axis=1), np.array(self._q) - q, rcond=None)[0][1])
+
+    def reset(self) -> None:
+        """Forget: the motion was interrupted."""
+        self._t, self._q = [], []
