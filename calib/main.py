@@ -21,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "emulate": "emulate",
     "effects": "effects",
     "runs": "runs",
+    "report": "report",
     "replay": "replay",
     "identify": "identify",
 }

@@ -16,18 +16,24 @@ _BINS = 24
 
 
 def torques(
-    joint_names: Sequence[str], t: np.ndarray, tau: np.ndarray, predicted: Mapping[str, np.ndarray], unit: str = "N m"
+    joint_names: Sequence[str],
+    t: np.ndarray,
+    tau: np.ndarray,
+    predicted: Mapping[str, np.ndarray],
+    unit: str = "N m",
+    words: Mapping[str, str] = WORDS,
 ) -> Figure:
-    """A row for each joint: measured torque with the predictions at the left, what they leave at the right.
+    """A row for each joint: measured with the predictions at the left, what they leave at the right.
 
-    t (N,) s; tau (N, n); predicted: role (before, refit, after) -> (N, n).
+    t (N,) s; tau (N, n), torques or any other measured quantity in `unit`; predicted: role (before, refit, after) -> (N, n);
+    words: what each role is called in the legend.
     """
     figure, grid = axes(len(joint_names), 2, height=1.35, sharex=True, width_ratios=[3, 2])
     for j, joint in enumerate(joint_names):
         left, right = grid[j]
         draw_line(left, t, tau[:, j], 350, **LINE["measured"], label="measured")
         for role, tau_hat in predicted.items():
-            draw_line(left, t, tau_hat[:, j], 350, **LINE[role], label=WORDS[role])
+            draw_line(left, t, tau_hat[:, j], 350, **LINE[role], label=words[role])
             draw_line(right, t, tau[:, j] - tau_hat[:, j], 250, **LINE[role])
         name(left, joint, y=unit)
         name(right, "measured − predicted" if j == 0 else "")

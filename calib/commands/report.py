@@ -1,0 +1,70 @@
+"""`calib report RUN [RUN]`: what a run said, or two runs side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import RUNS, list_runs, new_run, read_run
+
+
+def _names(incomplete: str) -> list[str]:
+    return [run.folder.name for run in list_runs() if run.folder.name.startswith(incomplete)]
+
+
+def command(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="A run: its folder or part of its name.", autocompletion=_names)],
+    other: Annotated[
+        str | None, typer.Argument(metavar="[RUN]", help="A later run to compare with the first.", autocompletion=_names)
+    ] = None,
+    root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
+    out: console.Out = None,
+    as_json: console.Json = False,
+) -> None:
+    """Say what a run found and where its pages are, or compare two runs of identify or diagnose.
+
+    Example:
+
+        calib report runs/before runs/after
+    """
+    first = read_run(run, root)
+    if other is None:
+        pages = sorted(first.folder.glob("*.html"))
+        if as_json:
+            console.print_json({"schema": "report/1", "run": first.folder, "outcome": first.sentence, "pages": pages})
+            return
+        console.say(f"{first.folder.name}: {first.sentence or 'has not ended'}")
+        for page in pages:
+            console.say(f"  {page}")
+        if not pages:
+            console.say("  it has no page")
+        return
+    from calib.comparison import compare, found, sentence
+    from calib.report import comparison as page_of
+
+    a, b = found(first), found(read_run(other, root))
+    changes = compare(a, b)
+    folder = new_run(first.arm, "report", out)
+    path = page_of.write(folder / "report.html", a, b, changes)
+    if as_json:
+        rows = [
+            {"parameter": c.name, "joint": c.joint or None, "first": c.a, "second": c.b, "sigmas": c.sigmas} for c in changes
+        ]
+        console.print_json(
+            {
+                "schema": "comparison/1",
+                "outcome": sentence(a, b, changes),
+                "changes": rows,
+                "first": a.gap,
+                "second": b.gap,
+                "page": path,
+            }
+        )
+        return
+    rows_shown = [[c.name, c.joint, c.a.value if c.a else None, c.b.value if c.b else None, c.sigmas] for c in changes[:15]]
+    console.table(["parameter", "joint", "first", "second", "moved [std]"], rows_shown)
+    console.say(f"{sentence(a, b, changes)}.")
+    console.say(str(path))

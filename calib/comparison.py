@@ -1,0 +1,110 @@
+"""Two runs side by side: which numbers moved by more than their uncertainty, and what became of the gap."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.run_folder import Run
+from sim.errors import ConfigError
+
+RESULTS = ("diagnosis.json", "result.json")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A parameter as one run found it; std is 0 where the run gave none."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a run found: parameters by (name, joint), RMS torque gap (n,) by joint, and the sentence."""
+
+    run: Run
+    numbers: dict[tuple[str, str], Number]
+    gap: dict[str, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter in both runs; `sigmas` is |b - a| / sqrt(std_a^2 + std_b^2), NaN where neither run gave a std."""
+
+    name: str
+    joint: str
+    a: Number | None
+    b: Number | None
+
+    @property
+    def sigmas(self) -> float:
+        if self.a is None or self.b is None:
+            return float("nan")
+        spread = float(np.hypot(self.a.std, self.b.std))
+        return abs(self.b.value - self.a.value) / spread if spread > 0 else float("nan")
+
+
+def found(run: Run) -> Found:
+    """What a run of `identify` or `diagnose` found; ConfigError names the file that is missing or not what it should be."""
+    file = next((run.folder / name for name in RESULTS if (run.folder / name).is_file()), None)
+    if file is None:
+        raise ConfigError(
+            f"{run.folder}: has neither {' nor '.join(RESULTS)}; compare runs of calib identify or calib diagnose"
+        )
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        return _diagnosis(run, data) if data["schema"] == "diagnosis/1" else _fit(run, data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{file}: not a result of this program ({error!r}); repeat the run with calib runs --again"
+        ) from error
+
+
+def compare(a: Found, b: Found) -> list[Change]:
+    """Every parameter of either run, those that moved most first; what only one run has comes last."""
+    keys = list(dict.fromkeys([*a.numbers, *b.numbers]))
+    changes = [Change(name, joint, a.numbers.get((name, joint)), b.numbers.get((name, joint))) for name, joint in keys]
+    return sorted(changes, key=lambda c: (not c.sigmas >= 0, -c.sigmas if c.sigmas >= 0 else 0.0))
+
+
+def sentence(a: Found, b: Found, changes: list[Change]) -> str:
+    """The comparison as a person would say it; a number has moved where it differs by more than three standard deviations."""
+    moved = [c for c in changes if c.sigmas > 3]
+    both = [c for c in changes if c.a is not None and c.b is not None]
+    shared = [j for j in a.gap if j in b.gap] if a.unit == b.unit else []
+    parts = [
+        f"{len(moved)} of {len(both)} shared parameters moved by more than three standard deviations"
+        if both
+        else "The runs share no parameter"
+    ]
+    if shared:
+        ratio = np.linalg.norm([b.gap[j] for j in shared]) / max(float(np.linalg.norm([a.gap[j] for j in shared])), 1e-300)
+        parts.append(f"the gap that is left is {ratio:.2f} times that of {Path(a.run.folder).name}")
+    return "; ".join(parts)
+
+
+def _diagnosis(run: Run, data: dict[str, Any]) -> Found:
+    numbers = {
+        (f"{e['effect']} {name}", e["joint"] or ""): Number(float(p["value"]), float(p["std"] or 0.0), str(p["unit"]))
+        for e in data["effects"]
+        for name, p in e["parameters"].items()
+    }
+    gap = data["gap"]
+    return Found(run, numbers, dict(zip(gap["joints"], map(float, gap["after"]), strict=True)), str(gap["unit"]))
+
+
+def _fit(run: Run, data: dict[str, Any]) -> Found:
+    numbers = {
+        (str(e["name"]), str(e["joint"] or "")): Number(float(e["value"]), float(e["std"] or 0.0), str(e["unit"]))
+        for e in data["estimates"]
+        if e["identifiable"]
+    }
+    gap = data["holdout"] or data["training"]
+    return Found(run, numbers, dict(zip(data["joint_names"], map(float, gap["after"]), strict=True)), "N*m")

@@ -1,0 +1,52 @@
+"""The page of `calib report RUN RUN`: two runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calib.comparison import Change, Found, sentence
+from calib.report.figure import ROLES, axes, name
+from calib.report.page import Page
+
+
+def write(path: str | Path, a: Found, b: Found, changes: Sequence[Change]) -> Path:
+    """Write the comparison of two runs; returns its path."""
+    first, second = a.run.folder.name, b.run.folder.name
+    title = a.run.arm if a.run.arm == b.run.arm else f"{a.run.arm} and {b.run.arm}"
+    page = Page(title, sentence(a, b, list(changes)), None, [("first", first), ("second", second)], "two runs")
+    sure = [c for c in changes if c.sigmas >= 0][:40]
+    if sure:
+        figure, grid = axes(1, 1, height=0.22 * len(sure) + 0.8)
+        ax = grid[0, 0]
+        ax.barh(range(len(sure)), [c.sigmas for c in sure], height=0.6, color=ROLES["after"])
+        ax.axvline(3, color=ROLES["before"], linewidth=1.2, linestyle=(0, (4, 1.5)))
+        ax.set_yticks(range(len(sure)), labels=[f"{c.name} {c.joint}".strip()[:60] for c in sure])
+        ax.invert_yaxis()
+        name(ax, x="difference / standard deviation of the difference; dashed: 3")
+        page.section("What moved").figure(
+            figure, "The parameters that both runs have, those that moved most first (at most 40)."
+        )
+    rows = [
+        [c.name, c.joint, c.a.value if c.a else None, c.a.std if c.a else None, c.b.value if c.b else None, c.b.std if c.b else None, c.sigmas, _unit(c)]
+        for c in changes
+    ]  # fmt: skip
+    page.section("Parameters").table(["parameter", "joint", "first", "± std", "second", "± std", "moved [std]", "unit"], rows)
+    joints = list(dict.fromkeys([*a.gap, *b.gap]))
+    page.section("The gap that is left").table(
+        ["joint", f"first [{a.unit.replace('*', ' ')}]", f"second [{b.unit.replace('*', ' ')}]", "second / first"],
+        [[j, a.gap.get(j), b.gap.get(j), _ratio(a.gap.get(j), b.gap.get(j))] for j in joints],
+        "RMS torque on the held-out log of each run; two runs on different logs differ by their motions too",
+    )
+    return page.write(path)
+
+
+def _ratio(a: float | None, b: float | None) -> float | None:
+    return None if not a or b is None else float(np.divide(b, a))
+
+
+def _unit(change: Change) -> str:
+    number = change.a or change.b
+    return number.unit.replace("*", " ") if number else ""

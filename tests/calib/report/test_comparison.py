@@ -1,0 +1,77 @@
+"""`calib report` says what a run found, and what moved between two."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from calib import console
+from calib.comparison import compare, found
+from calib.main import main
+from calib.report import comparison, diagnosis
+from calib.run_folder import end_run, new_run, read_run
+from tests.calib.report import examples
+from tests.calib.report.test_identification import fit
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def diagnosed(name: str, coulomb: float) -> Path:
+    folder = new_run("ur10e", "diagnose", Path(name))
+    data, _ = examples.diagnosis()
+    data["effects"][0]["parameters"]["coulomb"]["value"] = coulomb
+    (folder / "diagnosis.json").write_text(json.dumps(data))
+    end_run(folder, 1, diagnosis.sentence(data))
+    return folder
+
+
+def test_one_run(capsys: pytest.CaptureFixture[str]) -> None:
+    folder = diagnosed("runs/a", 8.2)
+    (folder / "report.html").write_text("x")
+    assert main(["report", "a"]) == 0
+    out = capsys.readouterr().out
+    assert "The model lacks coulomb friction at elbow_joint" in out
+    assert "runs/a/report.html" in out
+
+
+def test_two_diagnoses(capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosed("runs/a", 8.2)
+    diagnosed("runs/b", 9.2)
+    assert main(["report", "runs/a", "runs/b", "--out", "runs/c", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["outcome"] == (
+        "1 of 1 shared parameters moved by more than three standard deviations; the gap that is left is 1.00 times that of a"
+    )
+    assert data["changes"][0]["sigmas"] == pytest.approx(1.0 / (0.041 * 2**0.5))
+    assert read_run("runs/c").exit_code == 0
+
+
+def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
+    folder = new_run("ur10e", "identify", Path("runs/fit"))
+    fit().write(folder / "result.json")
+    a, b = found(read_run("runs/fit")), found(read_run(str(diagnosed("runs/a", 8.2))))
+    changes = compare(a, b)
+    assert [c.name for c in changes] == ["m3 + m4", "coulomb", "coulomb_friction coulomb"]
+    html = comparison.write(tmp_path / "p.html", a, b, changes).read_text()
+    assert "The runs share no parameter" in html
+
+
+def test_a_run_without_a_result_and_a_damaged_one(capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosed("runs/a", 8.2)
+    new_run("ur10e", "plan", Path("runs/p"))
+    assert main(["report", "runs/a", "runs/p"]) == 2
+    assert "has neither diagnosis.json nor result.json" in capsys.readouterr().err
+    Path("runs/p/result.json").write_text('{"schema": "fit/1"}')
+    assert main(["report", "runs/a", "runs/p"]) == 2
+    assert "result.json: not a result of this program" in capsys.readouterr().err
+
+
+def test_the_page_in_a_browser(visit: Callable[..., object], tmp_path: Path) -> None:
+    a, b = (found(read_run(str(diagnosed(f"runs/{k}", v)))) for k, v in (("a", 8.2), ("b", 9.2)))
+    seen = visit(comparison.write(tmp_path / "comparison.html", a, b, compare(a, b)))
+    assert seen.complaints == []  # type: ignore[attr-defined]
+    assert console.cell(compare(a, b)[0].sigmas) in seen.page.inner_text("body")  # type: ignore[attr-defined]
