@@ -15,6 +15,7 @@ DRIVERS: dict[str, tuple[str, str]] = {
     "can_servo": ("drivers.can_servo.driver", "CanServo"),
     "mock": ("drivers.mock", "MockDriver"),
     "replay": ("drivers.replay", "ReplayDriver"),
+    "ur_rtde": ("drivers.ur_rtde.driver", "UrDriver"),
 }
 
 

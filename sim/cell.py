@@ -55,9 +55,10 @@ class PayloadTable(StrictTable):
 
 
 class EmulationTable(StrictTable):
-    """The plant behind a mock or emulated cell: a seed, and the effects that the tool is not told of."""
+    """The plant behind a mock or emulated cell: a seed, the effects that the tool is not told of, and the controller's options."""
 
     seed: int = 0
+    options: dict[str, Any] = Field(default_factory=dict)
     effects: list[EffectTable] = Field(default_factory=list)
 
 

@@ -14,7 +14,10 @@ from sim.errors import ConfigError
 from sim.resources import nearest
 
 # driver named in the cell file -> module that has `emulator(cell, arm) -> Emulator`
-EMULATORS: dict[str, str] = {"can_servo": "sim.emulated.can"}
+EMULATORS: dict[str, str] = {
+    "can_servo": "sim.emulated.can",
+    "ur_rtde": "sim.emulated.ur.build",
+}
 
 
 class Emulator(Protocol):

@@ -7,7 +7,7 @@ register 0. Only joint-space motion, stops, payload and watchdog are here; anyth
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,7 @@ def _realtime(robot: Any, command: int, offset: int) -> bool:
     return True
 
 
-def _blocking(robot: Any, command: int, offset: int, progress: _Progress) -> Iterator[None]:
+def _blocking(robot: Any, command: int, offset: int, progress: _Progress) -> Generator[None, None, bool]:
     d = robot.input_double[offset:]
     if command == MOVE_J:
         there = robot.motion.move(np.array(d[:JOINTS]), d[6], d[7], lambda: robot.speed_slider)

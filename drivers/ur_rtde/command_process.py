@@ -1,0 +1,149 @@
+"""The supervisor's end of the command process: start it, stream to it, notice when it fails, kill it in bounded time."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from drivers.ur_rtde.commander import NUMBER, SETPOINT
+from drivers.ur_rtde.options import UrOptions
+from sim.errors import DeviceError
+
+START_TIMEOUT = 15.0  # s; ur_rtde itself waits 5 s for its program to start
+END_TIMEOUT = 3.0  # s; the longest stop of a UR joint at the least deceleration worth having, and its program
+UNTAKEN = 0.25  # s that the newest setpoint may wait to be taken by the command process
+
+REMEDIES = (
+    ("already in use", "a fieldbus or another RTDE client owns the registers: on the pendant, switch EtherNet/IP, PROFINET and every "
+     "MODBUS unit off in Installation > Fieldbus, and end other programs that control this robot"),
+    ("remote control", "switch the pendant to Remote Control (top right corner)"),
+    ("start control script", "the robot did not start the control program: see that it is on, brakes released, and in Remote Control"),
+    ("Could not connect", "the controller is not reachable: see that it is on and its cable is in"),
+    ("Operation not permitted", "this user may not use real-time priority: grant rtprio in /etc/security/limits.conf, or set priority = 0"),
+)  # fmt: skip
+
+
+class CommandProcess:
+    """One command process from `start` to `end`; once failed it stays failed, and another one is started instead."""
+
+    def __init__(self, options: UrOptions, rate: float) -> None:
+        self._options, self._rate = options, rate
+        self._channel: socket.socket | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process, closed in end()
+        self._sent = self._taken = 0
+        self._waiting_since: float | None = None
+        self.failure: str | None = None
+
+    @property
+    def alive(self) -> bool:
+        """Whether commands can be sent."""
+        return self._channel is not None and self.failure is None
+
+    def start(self) -> None:
+        """Upload the control program and wait until it takes commands; DeviceError with the remedy."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        options = self._options
+        settings = {
+            "host": options.host, "rate": self._rate, "period": 1.0 / self._rate, "lookahead": options.lookahead,
+            "gain": options.gain, "stop_deceleration": options.stop_deceleration, "watchdog": options.watchdog,
+            "setpoint_timeout": options.setpoint_timeout, "priority": options.priority,
+        }  # fmt: skip
+        # run by path and with -P: the process sees the environment's packages and none of this project's
+        script = Path(__file__).with_name("commander.py")
+        command = [sys.executable, "-P", str(script), json.dumps(settings), str(theirs.fileno())]
+        with theirs:
+            self._process = subprocess.Popen(
+                command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
+            )
+        self._channel = ours
+        ready, _, _ = select.select([ours], [], [], START_TIMEOUT)
+        message = ours.recv(8192) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
+        if message != b"K":
+            self._fail(message[1:].decode("utf-8", "replace") or "the command process ended")
+            raise DeviceError(self.failure)
+        self._heard = os.fstat(self._said.fileno()).st_size
+
+    def send(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Stream one setpoint; DeviceError where this or an earlier one was not taken."""
+        self.look()
+        assert self._channel is not None
+        self._sent += 1
+        try:
+            self._channel.send(b"Q" + SETPOINT.pack(self._sent, *q, *dq), socket.MSG_DONTWAIT)
+        except OSError as error:
+            self._fail(f"the command process does not take commands ({error})")
+            raise DeviceError(self.failure) from error
+        self._waiting_since = self._waiting_since or time.monotonic()
+
+    def look(self) -> None:
+        """Take what the command process says; DeviceError where it failed, or says anything that it does not in good health."""
+        if self.failure is None and self._channel is not None:
+            while self.failure is None and select.select([self._channel], [], [], 0.0)[0]:
+                self._hear(self._channel.recv(8192))
+            if self.failure is None and os.fstat(self._said.fileno()).st_size > self._heard:
+                self._fail("ur_rtde lost its connection")
+            late = self._waiting_since is not None and time.monotonic() - self._waiting_since > UNTAKEN
+            if self.failure is None and late:
+                self._fail(f"the newest command was not taken within {UNTAKEN} s")
+        if self.failure is not None:
+            raise DeviceError(self.failure)
+
+    def stop(self) -> None:
+        """Ask for a stop; where that is not possible the process is ended, and the controller's watchdog stops the arm."""
+        if self._channel is not None and self.failure is None:
+            self._waiting_since = None
+            try:
+                self._channel.send(b"S", socket.MSG_DONTWAIT)
+            except OSError as error:
+                self._fail(f"the command process does not take the stop ({error})")
+
+    def end(self) -> None:
+        """Let the process stop the arm and end its program; kill it where it does not within bounded time."""
+        if self._channel is not None:
+            self._channel.close()  # the process takes the closed channel as the order to stop and leave
+            self._channel = None
+        if self._process is not None:
+            try:
+                self._process.wait(END_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        if not self._said.closed:
+            self._said.close()
+
+    def _hear(self, message: bytes) -> None:
+        if message[:1] == b"A":
+            self._taken = NUMBER.unpack(message[1:])[0]
+            self._waiting_since = None if self._taken == self._sent else time.monotonic()
+        elif message[:1] == b"T":
+            self._fail(
+                f"no command came for {self._options.setpoint_timeout} s, so the arm was stopped; this computer was busy: "
+                "stop other work on it, or raise setpoint_timeout in the cell's [options]"
+            )
+        elif message[:1] == b"E":
+            self._fail(message[1:].decode("utf-8", "replace"))
+        elif not message:
+            self._fail("the command process ended")
+
+    def _fail(self, reason: str) -> None:
+        """Remember why, and end the process at once: from here on it could only do harm."""
+        if self._process is not None:
+            self._process.kill()
+        self._said.seek(0)
+        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
+        text = f"{reason} {' '.join(said)}"
+        remedy = next((r for word, r in REMEDIES if word in text), None)
+        heard = f" ({said[-1]})" if said and remedy is None else ""
+        self.failure = f"{self._options.host}: commands are not taken: {reason}{heard}; " + (
+            remedy or "see what the pendant says, clear it there, then connect again"
+        )

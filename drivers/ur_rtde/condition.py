@@ -1,0 +1,80 @@
+"""What mode and safety bits mean: the device's status, and what the operator does about it.
+
+Universal Robots, RTDE Guide: robot_mode, runtime_state, safety_status_bits.
+"""
+
+from __future__ import annotations
+
+from sim.joint_state import Status
+
+ROBOT_MODES = {
+    -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on", 5: "idle (brakes on)",
+    6: "backdrive", 7: "running", 8: "updating firmware",
+}  # fmt: skip
+RUNNING = 7
+RUNTIME = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
+PLAYING = 2
+
+# bit of safety_status_bits -> status, sentence, remedy; the gravest first
+SAFETY = (
+    (9, Status.FAULT, "the safety system reports a fault", "restart the controller; if it comes back, call Universal Robots"),
+    (8, Status.FAULT, "a safety limit was violated", "on the pendant, restart the safety system and look into the log for the limit"),
+    (7, Status.EMERGENCY_STOP, "an emergency stop is pressed", "clear the cell, turn the button back, switch the robot on again"),
+    (6, Status.EMERGENCY_STOP, "the robot's emergency stop is pressed", "clear the cell, turn the button back, switch the robot on"),
+    (5, Status.EMERGENCY_STOP, "the system emergency stop is pressed", "clear the cell, release the stop, switch the robot on again"),
+    (2, Status.PROTECTIVE_STOP, "the robot is in protective stop", "find what it met, then press Unlock on the pendant (after 5 s)"),
+    (4, Status.PROTECTIVE_STOP, "the safeguard stop is open", "leave the cell, close its guard and reset it on the pendant"),
+    (3, Status.PROTECTIVE_STOP, "the robot is in recovery mode", "move it back inside its limits with Freedrive or the Move tab"),
+)  # fmt: skip
+
+
+def safety(bits: int) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of safety_status_bits."""
+    for bit, status, sentence, remedy in SAFETY:
+        if bits >> bit & 1:
+            return status, sentence, remedy
+    return Status.RUNNING, "normal" if bits & 1 else "reduced", ""
+
+
+def power(robot_mode: int) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of robot_mode."""
+    said = f"the robot mode is {ROBOT_MODES.get(robot_mode, str(robot_mode))}"
+    if robot_mode == RUNNING:
+        return Status.RUNNING, said, ""
+    return (
+        Status.IDLE,
+        said,
+        "press the red or yellow button at the bottom left of the pendant, switch on and release the brakes",
+    )
+
+
+def slider(fraction: float, scaling: float) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of target_speed_fraction and speed_scaling: data taken below 100 % is of no use."""
+    said = f"the speed slider stands at {100 * fraction:.0f} %, speed scaling is {100 * scaling:.0f} %"
+    if fraction >= 0.999 and scaling >= 0.999:
+        return Status.RUNNING, said, ""
+    return Status.IDLE, said, "move the speed slider at the bottom of the pendant to 100 %"
+
+
+def program(runtime_state: int) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of runtime_state, while the control program should run."""
+    said = f"the control program is {RUNTIME.get(runtime_state, str(runtime_state))}"
+    if runtime_state == PLAYING:
+        return Status.RUNNING, said, ""
+    return (
+        Status.IDLE,
+        said,
+        "it was stopped on the pendant, by another client or by its watchdog: clear that, then connect again",
+    )
+
+
+def condition(values: dict[str, tuple[float, ...]], commanded: bool) -> tuple[Status, str]:
+    """Status and detail of one frame; `commanded` where our control program should be running."""
+    answers = [safety(int(values["safety_status_bits"][0])), power(int(values["robot_mode"][0]))]
+    if commanded:
+        answers.append(program(int(values["runtime_state"][0])))
+        answers.append(slider(values["target_speed_fraction"][0], values["speed_scaling"][0]))
+    for status, said, remedy in answers:
+        if status is not Status.RUNNING:
+            return status, f"{said}; {remedy}"
+    return Status.RUNNING, ""

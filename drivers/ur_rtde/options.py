@@ -1,0 +1,33 @@
+"""[options] of a cell with `driver = "ur_rtde"`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from sim.strict import StrictTable
+
+
+class UrOptions(StrictTable):
+    """How to reach and stream to a UR controller.
+
+    host               name or address of the controller
+    lookahead          s, servoj smoothing; ur_rtde accepts 0.03 to 0.2
+    gain               1, servoj proportional gain; ur_rtde accepts 100 to 2000
+    stop_deceleration  rad/s^2 of the fastest joint in the driver's own stop
+    watchdog           Hz; the controller ends the program where commands come more slowly: 10 Hz is 0.1 s
+    setpoint_timeout   s without a command after which the command process stops the arm by itself
+    frame_timeout      s; a reading older than this is an error. Three periods where it is not given; an emulated controller on a
+                       busy computer needs more
+    priority           real-time (FIFO) priority of the command process, 0 for none
+    """
+
+    host: str
+    lookahead: Annotated[float, Field(ge=0.03, le=0.2)] = 0.1
+    gain: Annotated[float, Field(ge=100, le=2000)] = 300.0
+    stop_deceleration: Annotated[float, Field(ge=0.5, le=40.0)] = 4.0
+    watchdog: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
+    setpoint_timeout: Annotated[float, Field(gt=0.0, le=0.5)] = 0.02
+    frame_timeout: Annotated[float, Field(gt=0.0, le=0.5)] | None = None
+    priority: Annotated[int, Field(ge=0, le=80)] = 0

@@ -1,0 +1,63 @@
+"""The emulated controller of a cell: robot, plant with the cell's hidden effects, and address."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from pydantic import field_validator
+
+from sim.arm import Arm, ArmEffect
+from sim.cell import Cell
+from sim.effects import with_effect
+from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.robot import Robot
+from sim.errors import ConfigError
+from sim.plant import Plant
+from sim.strict import StrictTable, validated
+
+JOINTS = 6
+
+
+class UrEmulation(StrictTable):
+    """[emulation.options] of a UR cell: polyscope, the version that the controller says it has; remote, whether it starts so."""
+
+    polyscope: str = "5.25.1"
+    remote: bool = True
+
+    @field_validator("polyscope")
+    @classmethod
+    def _is_version(cls, text: str) -> str:
+        if not re.fullmatch(r"(3|5|10)\.\d+\.\d+", text):
+            raise ValueError("must be like 5.25.1, 3.15.4 or 10.11.0")
+        return text
+
+    @property
+    def version(self) -> tuple[int, int, int]:
+        """The version as numbers."""
+        major, minor, bugfix = map(int, self.polyscope.split("."))
+        return major, minor, bugfix
+
+
+def emulator(cell: Cell, arm: Arm) -> UrEmulator:
+    """The controller of a cell at [options] host, standing at the cell's home; its plant has the cell's hidden effects."""
+    if arm.n != JOINTS:
+        raise ConfigError(f"{cell.path}: arm {arm.name} has {arm.n} joints, a UR controller drives {JOINTS}")
+    settings = validated(UrEmulation, cell.table.emulation.options, cell.path)
+    truth = arm
+    for item in cell.table.emulation.effects:
+        truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
+    plant = Plant(truth, drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
+    payload = cell.table.payload
+    gravity = arm.gravity
+    robot = Robot(
+        plant,
+        np.array(cell.table.home if cell.table.home is not None else np.zeros(JOINTS)),
+        version=settings.version,
+        model=arm.name.upper().removesuffix("E"),
+        torque_constant=arm.torque_constant,
+        gravity=(gravity[0], gravity[1], gravity[2]),
+        payload=(payload.mass, (payload.com[0], payload.com[1], payload.com[2])) if payload else (0.0, (0.0, 0.0, 0.0)),
+    )
+    robot.remote = settings.remote
+    return UrEmulator(robot, str(cell.table.options.get("host", "")))

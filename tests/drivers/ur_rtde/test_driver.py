@@ -1,0 +1,262 @@
+"""The driver, with the real ur_rtde in its command process, against the emulated controller.
+
+Nothing here asserts how fast something was, only that it ended, how, and that the arm rests. Limits of time are those of a busy
+computer.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.preflight import preflight
+from drivers.ur_rtde.driver import UrDriver
+from sim.cell import Cell
+from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.robot import PAUSED, STOPPED
+from sim.errors import DeviceError
+from sim.joint_state import JointState, Status
+
+Pair = Callable[..., tuple[UrEmulator, UrDriver]]
+ZERO = np.zeros(6)
+LONG = 20.0  # s that anything here may take
+
+
+def stream(
+    driver: UrDriver, seconds: float, speed: float = 0.1, until: Callable[[JointState], bool] | None = None
+) -> JointState:
+    """Move joint 1 at a constant speed from where it stands, one command for each reading."""
+    state = driver.read()
+    q = state.q.copy()
+    for _ in range(round(seconds * driver.rate)):
+        q = q + np.array([speed / driver.rate, 0, 0, 0, 0, 0])
+        driver.send(q, np.array([speed, 0, 0, 0, 0, 0]), ZERO)
+        state = driver.read()
+        if until is not None and until(state):
+            break
+    return state
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + LONG
+    while not condition():
+        assert time.monotonic() < end, f"{what}: not within {LONG} s"
+        time.sleep(0.01)
+
+
+def rests(emulator: UrEmulator) -> bool:
+    return bool(np.max(np.abs(emulator.robot.target_qd)) < 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("polyscope", "rate", "source"),
+    [("5.25.1", 500.0, "actual_current_as_torque"), ("5.12.0", 500.0, "actual_current"), ("3.15.4", 125.0, "actual_current"),
+     ("10.11.0", 500.0, "actual_current_as_torque")],
+)  # fmt: skip
+def test_it_connects_streams_stops_and_leaves(pair: Pair, polyscope: str, rate: float, source: str) -> None:
+    emulator, driver = pair(polyscope=polyscope)
+    with driver:
+        assert (driver.rate, driver.info.torque_source) == (rate, source)
+        assert driver.info.firmware.startswith(polyscope)
+        start = driver.read().q
+        state = stream(driver, 0.5, speed=0.2)
+        assert state.status is Status.RUNNING
+        assert np.all(np.isfinite(state.tau)) == (source == "actual_current_as_torque")
+        assert np.all(np.isfinite(state.current))
+        driver.stop()
+        wait_for(lambda: rests(emulator), "the stop")
+        assert driver.read().q[0] - start[0] == pytest.approx(0.1, abs=0.03)
+        assert driver.link.lost == 0
+    wait_for(lambda: emulator.robot.runtime_state == STOPPED, "the end of the control program")
+    wait_for(lambda: not emulator.robot.claims, "the release of the registers")
+
+
+def test_every_reading_once_in_order(pair: Pair) -> None:
+    _, driver = pair()
+    with driver:
+        t = np.array([driver.read().t_device for _ in range(1000)])
+        assert np.rint(np.diff(t) * 500.0).tolist() == [1.0] * 999
+
+
+def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..., Cell]) -> None:
+    _, driver = pair()
+    with driver:
+        checks = {check.name: check for check in preflight(driver, cell(), 0.5)}
+    assert [c for c in checks.values() if c.ok is False and c.name not in ("rate", "device clock")] == []
+    assert {"PolyScope", "remote control", "safety", "power", "speed slider", "registers", "torque"} <= set(checks)
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("local_control", "switch the pendant from Local to Remote Control"),
+        ("protective_stop", "press Unlock"),
+        ("emergency_stop", "turn the button back"),
+        ("slider_moved", "100 %"),
+        ("fieldbus", "EtherNet/IP"),
+        ("refuse", "see that the robot is on"),
+    ],
+)
+def test_a_robot_that_is_not_ready_is_refused_with_what_to_do(pair: Pair, fault: str, word: str) -> None:
+    emulator, driver = pair()
+    emulator.inject(fault)
+    wait_for(lambda: not emulator._todo, "the fault")
+    time.sleep(0.05)
+    with pytest.raises(DeviceError, match=word):
+        driver.connect()
+
+
+def test_a_robot_with_two_reasons_names_both(pair: Pair) -> None:
+    emulator, driver = pair()
+    emulator.inject("local_control")
+    emulator.inject("slider_moved")
+    time.sleep(0.05)
+    with pytest.raises(DeviceError, match=r"Remote Control.*100 %"):
+        driver.connect()
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "word"),
+    [
+        ("protective_stop", Status.PROTECTIVE_STOP, "Unlock"),
+        ("emergency_stop", Status.EMERGENCY_STOP, "button"),
+        ("slider_moved", Status.IDLE, "slider"),
+        ("program_stopped", Status.IDLE, "control program"),
+        ("second_client", Status.IDLE, "another client"),
+    ],
+)
+def test_what_happens_at_the_robot_is_seen_and_never_undone(pair: Pair, fault: str, status: Status, word: str) -> None:
+    emulator, driver = pair()
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject(fault)
+    try:
+        state = stream(driver, 10.0, until=lambda s: s.status is not Status.RUNNING)
+        assert (state.status, word in state.detail) == (status, True)
+    except DeviceError as error:
+        # the command process may notice first that nothing is taken any more
+        assert "not taken" in str(error)  # noqa: PT017
+    driver.stop()
+    wait_for(lambda: rests(emulator), "standstill")
+    if fault != "slider_moved":
+        time.sleep(0.5)
+        assert emulator.robot.runtime_state in (STOPPED, PAUSED), "nothing was started again"
+    driver.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("cable_pulled", "no new reading|not taken"),
+        ("close", "closed|broke|not taken"),
+        ("refuse", "closed|broke|not taken"),
+        ("drop", "no new reading|after the one before"),
+        ("delay", "no new reading|ms old"),
+        ("freeze", "stands still|no new reading"),
+        ("reorder", "went back"),
+    ],
+)
+def test_what_happens_to_the_line_ends_the_motion_with_a_sentence(pair: Pair, fault: str, word: str) -> None:
+    emulator, driver = pair(frame_timeout=0.09)
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject(fault)
+    begin = time.monotonic()
+    with pytest.raises(DeviceError, match=word):
+        stream(driver, 30.0)
+    assert time.monotonic() - begin < LONG
+    driver.stop()
+    driver.close()
+    wait_for(lambda: rests(emulator), "standstill")
+    time.sleep(0.3)
+    assert emulator.robot.runtime_state == STOPPED, "nothing was started again"
+
+
+def test_duplicates_are_passed_over_and_counted(pair: Pair) -> None:
+    emulator, driver = pair()
+    with driver:
+        emulator.inject("duplicate")
+        wait_for(lambda: bool(driver.read()) and driver.link.repeated > 10, "duplicates")
+        t = np.array([driver.read().t_device for _ in range(200)])
+        assert np.all(np.diff(t) > 0)
+
+
+def test_after_a_failure_a_new_connection_works(pair: Pair) -> None:
+    emulator, driver = pair()
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject("program_stopped")
+    with pytest.raises(DeviceError):
+        stream(driver, 30.0)
+    driver.connect()
+    assert stream(driver, 0.1).status is Status.RUNNING
+    driver.close()
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hanging"])
+def test_a_dead_or_hanging_command_process_is_noticed_and_the_watchdog_stops_the_arm(pair: Pair, end: signal.Signals) -> None:
+    emulator, driver = pair()
+    driver.connect()
+    stream(driver, 0.1, speed=0.3)
+    assert driver._commands is not None
+    assert driver._commands._process is not None
+    os.kill(driver._commands._process.pid, end)
+    with pytest.raises(DeviceError, match=r"not taken|no new reading"):
+        stream(driver, 30.0, speed=0.3)
+    wait_for(lambda: emulator.robot.runtime_state == STOPPED, "the watchdog")
+    wait_for(lambda: rests(emulator), "standstill")
+    assert any("watchdog" in note for note in emulator.robot.notes)
+    driver.close()
+
+
+def test_when_nobody_commands_any_more_the_command_process_stops_the_arm(pair: Pair) -> None:
+    emulator, driver = pair(setpoint_timeout=0.1)
+    driver.connect()
+    stream(driver, 0.05, speed=0.3)
+    wait_for(lambda: rests(emulator), "standstill")
+    wait_for(lambda: driver._commands is not None and not _looks_well(driver), "the notice")
+    with pytest.raises(DeviceError, match="no command came"):
+        driver.send(driver.arm.q_min, ZERO, ZERO)
+    driver.close()
+
+
+def _looks_well(driver: UrDriver) -> bool:
+    try:
+        assert driver._commands is not None
+        driver._commands.look()
+    except DeviceError:
+        return False
+    return True
+
+
+def test_a_command_that_is_no_command_is_not_sent(pair: Pair) -> None:
+    emulator, driver = pair()
+    with driver:
+        before = list(emulator.robot.input_double)
+        for q, dq, tau in [
+            (ZERO * np.nan, ZERO, ZERO),
+            (ZERO, ZERO + np.inf, ZERO),
+            (np.zeros(5), ZERO, ZERO),
+            (ZERO, ZERO, ZERO + 1),
+        ]:
+            with pytest.raises(DeviceError, match="nothing was sent"):
+                driver.send(q, dq, tau)
+        time.sleep(0.05)
+        assert emulator.robot.input_double == before
+
+
+def test_close_and_stop_may_come_at_any_time(pair: Pair) -> None:
+    _, driver = pair()
+    driver.stop()
+    driver.close()
+    driver.connect()
+    driver.close()
+    driver.stop()
+    driver.close()
+    with pytest.raises(DeviceError, match="connect first"):
+        driver.send(ZERO, ZERO, ZERO)
