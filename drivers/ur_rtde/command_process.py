@@ -67,7 +67,7 @@ class CommandProcess:
             )
         self._channel = ours
         ready, _, _ = select.select([ours], [], [], START_TIMEOUT)
-        message = ours.recv(8192) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
+        message = _received(ours) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
         if message != b"K":
             self._fail(message[1:].decode("utf-8", "replace") or "the command process ended")
             raise DeviceError(self.failure)
@@ -89,7 +89,7 @@ class CommandProcess:
         """Take what the command process says; DeviceError where it failed, or says anything that it does not in good health."""
         if self.failure is None and self._channel is not None:
             while self.failure is None and select.select([self._channel], [], [], 0.0)[0]:
-                self._hear(self._channel.recv(8192))
+                self._hear(_received(self._channel))
             if self.failure is None and os.fstat(self._said.fileno()).st_size > self._heard:
                 self._fail("ur_rtde lost its connection")
             late = self._waiting_since is not None and time.monotonic() - self._waiting_since > UNTAKEN
@@ -147,3 +147,11 @@ class CommandProcess:
         self.failure = f"{self._options.host}: commands are not taken: {reason}{heard}; " + (
             remedy or "see what the pendant says, clear it there, then connect again"
         )
+
+
+def _received(channel: socket.socket) -> bytes:
+    """One message; an empty one where the process is gone, which a reset says too when messages to it were left unread."""
+    try:
+        return channel.recv(8192)
+    except ConnectionResetError:
+        return b""

@@ -39,44 +39,45 @@ class Commander:
         self.target: tuple[list[float], list[float]] | None = None
 
     def run(self) -> None:
-        """Until the channel closes or an end is asked for: take setpoints, keep the watchdog fed between motions."""
+        """Until the channel closes or an end is asked for: take setpoints; between them hold, and keep the watchdog fed."""
         last = time.monotonic()
         while True:
-            wait = self.patience if self.target else self.kick
-            ready, _, _ = select.select([self.channel], [], [], max(0.0, last + wait - time.monotonic()))
+            left = last + self.patience - time.monotonic() if self.target else self.kick
+            ready, _, _ = select.select([self.channel], [], [], max(0.0, min(self.kick, left)))
             if not ready:
-                if self.target:
+                if self.target is None:
+                    if not self.control.kickWatchdog():
+                        raise Lost("kickWatchdog")
+                elif time.monotonic() - last < self.patience:
+                    self.servo(self.target[0])
+                else:
                     self.rest()
-                    self.channel.send(b"T")
-                elif not self.control.kickWatchdog():
-                    raise Lost("kickWatchdog")
-                last = time.monotonic()
+                    tell(self.channel, b"T")
                 continue
             messages = self.waiting()
             setpoint = next((m for m in reversed(messages) if m[:1] == b"Q"), None)
             order = next((m for m in messages if m[:1] in (b"S", b"X", b"")), None)
-            if setpoint is not None and order is None:
-                self.follow(setpoint)
-                last = time.monotonic()
             if order is not None:
                 self.rest()
                 if order[:1] != b"S":
                     return
-                self.channel.send(b"S")
+                tell(self.channel, b"S")
+            elif setpoint is not None:
+                self.follow(setpoint)
                 last = time.monotonic()
 
     def waiting(self) -> list[bytes]:
         """All messages that have come; an empty one where the other end is gone."""
-        messages = [self.channel.recv(256)]
+        messages = [_received(self.channel)]
         while messages[-1] and select.select([self.channel], [], [], 0.0)[0]:
-            messages.append(self.channel.recv(256))
+            messages.append(_received(self.channel))
         return messages
 
     def follow(self, message: bytes) -> None:
         number, *values = SETPOINT.unpack(message[1:])
         self.target = (values[:6], values[6:])
         self.servo(values[:6])
-        self.channel.send(b"A" + NUMBER.pack(number))
+        tell(self.channel, b"A" + NUMBER.pack(number))
 
     def servo(self, q: list[float]) -> None:
         if not self.control.servoJ(q, 0.0, 0.0, self.period, self.lookahead, self.gain):
@@ -142,21 +143,29 @@ def main() -> None:
         control = connected(settings)
         if not control.setWatchdog(settings["watchdog"]):
             raise Lost("setWatchdog")
-        channel.send(b"K")
+        tell(channel, b"K")
         Commander(control, channel, settings).run()
         control.stopScript()
     except Lost as error:
-        _tell(channel, f"{error} was not taken")
+        tell(channel, b"E" + f"{error} was not taken".encode())
     except (RuntimeError, OSError) as error:
-        _tell(channel, str(error))
+        tell(channel, b"E" + str(error).encode()[:4000])
     # destructors of ur_rtde may throw and abort; there is nothing left that they could do
     os._exit(0)
 
 
-def _tell(channel: socket.socket, sentence: str) -> None:
-    # where the supervisor is gone there is nobody to tell
+def tell(channel: socket.socket, message: bytes) -> None:
+    """Say something to the supervisor, if it listens: a supervisor that is gone or stopped must not hold up the arm's stop."""
     with contextlib.suppress(OSError):
-        channel.send(b"E" + sentence.encode()[:4000])
+        channel.send(message, socket.MSG_DONTWAIT)
+
+
+def _received(channel: socket.socket) -> bytes:
+    """One message; an empty one where the supervisor is gone."""
+    try:
+        return channel.recv(256)
+    except ConnectionResetError:
+        return b""
 
 
 if __name__ == "__main__":

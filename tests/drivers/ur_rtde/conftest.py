@@ -29,6 +29,7 @@ home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
 host = "{host}"
 frame_timeout = {frame_timeout}
 setpoint_timeout = {setpoint_timeout}
+watchdog = 4.0
 [emulation.options]
 polyscope = "{polyscope}"
 """

@@ -92,6 +92,7 @@ def test_without_setpoints_the_arm_is_stopped_and_the_supervisor_told(channel: t
     ours.send(setpoint(7, 0.0, 0.1))
     assert ours.recv(64)[:1] == b"A"
     assert ours.recv(64) == b"T"
+    assert control.targets[-1][0] == pytest.approx(0.1**2 / (2 * 10.0), rel=1e-6)
     ours.shutdown(socket.SHUT_RDWR)
     thread.join(10.0)
     assert not thread.is_alive()
@@ -117,3 +118,19 @@ def test_a_setpoint_that_is_not_taken_ends_the_process(channel: tuple[socket.soc
     channel[0].send(setpoint(1, 0.0))
     with pytest.raises(Lost, match="servoJ"):
         Commander(control, channel[1], SETTINGS).run()
+
+
+def test_between_setpoints_the_last_one_is_held_and_the_watchdog_fed(channel: tuple[socket.socket, socket.socket]) -> None:
+    ours, theirs = channel
+    control = Remembers()
+
+    def servo(q: list[float], *_: float) -> bool:
+        control.targets.append(q)
+        if len(control.targets) == 4:
+            ours.shutdown(socket.SHUT_RDWR)
+        return True
+
+    control.servoJ = servo  # type: ignore[method-assign]
+    ours.send(setpoint(1, 0.25))
+    Commander(control, theirs, SETTINGS).run()
+    assert control.targets[:4] == [[0.25] * 6] * 4

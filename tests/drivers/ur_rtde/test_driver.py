@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 
@@ -16,7 +18,9 @@ import pytest
 
 from drivers.preflight import preflight
 from drivers.ur_rtde.driver import UrDriver
+from sim.arm import Arm
 from sim.cell import Cell
+from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import PAUSED, STOPPED
 from sim.errors import DeviceError
@@ -24,6 +28,7 @@ from sim.joint_state import JointState, Status
 
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
 ZERO = np.zeros(6)
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 LONG = 20.0  # s that anything here may take
 
 
@@ -212,6 +217,40 @@ def test_a_dead_or_hanging_command_process_is_noticed_and_the_watchdog_stops_the
     wait_for(lambda: rests(emulator), "standstill")
     assert any("watchdog" in note for note in emulator.robot.notes)
     driver.close()
+
+
+OWNER = """
+import sys, time
+import numpy as np
+from drivers import open_driver
+from sim.arm import load_arm
+from sim.cell import load_cell
+with open_driver(load_cell(sys.argv[1]), load_arm("ur10e")) as driver:
+    q = driver.read().q.copy()
+    while True:
+        q[0] += 0.3 / driver.rate
+        driver.send(q, np.array([0.3, 0, 0, 0, 0, 0]), np.zeros(6))
+        driver.read()
+        print("moving", flush=True)
+"""
+
+
+def test_when_the_driver_s_own_process_is_killed_the_command_process_stops_the_arm(arm: Arm, cell: Callable[..., Cell]) -> None:
+    table = cell()
+    emulator = open_emulator(table, arm)
+    assert isinstance(emulator, UrEmulator)
+    emulator.start()
+    try:
+        with subprocess.Popen([sys.executable, "-c", OWNER, str(table.path)], stdout=subprocess.PIPE, env=ENVIRONMENT) as owner:
+            assert owner.stdout is not None
+            for _ in range(50):
+                assert owner.stdout.readline() == b"moving\n"
+            owner.kill()
+        wait_for(lambda: rests(emulator), "standstill")
+        wait_for(lambda: emulator.robot.runtime_state == STOPPED, "the end of the program")
+        assert not emulator.robot.notes, "it ended in order, not by the watchdog"
+    finally:
+        emulator.stop()
 
 
 def test_when_nobody_commands_any_more_the_command_process_stops_the_arm(pair: Pair) -> None:
