@@ -94,7 +94,7 @@ def numbers(values) -> str:
 
 def model_xml(name: str, arm: dict) -> str:
     """The arm as MJCF: bodies nested in order, a motor on each joint with its published torque limit."""
-    capsules = arm["capsules"]
+    capsules, (radius, height) = arm["capsules"], arm["base_cylinder"]
     lines = [
         f'<mujoco model="{name}">',
         '  <compiler angle="radian" autolimits="true" inertiafromgeom="false"/>',
@@ -106,7 +106,7 @@ def model_xml(name: str, arm: dict) -> str:
         "  </default>",
         "  <worldbody>",
         '    <body name="base">',
-        *(f"      {_geom('base', i, c)}" for i, c in enumerate(capsules["base"])),
+        f'      <geom name="base_0" type="cylinder" fromto="{numbers((0, 0, 0, 0, 0, height))}" size="{numbers([radius])}"/>',
     ]
     frames, bodies = link_frames(arm["dh"]), inertials(arm)
     limit = math.radians(360)
@@ -140,8 +140,9 @@ def model_xml(name: str, arm: dict) -> str:
 
 
 def _geom(body: str, index: int, capsule: list[float]) -> str:
-    *ends, radius = capsule
-    return f'<geom name="{body.removesuffix("_link")}_{index}" fromto="{numbers(ends)}" size="{numbers([radius])}"/>'
+    start, end, radius = capsule[:3], capsule[3:6], capsule[6]
+    place = f'type="sphere" pos="{numbers(start)}"' if start == end else f'fromto="{numbers(start + end)}"'
+    return f'<geom name="{body.removesuffix("_link")}_{index}" {place} size="{numbers([radius])}"/>'
 
 
 def arm_table(name: str, arm: dict, sources: dict) -> ArmTable:
