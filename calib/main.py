@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "runs": "runs",
     "report": "report",
     "replay": "replay",
+    "plan": "plan",
     "identify": "identify",
 }
 

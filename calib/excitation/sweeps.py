@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig
+from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigPath
 
 from sim.arm import Arm
@@ -61,7 +61,10 @@ def _leg(arm: Arm, here: np.ndarray, stop: Stop) -> RuckigPath | None:
     task.max_acceleration = list(GENTLE * arm.ddq_max)
     task.max_jerk = list(GENTLE * arm.jerk_max)
     path = RuckigPath(arm.n)
-    result = Ruckig(arm.n).calculate(task, path)
+    try:
+        result: object = Ruckig(arm.n).calculate(task, path)
+    except RuckigError as error:
+        result = error
     if result not in (Result.Working, Result.Finished):
         raise ConfigError(
             f"{arm.name}: no motion from {here.round(4).tolist()} to {np.round(stop.q, 4).tolist()} rad ({result})"
@@ -70,14 +73,14 @@ def _leg(arm: Arm, here: np.ndarray, stop: Stop) -> RuckigPath | None:
 
 
 def friction_sweeps(
-    arm: Arm, home: np.ndarray, low: np.ndarray, high: np.ndarray, speeds: np.ndarray, rate: float
+    arm: Arm, home: np.ndarray, low: np.ndarray, high: np.ndarray, speeds: np.ndarray, cruise: float, rate: float
 ) -> Trajectory:
-    """Each joint in turn from end to end of [low, high] at every speed (n, m) rad/s, both ways, the others still at home."""
+    """Each joint in turn, about `cruise` s each way at every speed (n, m) rad/s, within [low, high], the others still at home."""
     stops = []
     for j in range(arm.n):
         for speed in speeds[j]:
-            # a slow sweep needs no more than the stretch that it covers in a few seconds
-            reach = min(float(high[j] - low[j]), 4.0 * float(speed) + 2 * float(speed) ** 2 / (GENTLE * float(arm.ddq_max[j])))
+            reach = cruise * float(speed) + 2 * float(speed) ** 2 / (GENTLE * float(arm.ddq_max[j]))
+            reach = min(float(high[j] - low[j]), reach)
             middle = float(np.clip(home[j], low[j] + reach / 2, high[j] - reach / 2))
             for end in (middle - reach / 2, middle + reach / 2, middle - reach / 2):
                 q = home.copy()
@@ -114,15 +117,18 @@ def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], app
 def overlay(
     arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, low: float = 0.5, high: float = 7.0
 ) -> Trajectory:
-    """A small chirp of every joint, low to high Hz and each at its own phase, its speed amplitude (n,) rad/s constant, faded at the ends."""
+    """A small chirp of every joint, low to high Hz and each at its own phase, faded at the ends.
+
+    Its speed is amplitude (n,) rad/s, less where that would take more than GENTLE of the acceleration or jerk.
+    """
     count = round(seconds * rate)
     t = np.arange(count + 1) / rate
     offsets = 1 + 0.07 * np.arange(arm.n)
     sweep = np.log(high / low)
     phase = 2 * np.pi * low * seconds / sweep * (np.exp(t / seconds * sweep) - 1)[:, None] * offsets
-    fade = _fade(t, seconds, 0.15 * seconds)[:, None]
-    frequency = low * np.exp(t / seconds * sweep)[:, None] * offsets
-    q = home + amplitude * fade * np.sin(phase) / (2 * np.pi * frequency)
+    turn = 2 * np.pi * low * np.exp(t / seconds * sweep)[:, None] * offsets
+    slowness = amplitude**-4.0 + (GENTLE * arm.ddq_max / turn) ** -4.0 + (GENTLE * arm.jerk_max / turn**2) ** -4.0
+    q = home + slowness**-0.25 * _fade(t, seconds, 0.15 * seconds)[:, None] * np.sin(phase) / turn
     spline = _smooth_derivatives(t, q)
     return Trajectory(t, q, *spline)
 

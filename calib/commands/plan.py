@@ -1,0 +1,83 @@
+"""`calib plan`: motions that show what an arm is, proved before they are written."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import new_run
+
+
+def command(
+    arm: console.ArmArgument,
+    cell: Annotated[
+        str | None, typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane and nothing else.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer tries, short sweeps, no probes.")] = False,
+    period: Annotated[float, typer.Option(help="Seconds of one period of the Fourier motions.")] = 20.0,
+    periods: Annotated[
+        int | None, typer.Option(help="Whole periods of the excitation; 2 if not given, 1 with --quick.")
+    ] = None,
+    harmonics: Annotated[int, typer.Option(min=3, max=12, help="Harmonics of the Fourier motions; 5 to 7 is usual.")] = 6,
+    probes: Annotated[bool, typer.Option(help="Reversal ladder, static holds, the same path at half speed.")] = True,
+    progressive: Annotated[
+        bool, typer.Option("--progressive", help="First bring-up: unlock the joints one after another.")
+    ] = False,
+    home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Plan friction sweeps, an informative excitation, a validation motion and probes for an arm.
+
+    Writes a plan folder: plan.toml, one .npy a motion, plan.html to look at before anything moves.
+
+    Example:
+
+        calib plan ur10e --cell mock-ur10e --quick --out runs/plan
+    """
+    from calib.excitation.session import QUICK, Session, design, open_cell, posture
+    from calib.report import plan as page
+    from safety.collision import Clearance
+    from safety.plan import write_plan
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+
+    nominal = load_arm(arm, configs)
+    where = load_cell(cell, configs) if cell else None
+    asked = replace(
+        QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed,
+        progressive=progressive, home=None if home is None else posture(home, nominal),
+    )  # fmt: skip
+    if periods is not None:
+        asked = replace(asked, periods=periods)
+    folder = new_run(nominal, "plan", out, where)
+    stands = where or open_cell(nominal)
+    with console.progress("plan") as advance:
+        designed = design(nominal, stands, asked, lambda stage, share: advance(0, stage))
+        sealed = write_plan(folder / "sealed", nominal, designed.motions, where, designed.summary)
+        for file in sorted(sealed.folder.iterdir()):
+            shutil.move(file, folder / file.name)
+        sealed.folder.rmdir()
+        worth = {"condition": designed.worth.condition, "not_identified": designed.summary["not_identifiable"]}
+        page.write(folder / "plan.html", nominal, stands, designed.motions, Clearance(nominal, stands), worth)
+    known, weak = len(designed.summary["identifiable"]), len(designed.summary["not_identifiable"])
+    sentence = (
+        f"condition number {designed.worth.condition:.3g}; {known} of {known + weak} parameters will be known better than the arm's file "
+        f"states them; {designed.duration / 60:.1f} minutes of motion at full speed"
+    )
+    if as_json:
+        motions = [{"name": m.name, "kind": m.kind, "duration": m.trajectory.duration} for m in designed.motions]
+        console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary, "outcome": sentence})
+        return
+    console.table(
+        ["motion", "kind", "duration [s]", "samples"],
+        [[m.name, m.kind, m.trajectory.duration, len(m.trajectory)] for m in designed.motions],
+    )
+    console.say(f"{sentence}.")
+    console.say(f"{folder}: plan.toml, plan.html; approve it after looking at it, then `calib record CELL {folder}`.")

@@ -1,0 +1,133 @@
+"""Random feasible Fourier motions, and what a motion would tell: log det and condition number of its information."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
+from calib.identification.model import TorqueModel
+from sim.errors import AnswerIsNo
+from sim.trajectory import Trajectory
+
+SAMPLES = 120
+
+
+@dataclass(frozen=True)
+class Worth:
+    """log det of the whitened information (nats), condition number of the base regressor in raw SI units and of scaled columns."""
+
+    log_det: float
+    condition: float
+    condition_scaled: float
+    weakest: tuple[str, ...]
+
+
+class Information:
+    """What a motion tells about the columns of a model, each joint's rows weighted by its torque noise."""
+
+    def __init__(self, model: TorqueModel, sigma: np.ndarray) -> None:
+        self.model, self.sigma = model, sigma
+
+    def worth(self, motion: Trajectory) -> Worth:
+        """The worth of a motion's samples."""
+        a = self.model.columns(motion.q, motion.dq, motion.ddq)
+        b = len(self.model.base)
+        base = a[:, :, :b].reshape(-1, b)
+        whitened = (a / self.sigma[:, None]).reshape(-1, self.model.p)
+        gram = whitened.T @ whitened
+        norm = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        scaled = np.linalg.eigh(gram / np.outer(norm, norm))
+        sign, log_det = np.linalg.slogdet(gram)
+        raw = np.linalg.svd(base, compute_uv=False)
+        weak = scaled[1][:, 0]
+        names = tuple(self.model.names[k].split(" ")[0] for k in np.argsort(-np.abs(weak))[:3])
+        return Worth(
+            float(log_det) if sign > 0 else -np.inf,
+            float(raw[0] / raw[-1]) if raw[-1] > 0 else np.inf,
+            float(np.sqrt(scaled[0][-1] / scaled[0][0])) if scaled[0][0] > 0 else np.inf,
+            names,
+        )
+
+
+def noise_of(model: TorqueModel) -> np.ndarray:
+    """(n,) N m: the arm's torque noise, or a hundredth of its torque scale where the arm states none."""
+    from calib.identification.prior import torque_scale
+
+    sigma = np.array(model.arm.sensors.torque_noise, dtype=float)
+    return np.where(sigma > 0, sigma, 0.01 * torque_scale(model.arm))
+
+
+def fitted_to_room(room: Room, motion: Fourier) -> Fourier | None:
+    """The motion with the largest amplitude that fits: each joint to its own limits, then all together to torque, speed and clearance."""
+    limits = _own_scale(room, motion)
+    motion = motion.scaled(limits)
+    low, high = 0.0, 1.0
+    if room.use(_coarse(motion)).fits:
+        return motion
+    for _ in range(7):
+        middle = (low + high) / 2
+        low, high = (middle, high) if room.use(_coarse(motion.scaled(middle))).fits else (low, middle)
+    return motion.scaled(low) if low > 0.15 else None
+
+
+def random_start(
+    room: Room, information: Information, basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int
+) -> tuple[Fourier, Worth]:
+    """The most informative of `tries` random motions that fit; AnswerIsNo says which limit binds where none does."""
+    best: tuple[Fourier, Worth] | None = None
+    for _ in range(tries):
+        found = fitted_to_room(room, random_fourier(basis, home, rng))
+        if found is None:
+            continue
+        worth = information.worth(_coarse(found))
+        if best is None or worth.log_det > best[1].log_det:
+            best = (found, worth)
+    if best is None:
+        raise AnswerIsNo(f"{room.arm.name}: {binding(room, basis, home)}")
+    return best
+
+
+def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
+    """The sentence that says why no motion fits about `home`, and what would help."""
+    still = Trajectory(np.array([0.0, 0.1]), np.stack([home, home]), np.zeros((2, len(home))), np.zeros((2, len(home))))
+    use = room.use(still)
+    if use.clearance < CLEARANCE_MARGIN:
+        return (
+            f"at the start {np.round(home, 3).tolist()} rad {use.pair[0]} and {use.pair[1]} are {use.clearance * 1e3:.1f} mm from the cell's "
+            f"margin, a plan needs {CLEARANCE_MARGIN * 1e3:g} mm; give another start with --home, or move the obstacle"
+        )
+    name, share = use.worst
+    if share > 1:
+        j = int(np.argmax(use.shares[name])) if len(use.shares[name]) == room.arm.n else 0
+        return (
+            f"{room.arm.joint_names[j]}: standing still at the start uses {share:.0%} of its {name} limit (less margin); give another "
+            "start with --home, or correct the limit"
+        )
+    trial = random_fourier(basis, home, np.random.default_rng(0))
+    use = room.use(_coarse(trial.scaled(0.2 * _own_scale(room, trial))))
+    name, share = use.worst
+    what = f"{name} ({share:.0%} of what a plan may use)" if share > 1 else f"the distance of {use.pair[0]} and {use.pair[1]}"
+    return (
+        f"no motion of useful size fits; {what} binds first; a longer --period, another --home or wider limits would relax it"
+    )
+
+
+def _own_scale(room: Room, motion: Fourier) -> np.ndarray:
+    """(n,) factor that brings every joint to its own limits of position, speed, acceleration and jerk, whichever binds."""
+    arm, t = room.arm, np.linspace(0, motion.basis.period, 400)
+    rows = [motion.basis.matrix(t, k) @ motion.x.T for k in range(4)]
+    middle, half = (arm.q_max + arm.q_min) / 2, MARGIN["q"] * (arm.q_max - arm.q_min) / 2
+    up, down = rows[0].max(axis=0), -rows[0].min(axis=0)
+    factor = np.minimum(
+        (middle + half - motion.home) / np.maximum(up, 1e-9), (motion.home - middle + half) / np.maximum(down, 1e-9)
+    )
+    for row, limit, name in ((rows[1], arm.dq_max, "dq"), (rows[2], arm.ddq_max, "ddq"), (rows[3], arm.jerk_max, "jerk")):
+        factor = np.minimum(factor, 0.999 * MARGIN[name] * limit / np.maximum(np.abs(row).max(axis=0), 1e-9))
+    return np.maximum(factor, 0.0)
+
+
+def _coarse(motion: Fourier) -> Trajectory:
+    return motion.sampled(SAMPLES / motion.basis.period)

@@ -1,0 +1,293 @@
+"""The session plan: what an operator records in one sitting, in the order in which it is recorded, every motion proved by safety.clear.
+
+friction    each joint in turn at constant speeds both ways, then a small chirp of all joints (0.5 to 7 Hz)
+excitation  the informative Fourier motion, whole periods
+validation  another Fourier motion, which no fit sees
+probes      reversal ladder, static holds, the excitation's path at half speed (methods: P5, P3, P6)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.excitation.design import Information, Worth, binding, fitted_to_room, noise_of, random_start
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.room import CLEARANCE_MARGIN, Room
+from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
+from calib.identification.model import TorqueModel
+from safety.clear import clear
+from safety.plan import Motion
+from sim.arm import Arm
+from sim.cell import Cell, CellTable
+from sim.errors import AnswerIsNo, ConfigError, SafetyStop
+from sim.trajectory import Trajectory
+
+Progress = Callable[[str, float], None]
+SHRINK = 0.85
+ATTEMPTS = 8
+POSTURES = 1000
+LOOKED_AT = 15
+
+
+@dataclass(frozen=True)
+class Session:
+    """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
+    motions for a first bring-up come first.
+    """
+
+    period: float = 20.0
+    harmonics: int = 6
+    periods: int = 2
+    tries: int = 100
+    probes: bool = True
+    speeds: tuple[float, ...] = (0.03, 0.1, 0.25)
+    cruise: float = 3.0
+    chirp: float = 20.0
+    home: np.ndarray | None = None
+    progressive: bool = False
+    seed: int = 0
+
+
+QUICK = Session(periods=1, tries=40, probes=False, speeds=(0.06, 0.2), cruise=1.2, chirp=10.0)
+
+
+@dataclass(frozen=True)
+class Designed:
+    """Motions that safety.clear accepts, what the excitation is worth, and what is to be remembered of it."""
+
+    motions: tuple[Motion, ...]
+    worth: Worth
+    home: np.ndarray
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of all motions at full speed."""
+        return sum(m.trajectory.duration for m in self.motions)
+
+
+def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda stage, share: None) -> Designed:
+    """Plan the session for this arm in this cell.
+
+    AnswerIsNo says which limit binds where no motion fits; SafetyStop carries the refusal of safety.clear where shrinking does not help.
+    """
+    room = Room(arm, cell)
+    rng = np.random.default_rng(session.seed)
+    home = home_of(room, cell, session.home, rng)
+    model = TorqueModel.of_arm(arm)
+    information = Information(model, noise_of(model))
+    basis = Basis(session.harmonics, session.period)
+    rate = min(arm.sensors.rate, 500.0)
+    progress("excitation", 0.0)
+    best, _ = random_start(room, information, basis, home, rng, session.tries)
+    progress("checking the excitation", 0.0)
+    excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods)
+    motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
+    motions.append(Motion("friction", "friction", _friction(room, home, session, rate)))
+    motions.append(Motion("excitation", "excitation", excitation))
+    progress("validation", 0.0)
+    other = None
+    for _ in range(20):
+        other = other or fitted_to_room(room, random_fourier(basis, home, rng))
+    if other is None:
+        raise AnswerIsNo(f"{arm.name}: {binding(room, basis, home)}")
+    motions.append(Motion("validation", "validation", cleared_fourier(other, arm, cell, rate, 1)[0]))
+    if session.probes:
+        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate)]
+    for motion in motions:
+        progress(f"checking {motion.name}", 0.0)
+        if motion.kind not in ("excitation", "validation"):
+            clear(motion.trajectory, arm, cell)
+    worth = information.worth(kept.sampled(1000 / basis.period))
+    weak = [e for e, known in identifiable(model, information, kept).items() if not known]
+    summary = {
+        "condition_number": float(worth.condition),
+        "condition_scaled": float(worth.condition_scaled),
+        "log_det": float(worth.log_det),
+        "identifiable": [e for e in model.names if e not in weak],
+        "not_identifiable": weak,
+        "home": [float(x) for x in home],
+        "harmonics": session.harmonics,
+        "period_s": float(session.period),
+        "periods": session.periods,
+        "seed": session.seed,
+    }
+    return Designed(tuple(motions), worth, home, summary)
+
+
+def open_cell(arm: Arm) -> Cell:
+    """The cell of an arm of which nothing else is known: it stands on a plane, 50 mm below its base's origin to leave room for a flange."""
+    table = CellTable.model_validate(
+        {
+            "schema": "cell/1", "name": "open", "arm": arm.name, "driver": "mock",
+            "obstacles": [{"kind": "plane", "name": "mounting_plane", "position": [0, 0, -0.05], "normal": [0, 0, 1]}],
+        }
+    )  # fmt: skip
+    return Cell(table, Path("open"), "0" * 64)
+
+
+def posture(text: str, arm: Arm) -> np.ndarray:
+    """(n,) rad from numbers between commas."""
+    try:
+        found = np.array([float(x) for x in text.split(",")])
+    except ValueError:
+        found = np.zeros(0)
+    if found.shape != (arm.n,) or not np.all(np.isfinite(found)):
+        raise ConfigError(
+            f"--home {text!r}: {arm.name} needs {arm.n} numbers in rad between commas, such as 0,-1.4,1.3,-1.4,-1.2,0.3"
+        )
+    return found
+
+
+def identifiable(model: TorqueModel, information: Information, motion: Fourier) -> dict[str, bool]:
+    """Which parameters one period would fix to a third of the prior or a tenth of their value, at the arm's own noise.
+
+    Samples at 25 Hz count as independent, which is what a filter of about 8 Hz leaves.
+    """
+    from calib.identification.estimates import CONTRACTION, RELATIVE
+    from calib.identification.least_squares import inverse
+    from calib.identification.prior import nominal_prior
+
+    path = motion.sampled(25.0)
+    a = model.columns(path.q, path.dq, path.ddq)
+    gram = np.einsum("kjp,j,kjr->pr", a, 1 / information.sigma**2, a)
+    std = np.sqrt(np.diag(inverse(gram)))
+    prior = nominal_prior(model.arm, model)
+    before = np.sqrt(np.diag(inverse(prior.precision)))
+    known = (std < CONTRACTION * before) | (std < RELATIVE * np.abs(prior.mean))
+    return dict(zip(model.names, known.tolist(), strict=True))
+
+
+def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
+    """The posture where every motion begins and ends: as given, the cell's home, or of many random ones that where motions have most room."""
+    arm = room.arm
+    given = wanted if wanted is not None else None if cell.table.home is None else np.array(cell.table.home)
+    if given is not None:
+        if given.shape != (arm.n,) or not np.all((arm.q_min <= given) & (given <= arm.q_max)):
+            raise AnswerIsNo(
+                f"home {np.round(given, 3).tolist()} rad: {arm.name} has {arm.n} joints within {np.round(arm.q_min, 2).tolist()} to "
+                f"{np.round(arm.q_max, 2).tolist()} rad; give a posture inside them with --home"
+            )
+        return given
+    middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
+    q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
+    free = room.clearances(q)[0].min(axis=1)
+    roomy = q[np.argsort(-free)[:LOOKED_AT]]
+    if free.max() < CLEARANCE_MARGIN:
+        raise AnswerIsNo(
+            f"{arm.name} in {cell.name}: none of {POSTURES} postures is {CLEARANCE_MARGIN * 1e3:g} mm clear of itself and the cell; check "
+            "the obstacles of the cell, or give a free posture with --home"
+        )
+    basis = Basis(4, 20.0)
+    trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
+    scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in roomy]
+    return np.round(roomy[int(np.argmax(scores))], 3)
+
+
+def _amplitude(room: Room, motion: Fourier) -> float:
+    """Sum over the joints of the speed that the motion has once it fits, as a share of the joint's own."""
+    found = fitted_to_room(room, motion)
+    return 0.0 if found is None else float((np.abs(found.sampled(4.0).dq).max(axis=0) / room.arm.dq_max).sum())
+
+
+def cleared_fourier(motion: Fourier, arm: Arm, cell: Cell, rate: float, periods: int) -> tuple[Trajectory, Fourier]:
+    """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
+    for attempt in range(ATTEMPTS):
+        try:
+            clear(motion.sampled(rate), arm, cell)
+            return motion.sampled(rate, periods), motion
+        except SafetyStop:
+            if attempt == ATTEMPTS - 1:
+                raise
+            motion = motion.scaled(SHRINK)
+    raise AssertionError("unreachable")
+
+
+def _friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:
+    """Sweeps with ranges and speeds that fit, joint by joint, and the chirp after them."""
+    arm = room.arm
+    low, high = home.copy(), home.copy()
+    speeds = np.outer(arm.dq_max, session.speeds)
+    for j in range(arm.n):
+        low[j], high[j], speeds[j] = _swept(room, home, j, speeds[j], rate)
+    sweeps = friction_sweeps(arm, home, low, high, speeds, session.cruise, rate)
+    size = 0.12 * arm.dq_max
+    chirp = overlay(arm, home, size, session.chirp, rate)
+    for _ in range(ATTEMPTS):
+        if room.use(_thinned(chirp, 60.0)).fits:
+            break
+        size = size * SHRINK
+        chirp = overlay(arm, home, size, session.chirp, rate)
+    return joined(sweeps, chirp)
+
+
+def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:
+    arm = room.arm
+    for reach in (1.2, 0.9, 0.6, 0.4, 0.25, 0.12):
+        low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
+        high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
+        line = np.repeat(home[None], 80, axis=0)
+        line[:, j] = np.linspace(low, high, 80)
+        if room.clearances(line)[0].min() < CLEARANCE_MARGIN:
+            continue
+        for slower in (1.0, 0.7, 0.5, 0.35):
+            dq = np.zeros_like(line)
+            dq[:, j] = slower * speeds.max()
+            step = (high - low) / 79 / dq[0, j]
+            if room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line))).fits:
+                return float(low), float(high), slower * speeds
+    raise AnswerIsNo(
+        f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than 0.12 rad to either side; give another "
+        "start with --home, or move the obstacle"
+    )
+
+
+def _bring_up(room: Room, basis: Basis, home: np.ndarray, rate: float, rng: np.random.Generator) -> list[Motion]:
+    """For an arm that never moved: half the amplitude that fits, the last joint alone, then one joint more each time."""
+    motions = []
+    for count in range(1, room.arm.n + 1):
+        locked = np.arange(room.arm.n) < room.arm.n - count
+        found = None
+        for _ in range(20):
+            trial = random_fourier(Basis(4, basis.period), home, rng)
+            found = found or fitted_to_room(room, Fourier(trial.basis, home, np.where(locked[:, None], 0.0, trial.x)))
+        if found is None:
+            raise AnswerIsNo(f"{room.arm.name}: {binding(room, basis, home)}")
+        motions.append(Motion(f"bring_up_{count}", "probe", found.scaled(0.5).sampled(rate)))
+    return motions
+
+
+def _probes(room: Room, cell: Cell, home: np.ndarray, excitation: Fourier, rate: float) -> list[tuple[str, Trajectory]]:
+    arm = room.arm
+    ladder = reversal_ladder(arm, home, (0.002, 0.005, 0.015, 0.04), rate)
+    path = excitation.sampled(40 / excitation.basis.period)
+    far = path.q[np.linspace(0, len(path) - 1, 7).astype(int)[1:-1]]
+    holds = static_holds(arm, home, [home + 0.8 * (q - home) for q in far], 0.03, rate)
+    half = Fourier(Basis(excitation.basis.harmonics, 2 * excitation.basis.period), home, excitation.x / 2)
+    slow, _ = cleared_fourier(half, arm, cell, rate, 1)
+    out = [("reversals", ladder), ("half_speed", slow)]
+    if room.use(_thinned(holds, 60.0)).fits:
+        try:
+            clear(holds, arm, cell)
+            out.append(("holds", holds))
+        except SafetyStop:
+            pass
+    return out
+
+
+def joined(first: Trajectory, second: Trajectory) -> Trajectory:
+    """One motion after another, which begins where the first ends, at rest."""
+    step = first.t[1] - first.t[0]
+    t = np.concatenate([first.t, first.t[-1] + step + second.t - second.t[0]])
+    parts = [np.concatenate([getattr(first, k), getattr(second, k)]) for k in ("q", "dq", "ddq")]
+    return Trajectory(t, *parts)
+
+
+def _thinned(motion: Trajectory, rate: float) -> Trajectory:
+    step = max(1, round((len(motion) - 1) / motion.duration / rate))
+    return Trajectory(motion.t[::step], motion.q[::step], motion.dq[::step], motion.ddq[::step])

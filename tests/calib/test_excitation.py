@@ -1,0 +1,149 @@
+"""Excitation: motions from rest to rest that fit, the session made of them, and refusals that say what binds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import main as program
+from calib.excitation.design import Information, fitted_to_room, noise_of, random_start
+from calib.excitation.fourier import Basis, random_fourier
+from calib.excitation.room import Room, segment_distance
+from calib.excitation.session import home_of, open_cell, posture
+from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
+from calib.identification.model import TorqueModel
+from safety.clear import clear
+from safety.collision import Clearance
+from safety.limits import check_limits
+from safety.plan import load_plan
+from sim.arm import load_arm
+from sim.errors import AnswerIsNo, ConfigError
+
+ARM = load_arm("ur10e")
+CELL = open_cell(ARM)
+MODEL = TorqueModel.of_arm(ARM)
+HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
+
+
+def test_a_fourier_motion_is_smooth_from_rest_to_rest() -> None:
+    basis = Basis(5, 8.0)
+    motion = random_fourier(basis, HOME, np.random.default_rng(1))
+    t = np.array([0.0, 8.0])
+    for order in (1, 2):
+        assert np.abs(basis.matrix(t, order) @ motion.x.T).max() < 1e-9
+    path = motion.sampled(200.0, periods=2)
+    assert np.allclose(path.q[[0, -1]], HOME)
+    middle = slice(1, -1)
+    assert np.abs(np.gradient(path.q, path.t, axis=0) - path.dq)[middle].max() < 2e-3
+    assert np.abs(np.gradient(path.dq, path.t, axis=0) - path.ddq)[middle].max() < 2e-2
+    assert np.allclose(path.q[: 8 * 200], path.q[8 * 200 : -1], atol=1e-12)
+
+
+def test_capsules_agree_with_the_geometry_that_decides() -> None:
+    room, clearance = Room(ARM, CELL), Clearance(ARM, CELL)
+    rng = np.random.default_rng(2)
+    for q in HOME + 0.5 * rng.uniform(-1, 1, (20, 6)):
+        found, names = room.clearances(q[None])
+        exact = {frozenset(p): d - m for p, d, m in zip(clearance.pairs, clearance.distances(q), clearance.margin, strict=True)}
+        shared = [(d, exact[frozenset(p)]) for d, p in zip(found[0], names, strict=True) if frozenset(p) in exact]
+        assert len(shared) > 15
+        assert max(abs(a - b) for a, b in shared if b > 0.05) < 0.025
+
+
+def test_distances_of_segments() -> None:
+    z = np.zeros(3)
+    x, y, up = np.eye(3)
+    assert segment_distance(z, x, y, x + y) == pytest.approx(1.0)
+    assert segment_distance(-x, x, -y + up, y + up) == pytest.approx(1.0)
+    assert segment_distance(z, z, 3 * x, 4 * x) == pytest.approx(3.0)
+    assert segment_distance(z, x, 2 * x, 5 * x) == pytest.approx(1.0)
+
+
+def test_a_random_motion_fitted_to_its_room_is_cleared() -> None:
+    room = Room(ARM, CELL)
+    found = fitted_to_room(room, random_fourier(Basis(4, 10.0), HOME, np.random.default_rng(3)))
+    assert found is not None
+    assert room.use(found.sampled(20.0)).fits
+    assert len(clear(found.sampled(200.0), ARM, CELL, rate=100.0)) > 900
+
+
+def test_information_grows_with_the_motion() -> None:
+    model = TorqueModel.of_arm(ARM)
+    information = Information(model, noise_of(model))
+    motion = random_fourier(Basis(6, 20.0), HOME, np.random.default_rng(3))
+    small, large = (information.worth(motion.scaled(k).sampled(10.0)) for k in (0.2, 0.6))
+    assert large.log_det > small.log_det + 20
+    assert large.condition < small.condition
+
+
+def test_sweeps_are_at_constant_speed_and_within_limits() -> None:
+    low, high = HOME - 0.5, HOME + 0.5
+    speeds = np.outer(ARM.dq_max, [0.05, 0.15])
+    path = friction_sweeps(ARM, HOME, low, high, speeds, 1.0, 200.0)
+    check_limits(path, ARM)
+    for j in range(6):
+        for speed in speeds[j]:
+            for way in (1, -1):
+                assert np.sum(np.abs(path.dq[:, j] - way * speed) < 1e-6) > 100
+    assert np.all(np.sum(np.abs(path.dq) > 1e-9, axis=1) <= 1)
+
+
+def test_the_chirp_reaches_its_frequency_within_limits() -> None:
+    size = np.full(6, 0.2)
+    path = overlay(ARM, HOME, size, 10.0, 500.0)
+    check_limits(path, ARM)
+    late = (path.t > 7.5) & (path.t < 8.3)
+    crossings = np.sum(np.diff(np.sign(path.dq[late, 0])) != 0)
+    assert crossings / 2 / 0.8 > 3.5
+    assert np.allclose(path.q[-1], HOME)
+
+
+def test_a_stop_outside_the_limits_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no motion from"):
+        through(ARM, HOME, [Stop(np.full(6, np.nan), ARM.dq_max)], 100.0)
+
+
+def test_a_start_in_collision_says_which_bodies() -> None:
+    folded = np.array([0.0, -1.4, 2.9, 0.0, 0.0, 0.0])
+    room = Room(ARM, CELL)
+    assert fitted_to_room(room, random_fourier(Basis(4, 10.0), folded, np.random.default_rng(0))) is None
+    with pytest.raises(AnswerIsNo, match="mm from the cell's margin"):
+        random_start(room, Information(MODEL, noise_of(MODEL)), Basis(4, 10.0), folded, np.random.default_rng(0), 1)
+
+
+def test_limits_that_are_too_tight_name_the_one_that_binds() -> None:
+    weak = replace(ARM, tau_max=np.array([330.0, 60.0, 150.0, 54.0, 54.0, 54.0]))
+    room, model = Room(weak, CELL), TorqueModel.of_arm(weak)
+    with pytest.raises(AnswerIsNo, match="torque"):
+        random_start(room, Information(model, noise_of(model)), Basis(4, 10.0), HOME, np.random.default_rng(0), 2)
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "a,b", "nan,0,0,0,0,0"])
+def test_a_home_that_is_no_posture(text: str) -> None:
+    with pytest.raises(ConfigError, match="--home"):
+        posture(text, ARM)
+
+
+@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6"])
+def test_every_arm_has_a_home_with_room(name: str) -> None:
+    arm = load_arm(name)
+    cell = open_cell(arm)
+    room = Room(arm, cell)
+    home = home_of(room, cell, None, np.random.default_rng(0))
+    trials = [random_fourier(Basis(4, 20.0), home, np.random.default_rng(seed)) for seed in range(6)]
+    assert sum(fitted_to_room(room, trial) is not None for trial in trials) >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6"])
+def test_every_arm_has_a_quick_plan(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert program.main(["plan", name, "--quick", "--json", "--out", str(tmp_path / "plan")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    plan = load_plan(tmp_path / "plan")
+    assert [m.name for m in plan.motions] == ["friction", "excitation", "validation"]
+    assert told["condition_number"] == pytest.approx(plan.summary["condition_number"])
+    assert told["identifiable"]
