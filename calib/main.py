@@ -24,6 +24,7 @@ COMMANDS: dict[str, str] = {
     "report": "report",
     "replay": "replay",
     "plan": "plan",
+    "import": "import_",
     "identify": "identify",
 }
 

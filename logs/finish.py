@@ -6,11 +6,14 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from mcap.writer import Writer
 
+from logs.clock_fit import ClockFit, fit_clocks
 from logs.damage import Damage
-from logs.mcap_stream import MESSAGE, McapStream
-from logs.schemas import RECORDING
+from logs.mcap_records import MESSAGE
+from logs.mcap_stream import McapStream
+from logs.schemas import RECORDING, STATES
 from sim.errors import DeviceError
 
 LIBRARY = "arm-calib"
@@ -30,8 +33,11 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
         with journal.open("rb") as file:
             stream = McapStream(file, journal.stat().st_size, damage)
             numbers: dict[int, int] = {}
+            clocks: list[np.ndarray] = []
             for batch in stream.batches():
                 heads = batch.heads()
+                states = [number for number, channel in stream.channels.items() if channel.topic == STATES]
+                clocks.append(heads[["publish", "log"]][np.isin(heads["channel"], states)])
                 rows = zip(
                     batch.starts.tolist(), heads["length"].tolist(), heads["channel"].tolist(), heads["sequence"].tolist(),
                     heads["log"].tolist(), heads["publish"].tolist(), strict=True,
@@ -43,6 +49,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
                     writer.add_message(numbers[channel], log, data, publish, sequence)
             for name, record in stream.metadata.items():
                 writer.add_metadata(name, record | ({**words, "state": state} if name == RECORDING else {}))
+            add_clock_fit(writer, _fit(clocks))
             if stream.unsealed:
                 damage.note(f"the last {stream.unsealed} bytes are an incomplete sample and are left out")
             return {numbers[channel]: count for channel, count in stream.counts.items()}
@@ -50,6 +57,22 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
     write_file(part, body)
     put_in_place(part, target)
     return damage.all_findings()
+
+
+def add_clock_fit(writer: Writer, fit: ClockFit | None) -> None:
+    """The metadata record `clock_fit`, where there is a fit."""
+    if fit is not None:
+        writer.add_metadata("clock_fit", fit.text())
+
+
+def _fit(clocks: list[np.ndarray]) -> ClockFit | None:
+    times = np.concatenate(clocks) if clocks else np.empty(0, dtype=[("publish", "<u8"), ("log", "<u8")])
+    if not len(times):
+        return None
+    device, host = (times[name].astype(np.int64) for name in ("publish", "log"))
+    if np.any(np.diff(device) < 0):
+        return None
+    return fit_clocks((device - device[0]) * 1e-9, (host - host[0]) * 1e-9)
 
 
 def write_file(part: Path, body: Callable[[Writer], dict[int, int]]) -> None:

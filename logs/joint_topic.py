@@ -8,7 +8,7 @@ import numpy as np
 
 from logs.cdr import CdrError, Layout, joint_layout
 from logs.damage import Damage
-from logs.mcap_stream import MESSAGE, Batch
+from logs.mcap_records import MESSAGE, Batch
 
 MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Header, McapRecord, Metadata, Schema
 
-from logs.mcap_stream import JOURNAL, MAGIC, SEAL
+from logs.mcap_records import JOURNAL, MAGIC, SEAL
 from logs.schemas import RECORDING, SCHEMAS, TOPICS
 from sim.errors import DeviceError
 

@@ -11,9 +11,10 @@ from logs.cdr import CdrError, log_message
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.log import Event, Log, State
-from logs.mcap_stream import MESSAGE, Batch, Channel, McapStream
+from logs.mcap_records import MESSAGE, Batch, Channel
+from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
-from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, RECORDING, SCHEMAS, STATES
+from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES
 from logs.timing import checked_times, unwrapped
 
 MAX_EVENTS = 100_000
@@ -38,10 +39,19 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         ended &= stream.ended
         unsealed += stream.unsealed
         journal |= stream.journal
+    _check_count(topics, metadata.get(RECORDING, {}), damage)
     state = _state(metadata.get(RECORDING, {}), ended, journal, damage)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     return _assembled(topics, events, metadata, state, joint_names, damage)
+
+
+def _check_count(topics: dict[str, JointTopic], recording: dict[str, str], damage: Damage) -> None:
+    """A finished recording says how many samples it holds."""
+    said, topic = recording.get("samples"), topics.get(STATES)
+    found = sum(map(len, topic.stamp)) + topic.others if topic else 0
+    if said is not None and said != str(found):
+        damage.report("metadata record 'recording'", f"the recording says {said} samples, {found} survive")
 
 
 def _state(recording: dict[str, str], ended: bool, journal: bool, damage: Damage) -> State:
@@ -148,6 +158,8 @@ def _assembled(
         damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
     t, t_host = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9
+    if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
+        t_host = np.full(len(t), np.nan)
     q, dq, tau = (states.joined(k) for k in range(3))
     t, clock = checked_times(t, t_host, damage)
     n = len(names)

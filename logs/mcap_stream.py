@@ -9,100 +9,39 @@ from __future__ import annotations
 
 import struct
 import zlib
-from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 
 from logs.damage import Damage
+from logs.mcap_records import (
+    HEAD,
+    JOURNAL,
+    MAGIC,
+    MAX_RECORD,
+    MESSAGE,
+    SEAL,
+    Batch,
+    Channel,
+    Fields,
+    RecordError,
+    header_library,
+    unpacked,
+    walk,
+)
 
-MAGIC = b"\x89MCAP0\r\n"
-JOURNAL = "arm-calib journal"  # library name in the header of a recording that has not been finished
-SEAL = 0x80  # private record that closes one sample of a journal: CRC-32 of everything since the last one
-MAX_RECORD = 64 << 20
 MAX_TOTAL = 4 << 30
 MAX_RATIO = 200
 RATIO_FREE = 64 << 20  # a standing arm compresses well: the ratio counts from here on
 MAX_MESSAGES = 10**8
 MAX_DEFINITIONS = 10_000
 WINDOW = 4 << 20
-
-_HEAD = struct.Struct("<BQ")
+FOOTER = 37  # bytes of the footer record and the closing magic
 _CHUNK = struct.Struct("<QQQI")
-MESSAGE = np.dtype(
-    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
-)
-
-
-class RecordError(ValueError):
-    """A record whose content is not what its opcode says."""
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """One topic of the file with its schema."""
-
-    topic: str
-    encoding: str
-    schema: str
-    schema_encoding: str
-    definition: str
-
-
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Messages in file order within one buffer: `starts` (M,) of their records; `where` names the buffer's place."""
-
-    data: bytes
-    starts: np.ndarray
-    where: str
-
-    def heads(self) -> np.ndarray:
-        """(M,) records of MESSAGE: channel, sequence, log and publish time."""
-        view = np.ndarray((len(self.data) - MESSAGE.itemsize + 1,), MESSAGE, self.data, strides=(1,))
-        return view[self.starts]
-
-    def payloads(self, starts: np.ndarray, size: int) -> np.ndarray:
-        """(M, size) uint8: message bodies of one size, from the starts of their records."""
-        view = np.ndarray((len(self.data) - size + 1,), f"V{size}", self.data, strides=(1,))
-        return view[starts + MESSAGE.itemsize].view(np.uint8).reshape(len(starts), size)
-
-
-class Fields:
-    """Reads the fields of one record in order; RecordError where one reaches beyond the record."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data, self.at = data, 0
-
-    def number(self, size: int) -> int:
-        return int.from_bytes(self.bytes(size), "little")
-
-    def bytes(self, size: int) -> bytes:
-        if size > len(self.data) - self.at:
-            raise RecordError(f"a field of {size} bytes at byte {self.at} reaches beyond the record's {len(self.data)}")
-        self.at += size
-        return self.data[self.at - size : self.at]
-
-    def text(self) -> str:
-        try:
-            return self.bytes(self.number(4)).decode("utf-8")
-        except UnicodeDecodeError:
-            raise RecordError("a text is not UTF-8") from None
-
-    def map(self) -> dict[str, str]:
-        inner = Fields(self.bytes(self.number(4)))
-        out: dict[str, str] = {}
-        while inner.at < len(inner.data):
-            key = inner.text()
-            if key in out:
-                raise RecordError(f"the key {key!r} stands twice")
-            out[key] = inner.text()
-        return out
 
 
 @dataclass
@@ -129,11 +68,12 @@ class McapStream:
         if self.file.read(len(MAGIC)) != MAGIC:
             raise self.damage.refuse("byte 0", "the MCAP magic is missing", "give an MCAP file or a ur_rtde CSV file")
         self._crc = zlib.crc32(MAGIC)
+        self._take_summary()
         at, want = len(MAGIC), WINDOW
         while at < self.size and not self.ended:
             self.file.seek(at)
             data = self.file.read(min(want, self.size - at))
-            ops, starts, used = _walk(data)
+            ops, starts, used = walk(data)
             if not used:
                 step = self._oversize(data, at)
                 if step is None:
@@ -157,18 +97,35 @@ class McapStream:
                 self._crc = zlib.crc32(memoryview(data)[:used], self._crc)
             at, want = at + used, WINDOW
 
+    def _take_summary(self) -> None:
+        """Schemas and channels that the end of the file repeats: a damaged chunk must not take the others' definitions with it."""
+        if self.size < len(MAGIC) + FOOTER:
+            return
+        self.file.seek(self.size - FOOTER)
+        tail = self.file.read(FOOTER)
+        start = int.from_bytes(tail[9:17], "little")
+        if tail[0] != Opcode.FOOTER or tail[-len(MAGIC) :] != MAGIC or not 0 < self.size - FOOTER - start <= MAX_RECORD:
+            return
+        self.file.seek(start)
+        summary = self.file.read(self.size - FOOTER - start)
+        crc = int.from_bytes(tail[25:29], "little")
+        if crc and zlib.crc32(tail[:25], zlib.crc32(summary)) == crc:
+            ops, starts, _ = walk(summary)
+            keep = (ops == Opcode.SCHEMA) | (ops == Opcode.CHANNEL)
+            self._define(summary, ops[keep], starts[keep], f"byte {start}")
+
     def _oversize(self, data: bytes, at: int) -> int | None:
         """What to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
-        if len(data) >= _HEAD.size:
-            op, length = _HEAD.unpack_from(data)
-            end = at + _HEAD.size + length
+        if len(data) >= HEAD.size:
+            op, length = HEAD.unpack_from(data)
+            end = at + HEAD.size + length
             if end <= self.size:
                 if length <= MAX_RECORD:
-                    return -(_HEAD.size + length)
+                    return -(HEAD.size + length)
                 if op == Opcode.ATTACHMENT or op > SEAL:
-                    return _HEAD.size + length
+                    return HEAD.size + length
                 self.damage.report(f"byte {at}", f"a record of {length} bytes (opcode {op:#x}); at most {MAX_RECORD} are read")
-                return _HEAD.size + length
+                return HEAD.size + length
         if not self.journal:
             self.damage.report(f"byte {at}", f"the file is cut: its {self.size} bytes end inside a record")
         else:
@@ -177,21 +134,19 @@ class McapStream:
 
     def _sealed(self, data: bytes, ops: np.ndarray, starts: np.ndarray, used: int, at: int) -> int:
         """Check the CRC of every sealed sample of a journal; the end of the last sound one (0 where there is none)."""
-        if at == len(MAGIC) and ops[0] == Opcode.HEADER:
-            fields = Fields(data[_HEAD.size : int(starts[1]) if len(starts) > 1 else used])
-            fields.text()
-            self.journal = fields.text() == JOURNAL
+        if at == len(MAGIC):
+            self.journal = header_library(data) == JOURNAL
         if not self.journal:
             return 0
         begin = 0
         for seal in starts[ops == SEAL].tolist():
-            length = _HEAD.unpack_from(data, seal)[1]
-            crc = int.from_bytes(data[seal + _HEAD.size : seal + _HEAD.size + 4], "little")
+            length = HEAD.unpack_from(data, seal)[1]
+            crc = int.from_bytes(data[seal + HEAD.size : seal + HEAD.size + 4], "little")
             if length != 4 or zlib.crc32(memoryview(data)[begin:seal]) != crc:
                 self.damage.report(f"byte {at + begin}", f"the check sum of the sample before byte {at + seal} is wrong")
                 self.size = at + begin
                 return begin
-            begin = seal + _HEAD.size + length
+            begin = seal + HEAD.size + length
         return begin
 
     def _block(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> Iterator[Batch]:
@@ -201,14 +156,14 @@ class McapStream:
         begin = 0
         for k in np.flatnonzero(special).tolist():
             op, start = int(ops[k]), int(starts[k])
-            content = data[start + _HEAD.size : start + _HEAD.size + _HEAD.unpack_from(data, start)[1]]
+            content = data[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(data, start)[1]]
             place = f"byte {at + start}"
             if op == Opcode.CHUNK:
                 yield from self._batch(data, ops[begin:k], starts[begin:k], where)
                 begin = k + 1
                 records = self._decompressed(content, place)
                 if records is not None:
-                    inner_ops, inner_starts, used = _walk(records)
+                    inner_ops, inner_starts, used = walk(records)
                     if used != len(records):
                         self.damage.report(f"chunk at {place}", f"ends inside a record, {len(records) - used} bytes too early")
                     self._define(records, inner_ops, inner_starts, f"chunk at {place}")
@@ -231,7 +186,7 @@ class McapStream:
         for k in np.flatnonzero(ops != Opcode.MESSAGE).tolist():
             op, start = int(ops[k]), int(starts[k])
             if op in (Opcode.SCHEMA, Opcode.CHANNEL):
-                content = data[start + _HEAD.size : start + _HEAD.size + _HEAD.unpack_from(data, start)[1]]
+                content = data[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(data, start)[1]]
                 self._definition(op, content, f"{where}, byte {start} in it")
             elif op < SEAL:
                 self.damage.report(f"{where}, byte {start} in it", f"a record with opcode {op:#x} cannot stand in a chunk")
@@ -274,7 +229,7 @@ class McapStream:
         if self._messages > MAX_MESSAGES:
             raise self.damage.refuse(where, f"more than {MAX_MESSAGES} messages", "split the recording into shorter ones")
         lengths = np.ndarray((len(data) - 8,), "<u8", data, 1, strides=(1,))[starts]
-        short = lengths < MESSAGE.itemsize - _HEAD.size
+        short = lengths < MESSAGE.itemsize - HEAD.size
         if short.any():
             self.damage.report(f"{where}, byte {starts[short][0]} in it", "a message record is too short for its own header")
             starts = starts[~short]
@@ -304,7 +259,7 @@ class McapStream:
                     f"chunk at {where}", f"the file unpacks to more than {self._total - size} bytes",
                     f"at most {MAX_TOTAL} bytes and {MAX_RATIO} times the file are read; split the recording",
                 )  # fmt: skip
-            records = _unpacked(compression, packed, size)
+            records = unpacked(compression, packed, size)
             if len(records) != size:
                 raise RecordError(f"unpacks to {'more' if len(records) > size else 'less'} than the declared {size} bytes")
             if crc and zlib.crc32(records) != crc:
@@ -321,13 +276,13 @@ class McapStream:
         crc = int.from_bytes(content[:4], "little")
         if crc and crc != self._crc:
             self.damage.report(where, "the check sum of the data section is wrong")
-        summary_at = at + _HEAD.size + len(content)
+        summary_at = at + HEAD.size + len(content)
         self.file.seek(summary_at)
         if self.size - summary_at > MAX_RECORD:
             self.damage.report(where, f"a summary of {self.size - summary_at} bytes; at most {MAX_RECORD} are read")
             return
         tail = self.file.read(self.size - summary_at)
-        ops, starts, used = _walk(tail)
+        ops, starts, used = walk(tail)
         if len(ops) == 0 or ops[-1] != Opcode.FOOTER or tail[used:] != MAGIC:
             self.damage.report(f"byte {summary_at}", "the file is cut: footer and closing magic do not stand at its end")
             return
@@ -337,36 +292,8 @@ class McapStream:
         if declared and zlib.crc32(tail[: footer + 25]) != declared:
             self.damage.report(f"byte {summary_at}", "the check sum of the summary is wrong")
         for start in starts[ops == Opcode.STATISTICS].tolist():
-            count = int.from_bytes(tail[start + _HEAD.size : start + _HEAD.size + 8], "little")
+            count = int.from_bytes(tail[start + HEAD.size : start + HEAD.size + 8], "little")
             if count != self._messages:
                 self.damage.report(
                     f"byte {summary_at + start}", f"the file counts {count} messages, {self._messages} are in it"
                 )
-
-
-def _walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
-    """Opcodes and starts of the complete records in `data`, and where they end."""
-    ops, starts = array("B"), array("q")
-    at, end, unpack = 0, len(data), _HEAD.unpack_from
-    last = end - _HEAD.size
-    while at <= last:
-        op, length = unpack(data, at)
-        after = at + 9 + length
-        if after > end:
-            break
-        ops.append(op)
-        starts.append(at)
-        at = after
-    return np.frombuffer(ops, dtype=np.uint8), np.frombuffer(starts, dtype=np.int64), at
-
-
-def _unpacked(compression: str, packed: bytes, size: int) -> bytes:
-    """At most size + 1 bytes of content: what a chunk says of its size is not believed."""
-    if compression == "zstd":
-        with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD).stream_reader(packed) as reader:
-            return reader.read(size + 1)
-    if compression == "lz4":
-        return lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
-    if compression == "":
-        return packed
-    raise RecordError(f"compression {compression!r}; zstd, lz4 and none are read")

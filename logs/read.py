@@ -9,7 +9,7 @@ from pathlib import Path
 from logs.damage import Damage
 from logs.log import Log
 from logs.mcap_log import read_mcap
-from logs.mcap_stream import MAGIC
+from logs.mcap_records import MAGIC
 from logs.rosbag2 import bag_parts
 from logs.ur_rtde_csv import looks_like_csv, read_csv
 from sim.resources import nearest

@@ -1,0 +1,101 @@
+"""Any recording becomes a finished file of our own: importing ur_rtde CSV and rosbag2, recovering open and damaged files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import Writer
+
+from logs.clock_fit import fit_clocks
+from logs.encode import JointEncoder, log_body
+from logs.finish import add_clock_fit, finish, put_in_place, write_file
+from logs.log import Log, State
+from logs.mcap_records import is_journal
+from logs.read import read_log
+from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, TOPICS
+from sim.errors import DeviceError
+from sim.version import software_version
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The finished file, the log in it, how the source had ended, and sentences about what did not survive."""
+
+    source: Path
+    path: Path
+    log: Log
+    ended: State
+    left_out: tuple[str, ...]
+
+
+def import_recording(source: str | Path, target: str | Path) -> Imported:
+    """Write what survives of `source` to the new file `target`; BadLog where nothing does.
+
+    The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless told not to. A journal is
+    copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists():
+        raise DeviceError(f"{target}: exists already; recordings are never overwritten, give another folder with --out")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    log = read_log(source, accept_partial=True)
+    whole = log.state in (State.CLEAN, State.UNSTATED)
+    state = "clean" if whole else "aborted"
+    reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {log.state.value}")
+    words = {"end_reason": reason, "imported_from": source.name, "imported_by": software_version()}
+    if log.findings:
+        words["findings"] = json.dumps(log.findings, ensure_ascii=False)
+    if source.is_file() and is_journal(source):
+        finish(source, state, words, target)
+    else:
+        log = _without_duplicates(log)
+        write_log(log, target, state, words)
+    return Imported(source, target, read_log(target, log.joint_names, accept_partial=True), log.state, log.findings)
+
+
+def _without_duplicates(log: Log) -> Log:
+    """The first of the samples that share an instant: two readings at one instant have no derivative."""
+    keep = np.r_[True, np.diff(log.t) > 0]
+    if keep.all():
+        return log
+    names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+    told = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
+    return replace(log, findings=(*log.findings, told), **{name: getattr(log, name)[keep] for name in names})
+
+
+def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:
+    """The log as a finished MCAP file; `words` join its metadata in the record `recording`."""
+    channels = {topic: k for k, topic in enumerate(TOPICS, start=1)}
+    stamps = log.t_origin + np.rint(log.t * 1e9).astype(np.int64)
+    has_host = bool(np.isfinite(log.t_host).all())
+    hosts = log.t_host_origin + np.rint(log.t_host * 1e9).astype(np.int64) if has_host else stamps
+    encoder = JointEncoder(log.joint_names)
+    slow = bool(np.isfinite(log.current).any() or np.isfinite(log.temperature).any())
+    commanded = bool(np.isfinite(log.q_cmd).any() or np.isfinite(log.tau_cmd).any())
+    sources: list[tuple[str, tuple[np.ndarray, ...]]] = [(STATES, (log.q, log.dq, log.tau))]
+    sources += [(COMMANDS, (log.q_cmd, log.dq_cmd, log.tau_cmd))] if commanded else []
+    sources += [(DIAGNOSTICS, (log.current, log.temperature))] if slow else []
+
+    def body(writer: Writer) -> dict[int, int]:
+        numbers = {kind: writer.register_schema(kind, "ros2msg", text.encode()) for kind, text in SCHEMAS.items()}
+        for topic, kind in TOPICS.items():
+            writer.register_channel(topic, "cdr", numbers[kind])
+        for k, (stamp, host) in enumerate(zip(stamps.tolist(), hosts.tolist(), strict=True)):
+            for topic, arrays in sources:
+                data = encoder.body(stamp, [np.ascontiguousarray(array[k]) for array in arrays])
+                writer.add_message(channels[topic], host, data, stamp, k)
+        for k, event in enumerate(log.events):
+            stamp = max(log.t_origin + round(event.t * 1e9), 0)
+            data = log_body(stamp, event.level, event.name, event.message)
+            writer.add_message(channels[EVENTS], int(hosts[-1]), data, stamp, k)
+        about = log.metadata | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
+        writer.add_metadata(RECORDING, about if has_host else about | NO_HOST_CLOCK)
+        add_clock_fit(writer, fit_clocks(log.t, log.t_host))
+        return {channels[topic]: len(log) for topic, _ in sources} | {channels[EVENTS]: len(log.events)}
+
+    part = target.with_name(target.name + ".part")
+    write_file(part, body)
+    put_in_place(part, target)

@@ -1,0 +1,136 @@
+"""The records of an MCAP file (mcap.dev/spec): where they start, their fields, what a chunk unpacks to; all within bounds."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.opcode import Opcode
+
+MAGIC = b"\x89MCAP0\r\n"
+JOURNAL = "arm-calib journal"  # library name in the header of a recording that has not been finished
+SEAL = 0x80  # private record that closes one sample of a journal: CRC-32 of everything since the last one
+MAX_RECORD = 64 << 20
+
+HEAD = struct.Struct("<BQ")
+MESSAGE = np.dtype(
+    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+
+
+class RecordError(ValueError):
+    """A record whose content is not what its opcode says."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One topic of the file with its schema."""
+
+    topic: str
+    encoding: str
+    schema: str
+    schema_encoding: str
+    definition: str
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Messages in file order within one buffer: `starts` (M,) of their records; `where` names the buffer's place."""
+
+    data: bytes
+    starts: np.ndarray
+    where: str
+
+    def heads(self) -> np.ndarray:
+        """(M,) records of MESSAGE: channel, sequence, log and publish time."""
+        view = np.ndarray((len(self.data) - MESSAGE.itemsize + 1,), MESSAGE, self.data, strides=(1,))
+        return view[self.starts]
+
+    def payloads(self, starts: np.ndarray, size: int) -> np.ndarray:
+        """(M, size) uint8: message bodies of one size, from the starts of their records."""
+        view = np.ndarray((len(self.data) - size + 1,), f"V{size}", self.data, strides=(1,))
+        return view[starts + MESSAGE.itemsize].view(np.uint8).reshape(len(starts), size)
+
+
+class Fields:
+    """Reads the fields of one record in order; RecordError where one reaches beyond the record."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.bytes(size), "little")
+
+    def bytes(self, size: int) -> bytes:
+        if size > len(self.data) - self.at:
+            raise RecordError(f"a field of {size} bytes at byte {self.at} reaches beyond the record's {len(self.data)}")
+        self.at += size
+        return self.data[self.at - size : self.at]
+
+    def text(self) -> str:
+        try:
+            return self.bytes(self.number(4)).decode("utf-8")
+        except UnicodeDecodeError:
+            raise RecordError("a text is not UTF-8") from None
+
+    def map(self) -> dict[str, str]:
+        inner = Fields(self.bytes(self.number(4)))
+        out: dict[str, str] = {}
+        while inner.at < len(inner.data):
+            key = inner.text()
+            if key in out:
+                raise RecordError(f"the key {key!r} stands twice")
+            out[key] = inner.text()
+        return out
+
+
+def is_journal(path: Path) -> bool:
+    """Whether the file is a recording of ours that was never finished."""
+    with path.open("rb") as file:
+        head = file.read(256)
+    return head.startswith(MAGIC) and header_library(head[len(MAGIC) :]) == JOURNAL
+
+
+def header_library(data: bytes) -> str | None:
+    """The library that a header record at the start of `data` names."""
+    if len(data) < HEAD.size or data[0] != Opcode.HEADER:
+        return None
+    fields = Fields(data[HEAD.size : HEAD.size + HEAD.unpack_from(data)[1]])
+    try:
+        fields.text()
+        return fields.text()
+    except RecordError:
+        return None
+
+
+def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
+    """Opcodes and starts of the complete records in `data`, and where they end."""
+    ops, starts = array("B"), array("q")
+    at, end, unpack = 0, len(data), HEAD.unpack_from
+    last = end - HEAD.size
+    while at <= last:
+        op, length = unpack(data, at)
+        after = at + 9 + length
+        if after > end:
+            break
+        ops.append(op)
+        starts.append(at)
+        at = after
+    return np.frombuffer(ops, dtype=np.uint8), np.frombuffer(starts, dtype=np.int64), at
+
+
+def unpacked(compression: str, packed: bytes, size: int) -> bytes:
+    """At most size + 1 bytes of content: what a chunk says of its size is not believed."""
+    if compression == "zstd":
+        with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD).stream_reader(packed) as reader:
+            return reader.read(size + 1)
+    if compression == "lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
+    if compression == "":
+        return packed
+    raise RecordError(f"compression {compression!r}; zstd, lz4 and none are read")
