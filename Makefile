@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: player demo test test-slow check bench exam format clean
+.PHONY: player docs demo test test-slow check bench exam format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -28,6 +28,10 @@ check: $(VENV)/ready  ## style, types, direction of imports
 format: $(VENV)/ready
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: $(VENV)/ready  ## the site, in build/site; first the pages that are derived from the catalogue
+	$(BIN)/python -m calib.report.catalogue docs
+	$(BIN)/zensical build --strict
 
 bench: $(VENV)/ready  ## the measured figures, one table
 	$(BIN)/python -m benchmarks

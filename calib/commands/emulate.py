@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from calib import console
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.emulated import Emulator, open_emulator
@@ -17,38 +16,39 @@ from sim.resources import nearest
 
 
 def command(
-    cell: Annotated[str, typer.Argument(help="a cell from configs/cells, or a .toml file")],
+    cell: console.CellArgument,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="make something go wrong: NAME@SECONDS after the start; may be repeated; a wrong name lists all"),
+        typer.Option(metavar="NAME@SECONDS", help="Make something go wrong after the start; may be repeated."),
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="stop after this time; without it, runs until Ctrl-C")] = None,
-    configs: Annotated[Path | None, typer.Option(help="folder with your own arms and cells")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this time; runs until Ctrl-C if not given.")] = None,
+    configs: console.Configs = None,
 ) -> None:
     """Run the emulated controller of a cell, so that the real driver can be tried without an arm.
 
-    Example, with `calib check emulated-ur10e` in a second terminal:
+    Try `calib check emulated-ur10e` in a second terminal.
+
+    Example:
 
         calib emulate emulated-ur10e --fault protective_stop@30
     """
     table = load_cell(cell, configs)
     emulator = open_emulator(table, load_arm(table.table.arm, configs))
     plan = sorted(_scheduled(text, emulator) for text in fault or [])
-    console = Console()
     emulator.start()
     try:
         for line in emulator.instructions():
-            console.print(line, markup=False, highlight=False)
+            console.say(line)
         start = time.monotonic()
         for instant, name in plan:
             _wait_until(start + instant, start, seconds)
             if seconds is not None and instant > seconds:
                 break
             emulator.inject(name)
-            console.print(f"{instant:g} s: {name}", markup=False, highlight=False)
+            console.say(f"{instant:g} s: {name}")
         _wait_until(float("inf"), start, seconds)
     except KeyboardInterrupt:
-        console.print("stopped")
+        console.say("stopped")
     finally:
         emulator.stop()
 
