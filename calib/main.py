@@ -26,6 +26,7 @@ COMMANDS: dict[str, str] = {
     "plan": "plan",
     "import": "import_",
     "identify": "identify",
+    "validate": "validate",
 }
 
 

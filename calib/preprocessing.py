@@ -40,6 +40,7 @@ class Measurement:
 
     trajectory  q dq ddq (N, n), Savitzky-Golay; t (N,) s on the device clock, with steps of 1/rate inside a stretch
     tau         (N, n) N m, resampled but not filtered
+    inside      (N,) whether the derivatives' window lies within the stretch
     usable      (N, n) False where a joint stands, its torque is clipped or missing, or the window reaches over an end
     starts      (S+1,) first sample of every stretch, and N
     decimator   the filter that makes rows of samples, for the torque and every regressor column alike
@@ -51,6 +52,7 @@ class Measurement:
     trajectory: Trajectory
     tau: np.ndarray
     usable: np.ndarray
+    inside: np.ndarray
     starts: np.ndarray
     decimator: Decimator
     q_noise: np.ndarray
@@ -133,14 +135,16 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))
     standing = _standing(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
     clipped = _clipped(tau, arm.tau_max)
+    inside = np.ones(len(t), dtype=bool)
     for lo, hi in pairs:
-        usable[lo : lo + smooth.reach] = usable[max(hi - smooth.reach, lo) : hi] = False
+        inside[lo : lo + smooth.reach] = inside[max(hi - smooth.reach, lo) : hi] = False
+    usable &= inside[:, None]
     ends = _ends(standing)
     excluded += _told(log.joint_names, rate, usable, ends, standing, clipped)
     usable &= ~(ends[:, None] | standing | clipped)
     trajectory = Trajectory(t, q_s, dq, ddq)
     tau = np.where(np.isfinite(tau), tau, 0.0)
-    return Measurement(name, log.joint_names, trajectory, tau, usable, starts, decimator, q_noise, tuple(excluded))
+    return Measurement(name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded))
 
 
 def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:

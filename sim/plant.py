@@ -69,11 +69,13 @@ class Plant:
         self._rng = np.random.default_rng(seed)
         self.reset(np.zeros(arm.n))
 
-    def reset(self, q: np.ndarray) -> None:
-        """Stand still at q (n,) rad, with the friction of every joint unloaded, at time zero."""
+    def reset(self, q: np.ndarray, dq: np.ndarray | None = None) -> None:
+        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, with the friction of every joint unloaded, at time zero."""
         mujoco.mj_resetData(self.model, self.data)
         q = np.asarray(q, dtype=float)
         self.data.qpos[self._dof] = self._angle(q)
+        if dq is not None:
+            self.data.qvel[self._dof] = dq
         mujoco.mj_forward(self.model, self.data)
         n = self.arm.n
         self._target = (q.copy(), np.zeros(n), np.zeros(n))

@@ -1,0 +1,59 @@
+"""`calib validate`: predicted against measured, on logs that no fit has seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import new_run
+
+
+def command(
+    arm: console.ArmArgument,
+    log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
+    forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
+    cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
+
+    Writes validation.json and prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted).
+
+    Example:
+
+        calib validate runs/first/arm validation.mcap
+    """
+    from calib.validation import HORIZON, validate
+    from logs import read_log
+    from sim.arm import load_arm
+
+    subject = load_arm(arm, configs)
+    folder = new_run(subject, "validate", out)
+    with console.progress("validate") as advance:
+        logs = [read_log(path, subject.joint_names) for path in log]
+        found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"))
+        found.write(folder)
+    if as_json:
+        console.print_json(found.as_dict())
+        return
+    constant = subject.torque_constant
+    for check in found.checks:
+        headers = ["joint", "residual [N m]", "unfiltered [N m]", "signal [N m]", "left"]
+        headers += [] if constant is None else ["residual [A]"]
+        headers += [] if check.forward is None else [f"off after {HORIZON:g} s [deg]", "travel [deg]"]
+        rows = []
+        for j, joint in enumerate(subject.joint_names):
+            left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
+            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), f"{left:.1%}"]
+            row += [] if constant is None else [float(check.residual[j] / constant[j])]
+            if check.forward is not None and check.travel is not None:
+                row += [float(check.forward[j] * 57.29578), float(check.travel[j] * 57.29578)]
+            rows.append(row)
+        console.table(headers, rows, check.log)
+    console.say(f"{found.outcome}.")
+    console.say(f"{folder}: validation.json, prediction.csv")
