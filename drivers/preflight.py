@@ -7,16 +7,22 @@ import math
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, Driver
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
+from sim.effects import with_effect
 from sim.joint_state import JointState, Status
+from sim.rigid_body import RigidBody
 
 # A payload or mounting that is off by more than this shifts gravity torques visibly; a rate or clock off by more cannot be fitted.
 MASS_TOLERANCE = 0.05  # kg
 COM_TOLERANCE = 0.01  # m
 TILT_TOLERANCE = math.radians(2.0)
 RATE_TOLERANCE = 0.01
+LOST_TOLERANCE = 0.01
 CLOCK_TOLERANCE = 0.002
+# of a joint's largest torque: a wrong mounting or a forgotten tool exceeds it, a model within its prior does not
+GRAVITY_TOLERANCE = 0.15
+STANDSTILL = 0.02  # rad/s
 
 
 def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
@@ -32,6 +38,7 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
         _position(arm, states),
         _payload(cell, info),
         _mounting(arm, info),
+        _gravity(arm, cell, states),
         *_timing(driver.rate, states),
         *driver.checks(),
     ]
@@ -89,6 +96,35 @@ def _mounting(arm: Arm, info: DeviceInfo) -> Check:
     )  # fmt: skip
 
 
+def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
+    """tau at rest = g(q) + friction, and friction at rest is at most the Coulomb level: of the model as of the cell file."""
+    name = "torque at rest"
+    dq = np.mean([s.dq for s in states], axis=0)
+    if not np.all(np.abs(dq) <= STANDSTILL):
+        return Check(name, None, "the arm moves, so its torque at rest cannot be compared")
+    tau = np.mean([s.tau for s in states], axis=0)
+    if not np.all(np.isfinite(tau)) and arm.torque_constant is not None:
+        tau = arm.torque_constant * np.mean([s.current for s in states], axis=0)
+    if not np.all(np.isfinite(tau)):
+        return Check(name, None, "the device reports no torque, and the arm file has no torque_constant for its current")
+    loaded = arm
+    if cell.table.payload is not None and cell.table.payload.mass > 0:
+        com = dict(zip(("com_x", "com_y", "com_z"), cell.table.payload.com, strict=True))
+        loaded = with_effect(arm, ArmEffect("payload", None, {"mass": cell.table.payload.mass, **com}))
+    expected = RigidBody(loaded).gravity_torque(np.mean([s.q for s in states], axis=0))[0]
+    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
+    friction = np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
+    excess = np.abs(tau - expected) - friction
+    share = excess / arm.tau_max
+    j = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
+    return Check(
+        name, bool(np.all(share <= GRAVITY_TOLERANCE)),
+        f"{arm.joint_names[j]} has {tau[j]:.1f} N m, the model {expected[j]:.1f} N m, friction up to {friction[j]:.1f} N m",
+        "look for a tool that the cell file does not declare, another mounting than the model's, another order or sign of the "
+        "joints, or the wrong arm folder",
+    )  # fmt: skip
+
+
 def _timing(rate: float, states: list[JointState]) -> list[Check]:
     device = np.diff([s.t_device for s in states])
     host = np.diff([s.t for s in states])
@@ -101,7 +137,7 @@ def _timing(rate: float, states: list[JointState]) -> list[Check]:
     slope = float(np.sum(host) / np.sum(device)) - 1.0
     return [
         Check(
-            "rate", abs(measured / rate - 1.0) <= RATE_TOLERANCE and missing == 0,
+            "rate", abs(measured / rate - 1.0) <= RATE_TOLERANCE and missing <= LOST_TOLERANCE * len(device),
             f"{measured:.1f} Hz of {rate:.1f} Hz, {missing} of {len(device) + missing} samples missing, "
             f"longest wait on this computer {1e3 * float(np.max(host)):.1f} ms",
             "use a wired connection of its own, close other clients of the device, and stop other work on this computer",

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from drivers.driver import Check, DeviceInfo, Driver
+from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from drivers.ur_rtde import checks
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import condition
@@ -22,6 +22,8 @@ from sim.strict import validated
 
 JOINTS = 6
 PERIODS = 3.0
+# rad/s^2 when the watchdog ends the program: an assumption, Universal Robots publishes no figure and none was measured
+PROGRAM_END_DECELERATION = 4.0
 TORQUE = "actual_current_as_torque"
 
 
@@ -37,6 +39,12 @@ class UrDriver(Driver):
         self.arm, self.options = arm, options
         self.clock = MonotonicClock()
         self.rate = arm.sensors.rate
+        # on a lost link the controller's watchdog passes first; the arm follows its target by about the lookahead time
+        self.device_stop = DeviceStop(
+            reaction=max(1.0 / options.watchdog, options.setpoint_timeout) + options.lookahead,
+            deceleration=min(options.stop_deceleration, PROGRAM_END_DECELERATION),
+            proportional=True,
+        )
         self._receiver = receiver or Receiver(options.host)
         self._commands: CommandProcess | None = None
         self._streaming = False
@@ -130,7 +138,7 @@ class UrDriver(Driver):
         return self.options.frame_timeout or PERIODS / self.rate
 
     def _next(self) -> Frame:
-        """The next frame in order. While streaming an old one is an error; at rest old ones, which nobody wanted, are passed over."""
+        """The next frame in order. While streaming an old one is an error; at rest those that waited for nobody are passed over."""
         if self._commands is not None and self._streaming:
             self._commands.look()
         deadline = time.monotonic() + self._timeout
@@ -141,9 +149,12 @@ class UrDriver(Driver):
                     f"{self.options.host}: no new reading within {1e3 * self._timeout:.0f} ms; see that the controller is on and the "
                     "cable is in; on a busy computer raise frame_timeout in the cell's [options]"
                 )
+            waited = time.monotonic() - frame.t
+            if not self._streaming and waited > PERIODS / self.rate and self._receiver.waiting:
+                continue
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
             self._last = frame
-            age = frame.age + time.monotonic() - frame.t
+            age = frame.age + waited
             if age <= self._timeout and (gap <= self._timeout or not self._streaming):
                 return frame
             if self._streaming:

@@ -105,6 +105,11 @@ class Receiver:
                     return None
             return self._frames.popleft()
 
+    @property
+    def waiting(self) -> int:
+        """How many frames wait."""
+        return len(self._frames)
+
     def flush(self) -> None:
         """Pass over the frames that wait."""
         with self._arrived:

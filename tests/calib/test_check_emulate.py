@@ -1,0 +1,89 @@
+"""The commands check and emulate, as the operator types them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from calib.main import main
+from sim.arm import load_arm
+from sim.cell import load_cell
+from sim.emulated import open_emulator
+
+UR = """
+schema = "cell/1"
+name = "there"
+arm = "ur10e"
+driver = "ur_rtde"
+home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
+[options]
+host = "{host}"
+frame_timeout = 0.5
+"""
+
+
+@pytest.fixture
+def ur(tmp_path: Path) -> Path:
+    path = tmp_path / "there.toml"
+    path.write_text(UR.format(host="127.0.5.1"))
+    return path
+
+
+def test_check_prints_every_check_as_a_table_and_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "mock-ur10e", "--seconds", "0.1"]) == 0
+    assert "torque at rest" in capsys.readouterr().out
+    assert main(["check", "mock-ur10e", "--seconds", "0.1", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["schema"], said["ok"]) == ("check/1", True)
+
+
+def test_a_failed_check_is_exit_code_1_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    text = 'schema = "cell/1"\nname = "wrong"\narm = "ur10e"\ndriver = "mock"\nhome = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]\n'
+    path.write_text(text + "[payload]\nmass = 12.0\ncom = [0.0, 0.0, 0.2]\n")
+    assert main(["check", str(path), "--seconds", "0.1"]) == 1
+    said = capsys.readouterr()
+    assert "look for a tool that the cell file does not declare" in said.out
+    assert "torque at rest" in said.err
+
+
+def test_a_controller_that_is_not_there_is_exit_code_4_with_what_to_do(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(ur)]) == 4
+    assert "see that the robot is on" in capsys.readouterr().err
+
+
+def test_check_goes_over_the_wire(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    emulator = open_emulator(load_cell(ur), load_arm("ur10e"))
+    emulator.start()
+    try:
+        code = main(["check", str(ur), "--seconds", "0.5", "--json"])
+    finally:
+        emulator.stop()
+    said = json.loads(capsys.readouterr().out)
+    by_name = {check["name"]: check["ok"] for check in said["checks"]}
+    assert by_name["remote control"] is True
+    assert by_name["torque at rest"] is True
+    assert code in (0, 1), "rate and clock depend on how busy this computer is"
+
+
+def test_emulate_says_what_to_do_next_and_lets_things_go_wrong(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emulate", str(ur), "--seconds", "0.3", "--fault", "protective_stop@0.1", "--fault", "close@9"]) == 0
+    out = capsys.readouterr().out
+    assert "calib check" in out
+    assert "0.1 s: protective_stop" in out
+    assert "close" not in out
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"), [("protectivestop@1", "did you mean 'protective_stop'"), ("close@soon", "not a time")]
+)
+def test_a_fault_that_is_none_is_exit_code_2(ur: Path, capsys: pytest.CaptureFixture[str], fault: str, word: str) -> None:
+    assert main(["emulate", str(ur), "--fault", fault]) == 2
+    assert word in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_cell_without_a_controller_to_emulate_is_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emulate", "mock-ur10e"]) == 2
+    assert "has no emulated controller" in capsys.readouterr().err

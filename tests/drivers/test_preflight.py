@@ -1,0 +1,95 @@
+"""Each check of the preflight, made to say no on the mock arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.driver import Check, DeviceInfo
+from drivers.mock import MockDriver
+from drivers.preflight import preflight
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.joint_state import JointState, Status
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load_arm("ur10e")
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return load_cell("mock-ur10e")
+
+
+def checked(
+    arm: Arm,
+    cell: Cell,
+    fault: Callable[[JointState], JointState] | None = None,
+    info: Callable[[DeviceInfo], DeviceInfo] | None = None,
+) -> dict[str, Check]:
+    with MockDriver.from_cell(cell, arm) as driver:
+        driver.faults += [fault] if fault else []
+        driver.info = info(driver.info) if info else driver.info
+        return {check.name: check for check in preflight(driver, cell, 0.2)}
+
+
+def test_a_healthy_arm_passes_and_what_it_does_not_say_stays_open(arm: Arm, cell: Cell) -> None:
+    checks = checked(arm, cell)
+    assert [c.name for c in checks.values() if c.ok is False] == []
+    assert checks["payload"].ok is None
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("status", lambda s: replace(s, status=Status.PROTECTIVE_STOP)),
+        ("joint limits", lambda s: replace(s, q=s.q + np.array([0, 0, 9.0, 0, 0, 0]))),
+        ("joint limits", lambda s: replace(s, q=s.q * np.nan)),
+        ("torque at rest", lambda s: replace(s, tau=-s.tau)),
+        ("torque at rest", lambda s: replace(s, tau=s.tau[::-1])),
+        ("device clock", lambda s: replace(s, t_device=0.0)),
+        ("device clock", lambda s: replace(s, t_device=2.0 * s.t_device)),
+        ("rate", lambda s: replace(s, t_device=2.0 * s.t_device)),
+    ],
+)  # fmt: skip
+def test_a_reading_that_is_wrong_fails_its_check_with_a_remedy(
+    arm: Arm, cell: Cell, name: str, fault: Callable[[JointState], JointState]
+) -> None:
+    check = checked(arm, cell, fault)[name]
+    assert check.ok is False
+    assert check.remedy
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "ok"),
+    [
+        ("payload", {"payload_mass": 0.0, "payload_com": (0.0, 0.0, 0.0)}, True),
+        ("payload", {"payload_mass": 1.5, "payload_com": (0.0, 0.0, 0.05)}, False),
+        ("payload", {"payload_mass": float("nan"), "payload_com": (0.0, 0.0, 0.0)}, False),
+        ("mounting", {"gravity": (0.0, 0.3, -9.8)}, True),
+        ("mounting", {"gravity": (0.0, 0.0, 9.81)}, False),
+        ("mounting", {"gravity": (0.0, 9.81, 0.0)}, False),
+        ("mounting", {"gravity": (0.0, 0.0, 0.0)}, False),
+        ("mounting", {"gravity": None}, None),
+    ],
+)
+def test_what_the_device_believes_is_compared(
+    arm: Arm, cell: Cell, name: str, change: dict[str, object], ok: bool | None
+) -> None:
+    check = checked(arm, cell, info=lambda info: replace(info, **change))[name]
+    assert check.ok is ok
+
+
+def test_a_declared_payload_is_part_of_the_torque_at_rest(arm: Arm, cell: Cell) -> None:
+    heavy = replace(
+        cell,
+        table=cell.table.model_validate(
+            {**cell.table.model_dump(by_alias=True), "payload": {"mass": 12.0, "com": [0.0, 0.0, 0.2]}}
+        ),
+    )
+    assert checked(arm, heavy)["torque at rest"].ok is False
