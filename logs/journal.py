@@ -15,14 +15,14 @@ from pathlib import Path
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Header, McapRecord, Metadata, Schema
 
-from logs.mcap_records import JOURNAL, MAGIC, SEAL
+from logs.mcap_records import JOURNAL, MAGIC, SEAL, SEAL_TAG
 from logs.schemas import RECORDING, SCHEMAS, TOPICS
 from sim.errors import DeviceError
 
 AHEAD = 16 << 20
 SYNC_PERIOD = 0.2  # s: what a power cut can lose
 _KEEP_SIZE = 1
-_SEAL_HEAD = bytes([SEAL]) + (4).to_bytes(8, "little")
+_SEAL_HEAD = bytes([SEAL]) + (8).to_bytes(8, "little") + SEAL_TAG
 
 
 def record_bytes(record: McapRecord) -> bytes:

@@ -14,8 +14,10 @@ from mcap.opcode import Opcode
 
 MAGIC = b"\x89MCAP0\r\n"
 JOURNAL = "arm-calib journal"  # library name in the header of a recording that has not been finished
-SEAL = 0x80  # private record that closes one sample of a journal: CRC-32 of everything since the last one
+SEAL = 0x80  # private record that closes one sample of a journal: a tag, and the CRC-32 of everything since the last one
+SEAL_TAG = b"ACJ1"
 MAX_RECORD = 64 << 20
+CONTENT_LEAST = 4
 
 HEAD = struct.Struct("<BQ")
 MESSAGE = np.dtype(
@@ -109,14 +111,17 @@ def header_library(data: bytes) -> str | None:
 
 
 def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
-    """Opcodes and starts of the complete records in `data`, and where they end."""
+    """Opcodes and starts of the complete records in `data`, and where they end.
+
+    What cannot be a record ends them too: opcode 0, or a content shorter than any record of the specification has.
+    """
     ops, starts = array("B"), array("q")
     at, end, unpack = 0, len(data), HEAD.unpack_from
     last = end - HEAD.size
     while at <= last:
         op, length = unpack(data, at)
         after = at + 9 + length
-        if after > end:
+        if after > end or op == 0 or (length < CONTENT_LEAST and op < SEAL):
             break
         ops.append(op)
         starts.append(at)

@@ -19,12 +19,14 @@ from mcap.opcode import Opcode
 
 from logs.damage import Damage
 from logs.mcap_records import (
+    CONTENT_LEAST,
     HEAD,
     JOURNAL,
     MAGIC,
     MAX_RECORD,
     MESSAGE,
     SEAL,
+    SEAL_TAG,
     Batch,
     Channel,
     Fields,
@@ -42,6 +44,7 @@ MAX_DEFINITIONS = 10_000
 WINDOW = 4 << 20
 FOOTER = 37  # bytes of the footer record and the closing magic
 _CHUNK = struct.Struct("<QQQI")
+_SEAL = (8).to_bytes(8, "little") + SEAL_TAG
 
 
 @dataclass
@@ -118,6 +121,9 @@ class McapStream:
         """What to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
         if len(data) >= HEAD.size:
             op, length = HEAD.unpack_from(data)
+            if op == 0 or (length < CONTENT_LEAST and op < SEAL):
+                self.damage.report(f"byte {at}", f"no MCAP record stands here (opcode {op}, {length} bytes)")
+                return None
             end = at + HEAD.size + length
             if end <= self.size:
                 if length <= MAX_RECORD:
@@ -134,19 +140,16 @@ class McapStream:
 
     def _sealed(self, data: bytes, ops: np.ndarray, starts: np.ndarray, used: int, at: int) -> int:
         """Check the CRC of every sealed sample of a journal; the end of the last sound one (0 where there is none)."""
-        if at == len(MAGIC):
-            self.journal = header_library(data) == JOURNAL
-        if not self.journal:
-            return 0
+        seals = [seal for seal in starts[ops == SEAL].tolist() if data[seal + 1 : seal + 13] == _SEAL]
+        self.journal |= bool(seals) or (at == len(MAGIC) and header_library(data) == JOURNAL)
         begin = 0
-        for seal in starts[ops == SEAL].tolist():
-            length = HEAD.unpack_from(data, seal)[1]
-            crc = int.from_bytes(data[seal + HEAD.size : seal + HEAD.size + 4], "little")
-            if length != 4 or zlib.crc32(memoryview(data)[begin:seal]) != crc:
+        for seal in seals:
+            crc = int.from_bytes(data[seal + 13 : seal + 17], "little")
+            if zlib.crc32(memoryview(data)[begin:seal]) != crc:
                 self.damage.report(f"byte {at + begin}", f"the check sum of the sample before byte {at + seal} is wrong")
                 self.size = at + begin
                 return begin
-            begin = seal + HEAD.size + length
+            begin = seal + 17
         return begin
 
     def _block(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> Iterator[Batch]:
@@ -165,18 +168,15 @@ class McapStream:
                 if records is not None:
                     inner_ops, inner_starts, used = walk(records)
                     if used != len(records):
-                        self.damage.report(f"chunk at {place}", f"ends inside a record, {len(records) - used} bytes too early")
+                        self.damage.report(
+                            f"chunk at {place}", f"no whole record stands at byte {used} of the {len(records)} in it"
+                        )
                     self._define(records, inner_ops, inner_starts, f"chunk at {place}")
                     yield from self._batch(records, inner_ops, inner_starts, f"chunk at {place}")
             elif op == Opcode.DATA_END:
                 yield from self._batch(data, ops[begin:k], starts[begin:k], where)
                 self._crc = zlib.crc32(memoryview(data)[:start], self._crc)
                 self._end(at + start, content)
-                return
-            elif op == 0:
-                self.damage.report(place, "no MCAP record stands here (opcode 0)")
-                self.size = at + start
-                yield from self._batch(data, ops[begin:k], starts[begin:k], where)
                 return
             else:
                 self._definition(op, content, place)
