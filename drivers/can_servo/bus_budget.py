@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -51,7 +52,7 @@ def require_budget(drives: Iterable[Drive], rate: float, bitrate: int, load_max:
     if not budget.load_worst <= load_max:
         raise ConfigError(
             f"{where}: rate = {rate:g} Hz needs {budget.frames_per_second:.0f} frames a second, {100 * budget.load_worst:.0f} % of "
-            f"{bitrate} bit/s in the worst case; at most {100 * load_max:.0f} % may be planned: use {budget.rate_max:.0f} Hz or less, "
+            f"{bitrate} bit/s in the worst case; at most {100 * load_max:.0f} % may be planned: use {math.floor(budget.rate_max)} Hz or less, "
             "a second bus, or a higher bit rate"
         )
     return budget

@@ -84,7 +84,7 @@ class CanServo(Driver):
                 self._q_cmd = self.read().q.copy()
             except DeviceError:
                 self._link.close()
-                self._link = None
+                self._link = self._fault = None
                 raise
         return DeviceInfo(
             model=f"{self.arm.n} {self.options.protocol} drives",
@@ -213,6 +213,7 @@ class CanServo(Driver):
         self._next += period * max(1, math.ceil((now - self._next) / period + 0.5))
         self._sent_at = now
         messages = [self._frames[j] for j in joints] if self._on else [m for j in joints for m in self.drives[j].refresh()]
+        self.joints.drain()
         self.joints.expect(joints)
         self._link.send(messages)
         self._asked = True
@@ -307,8 +308,9 @@ class CanServo(Driver):
             if self._link is None or not self._on or self._link.failed:
                 return False
             try:
-                self._link.send(self._frames)
+                self.joints.drain()
                 self.joints.expect(range(self.arm.n))
+                self._link.send(self._frames)
                 self.joints.collect(self.clock.now() + 0.5 / self.rate)
             except DeviceError as error:
                 self._latch(error)

@@ -12,7 +12,7 @@ from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
 
-PERIODS_MAX = 3  # a joint that is silent for longer is a fault
+PERIODS_MAX = 3  # a joint that is silent for so long is a fault
 UNASKED_MAX = 2  # answers in a row that nobody asked for
 STRANGER_SHARE = 0.5  # a node that talks this much of what all drives do is babbling
 REJECTED_MAX = 3  # damaged frames in a row
@@ -33,6 +33,7 @@ class Joints:
         self._waiting_since = [clock.now()] * len(drives)
         self._owed = [0] * len(drives)
         self._unasked = [0] * len(drives)
+        self._surplus = [False] * len(drives)
         self._rejected = [0] * len(drives)
         self._strangers: deque[tuple[float, int]] = deque()
         self._ignore = set(ignore)
@@ -42,9 +43,18 @@ class Joints:
         """Answers are due from these joints; a reading that is there already is not one."""
         now = self.clock.now()
         for j in asked:
-            self._owed[j] += 1
+            if not self._surplus[j]:
+                self._unasked[j] = 0
+            self._surplus[j] = False
             if self.fresh[j]:
-                self.fresh[j], self._waiting_since[j] = False, now
+                self.fresh[j], self._waiting_since[j], self._owed[j] = False, now, 0
+            self._owed[j] += 1
+
+    def drain(self) -> None:
+        """Sort in everything that is there already, without waiting."""
+        now = self.clock.now()
+        while (message := self.link.receive(now)) is not None:
+            self.take(message)
 
     def missing(self) -> list[int]:
         """Joints that have not answered."""
@@ -67,8 +77,8 @@ class Joints:
         if not drive.pushes:
             if self._owed[j] > 0:
                 self._owed[j] -= 1
-                self._unasked[j] = 0
             else:
+                self._surplus[j] = True
                 self._unasked[j] += 1
                 if self._unasked[j] >= UNASKED_MAX:
                     raise DeviceError(
@@ -79,6 +89,7 @@ class Joints:
 
     def collect(self, until: float) -> None:
         """Sort in what comes until every joint has answered, or the instant `until`."""
+        until = min([until, *(self._waiting_since[j] + PERIODS_MAX * self.period for j in self.missing())])
         while self.missing():
             message = self.link.receive(until)
             if message is None:
@@ -87,13 +98,13 @@ class Joints:
         self.require_age()
 
     def require_age(self) -> None:
-        """DeviceError names the joints that owe an answer for more than three periods."""
-        now, limit = self.clock.now(), PERIODS_MAX * self.period * (1 + 1e-9)
+        """DeviceError names the joints that owe an answer for three periods."""
+        now, limit = self.clock.now(), PERIODS_MAX * self.period * (1 - 1e-9)
         late = {j: now - self._waiting_since[j] for j in self.missing()}
-        if any(not age <= limit for age in late.values()):
-            silent = ", ".join(self.drives[j].name for j, age in late.items() if not age <= limit)
+        if any(not age < limit for age in late.values()):
+            silent = ", ".join(self.drives[j].name for j, age in late.items() if not age < limit)
             raise DeviceError(
-                f"{silent}: silent for {1e3 * max(late.values()):.1f} ms, more than {PERIODS_MAX} periods of "
+                f"{silent}: silent for {1e3 * max(late.values()):.1f} ms, {PERIODS_MAX} periods of "
                 f"{1e3 * self.period:.1f} ms; look at cable and supply, and whether the drive has switched itself off"
             )
 

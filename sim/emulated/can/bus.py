@@ -18,6 +18,7 @@ from sim.errors import ConfigError
 from sim.plant import Plant
 from sim.resources import nearest
 
+NOISE_PERIOD = 0.0005  # s between two frames of a disturbance
 BABBLE = 0x123  # identifier of the node that does not stop talking
 JOINT_FAULTS = ("silent", "over-temperature", "frozen", "restarted", "twin", "short-frames")
 BUS_FAULTS = (
@@ -96,8 +97,9 @@ class EmulatedBus:
             servo.tick(now)
             if not servo.deaf:
                 self._answer(servo, servo.spontaneous(now), now)
-        if now >= self._next_noise:
-            self._next_noise = now + 0.0005
+        self._next_noise = max(self._next_noise, now - 0.01)
+        while now >= self._next_noise:
+            self._next_noise += NOISE_PERIOD
             if "babble" in self.active:
                 self._emit(standard(BABBLE, bytes(8)), now)
             if "second-host" in self.active and self.servos:

@@ -21,9 +21,12 @@ class SteppedBus(can.BusABC):
         super().__init__(channel="stepped", **arguments)
         self.emulated, self.clock = emulated, clock
         self._queue: deque[can.Message] = deque()
+        emulated.poll(clock.now())  # what was on the wire before this controller listened
         self.channel_info = "emulated bus on a simulated clock"
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if "unplugged" in self.emulated.active:
+            raise can.CanOperationError("no such device", error_code=19)
         if self.emulated.state == "off":
             raise can.CanOperationError("the controller is in the bus-off state", error_code=100)
         if not self.emulated.send(msg, self.clock.now()):

@@ -18,7 +18,6 @@ from sim.clock import SimulatedClock
 from sim.emulated.can.bus import EmulatedBus, build_bus
 from sim.emulated.can.stepped import SteppedBus
 
-PROTOCOLS = ("damiao", "cubemars", "robstride", "odrive")
 WIDE = {"q": 12.57, "dq": 20.0, "tau": 60.0}
 
 
@@ -30,16 +29,18 @@ class Bench:
     bus: EmulatedBus
     clock: SimulatedClock
     cell: Cell
+    k: int = 0
 
     @property
     def rest(self) -> np.ndarray:
         return np.array(self.cell.table.rest)
 
     def stream(self, cycles: int, amplitude: float = 0.1, frequency: float = 0.5) -> list:
-        """Swing every joint about the rest pose, starting and ending there when cycles are whole turns; returns the states."""
+        """Swing every joint about the rest pose, going on where the last call ended; the states."""
         n, rate = self.driver.arm.n, self.driver.rate
         states = []
-        for k in range(cycles):
+        for _ in range(cycles):
+            k, self.k = self.k, self.k + 1
             w = 2 * np.pi * frequency
             q = self.rest + amplitude * (1 - np.cos(w * k / rate)) / 2
             dq = np.full(n, amplitude * w * np.sin(w * k / rate) / 2)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from sim.joint_state import Status
-from tests.drivers.can_servo.conftest import PROTOCOLS
 
-ZERO = np.zeros(6)
+PROTOCOLS = ("damiao", "cubemars", "robstride", "odrive")
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

@@ -1,0 +1,228 @@
+"""Before anything moves: who is on the bus, what can their frames carry, do they switch off by themselves, does it all fit?"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from drivers.can_servo.bring_up import make_drives
+from drivers.can_servo.bus_budget import bus_budget, frame_bits
+from drivers.can_servo.link import Link
+from drivers.can_servo.service import Service
+from drivers.can_servo.speed import Differentiator, window_for
+from drivers.driver import Check
+from sim.can_wiring import can_options
+from sim.emulated.can.stepped import SteppedBus
+from sim.errors import ConfigError, DeviceError
+
+
+def changed_servos(cell, j, **changes):
+    servos = [dict(s) for s in cell.table.options["servos"]]
+    servos[j].update(changes)
+    return {"servos": servos}
+
+
+def test_ranges_come_from_the_drives(bench):
+    b = bench()
+    b.bus.servos[0].registers.update({21: 6.28, 22: 12.0, 23: 40.0})
+    b.driver.connect()
+    ranges = b.driver.drives[0].ranges
+    assert (ranges.q, ranges.dq, ranges.tau) == pytest.approx((6.28, 12.0, 40.0))
+    b.stream(60)
+    assert b.driver.read().q == pytest.approx(b.bus.body.plant.read().q, abs=5e-3)
+
+
+@pytest.mark.parametrize("protocol", ["damiao", "robstride", "odrive"])
+def test_swapped_drives_are_found_by_their_serial_numbers(bench, protocol):
+    b = bench(protocol)
+    b.bus.inject("swapped")
+    with pytest.raises(DeviceError, match=r"shoulder_pan_joint \(node 1\) answers with serial number .*belongs to shoulder_lift_joint"):
+        b.driver.connect()
+    assert b.driver._link is None
+
+
+def test_a_missing_serial_number_is_told_and_asked_for(bench):
+    b = bench()
+    servos = [s if s.joint != "elbow_joint" else s.model_copy(update={"serial": None}) for s in b.driver.options.servos]
+    b.driver.options = b.driver.options.model_copy(update={"servos": servos})
+    with pytest.raises(DeviceError, match='write serial = "410003"'):
+        b.driver.connect()
+
+
+def test_the_watchdog_is_set_and_read_back(bench):
+    b = bench()
+    b.bus.servos[2].registers[9] = 0
+    b.driver.connect()
+    assert b.driver.watchdogs == pytest.approx([0.1] * 6)
+    assert b.bus.servos[2].watchdog == pytest.approx(0.1)
+
+
+def test_a_watchdog_that_cannot_be_switched_on_is_a_refusal(bench):
+    b = bench("odrive")
+    b.bus.servos[4].watchdog = 0.0
+    with pytest.raises(DeviceError, match="wrist_2_joint.*watchdog reads 0 s"):
+        b.driver.connect()
+
+
+def test_a_watchdog_that_cannot_be_read_is_a_refusal_unless_the_cell_accepts_it(bench):
+    b = bench("cubemars")
+    b.driver.options = b.driver.options.model_copy(update={"watchdog_unproven": False})
+    with pytest.raises(DeviceError, match="cannot be read back.*watchdog_unproven"):
+        b.driver.connect()
+
+
+def test_another_mode_than_mit_is_a_refusal(bench):
+    b = bench()
+    b.bus.servos[1].registers[10] = 2
+    with pytest.raises(DeviceError, match=r"control mode 2.*MIT mode \(1\)"):
+        b.driver.connect()
+
+
+def test_a_stated_range_of_another_model_is_found(bench):
+    b = bench("robstride")
+    for servo in b.bus.servos:
+        servo.ranges = (12.5 / 2, *servo.ranges[1:])
+    with pytest.raises(DeviceError, match="mechPos.*not this drive's"):
+        b.driver.connect()
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("babble", "unknown traffic.*0x123"),
+        ("second-host", "another host"),
+        ("silent:wrist_1_joint", "wrist_1_joint.*no answer"),
+        ("twin:wrist_1_joint", "wrist_1_joint.*two answers"),
+        ("bus-off", "bus-off"),
+        ("over-temperature:wrist_1_joint", "wrist_1_joint.*over-temperature"),
+    ],
+)
+def test_a_bus_that_is_not_sound_is_not_used(bench, fault, says):
+    b = bench()
+    b.bus.inject(fault)
+    with pytest.raises(DeviceError, match=says):
+        b.driver.connect()
+    assert not b.bus.body.live.any()
+    with pytest.raises(DeviceError, match="connect first"):
+        b.driver.send(b.rest, np.zeros(6), np.zeros(6))
+
+
+def test_nodes_that_belong_there_can_be_listed(bench):
+    b = bench(options={"ignore": [0x123]})
+    b.bus.inject("babble")
+    b.driver.connect()
+    b.stream(20)
+
+
+def test_frame_lengths_are_those_of_the_standard():
+    assert frame_bits(False, 8) == (111, 135)
+    assert frame_bits(True, 8) == (131, 160)
+
+
+def test_traffic_that_does_not_fit_is_refused_before_anything_is_sent(bench, servo6):
+    b = bench(options={"rate": 500.0})
+    with pytest.raises(ConfigError, match="rate = 500 Hz needs 6000 frames a second, 81 % .*use 462 Hz or less"):
+        b.driver.connect()
+    assert b.bus.heard == 0
+    drives = make_drives(can_options(b.cell, servo6))
+    budget = bus_budget(drives, 200.0, 1_000_000, 0.75)
+    assert budget.load == pytest.approx(12 * 111 * 200 / 1e6)
+    assert budget.load_worst == pytest.approx(12 * 135 * 200 / 1e6)
+
+
+def test_the_preflight_answers(bench):
+    b = bench()
+    with b.driver as driver:
+        for _ in range(20):
+            driver.read()
+        checks = {c.name: c for c in driver.checks()}
+    assert all(isinstance(c, Check) and c.ok is not False for c in checks.values())
+    assert "2400 frames a second" in checks["bus load"].detail
+    assert "100 ms" in checks["drive watchdogs"].detail
+    assert checks["serial numbers"].ok
+    assert checks["rest pose"].ok
+
+
+def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
+    cell = bench().cell
+
+    def options(**changes):
+        return dataclasses.replace(cell, table=cell.table.model_copy(update={"options": {**cell.table.options, **changes}}))
+
+    for changes, says in (
+        ({"colour": 1}, "unknown key colour"),
+        (changed_servos(cell, 0, node=2), "node 2 stands twice"),
+        (changed_servos(cell, 0, joint="elbow"), "did you mean 'elbow_joint'"),
+        (changed_servos(cell, 0, kp=0.0), "needs kp and kd above zero"),
+        (changed_servos(cell, 0, feedback=None), "lacks feedback"),
+        ({"servos": cell.table.options["servos"][:5]}, "no drive for wrist_3_joint"),
+        ({"watchdog": 2.0}, "watchdog"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            can_options(options(**changes), servo6)
+
+
+@pytest.fixture
+def service(bench):
+    b = bench()
+    return b, Service(b.driver.options, b.clock, lambda: Link(SteppedBus(b.bus, b.clock), b.clock, "stepped"))
+
+
+def test_one_drive_is_looked_at(service):
+    b, shop = service
+    with shop:
+        look = shop.look("elbow_joint")
+    assert (look.identity.serial, look.serial_problem, look.reading.on) == ("410003", "", False)
+    assert look.reading.q == pytest.approx(b.rest[2], abs=0.02)
+
+
+def test_an_error_is_cleared_and_an_error_with_a_cause_is_not(service):
+    b, shop = service
+    b.bus.servos[2].error = 0xD
+    with shop:
+        assert shop.do("elbow_joint", "clear").error == ""
+        b.bus.inject("over-temperature:wrist_1_joint")
+        with pytest.raises(DeviceError, match="cause is still there"):
+            shop.do("wrist_1_joint", "clear")
+
+
+def test_torque_off_needs_a_supported_arm(service):
+    b, shop = service
+    b.bus.servos[2].switch(True)
+    with shop:
+        with pytest.raises(DeviceError, match="--supported"):
+            shop.do("elbow_joint", "off")
+        assert b.bus.servos[2].on
+        assert shop.do("elbow_joint", "off", supported=True).on is False
+
+
+def test_a_zero_is_set_on_a_joint_that_is_off_and_still(service):
+    b, shop = service
+    with shop:
+        assert shop.do("wrist_3_joint", "zero").q == pytest.approx(0.0, abs=2e-3)
+        b.bus.servos[4].switch(True)
+        with pytest.raises(DeviceError, match="not moved while it is on"):
+            shop.do("wrist_2_joint", "zero", supported=True)
+
+
+def test_nothing_is_done_to_a_drive_that_is_another(service):
+    b, shop = service
+    b.bus.inject("swapped")
+    with shop, pytest.raises(DeviceError, match="nothing was done"):
+        shop.do("shoulder_pan_joint", "zero")
+
+
+def test_speed_is_differentiated_where_the_field_is_coarser():
+    assert window_for(2 * 12.5 / 65535, 2 * 30.0 / 4095, 200.0) == 17
+    assert window_for(2 * 12.5 / 65535, 2 * 10.0 / 4095, 200.0) == 0
+    assert window_for(1e-5, 0.0, 200.0) == 0
+    # quantised quadratic motion: the slope at its end, within the noise that was promised
+    step, rate = 2 * 12.5 / 65535, 200.0
+    slope = Differentiator(17)
+    t = np.arange(400) / rate
+    q = np.round((0.3 * t + 0.5 * t * t) / step) * step
+    error = np.array([slope(a, b) for a, b in zip(t.tolist(), q.tolist(), strict=True)])[17:] - (0.3 + t)[17:]
+    assert np.std(error) <= 2 * 30.0 / 4095 / np.sqrt(12)
+    assert abs(np.mean(error)) < 1e-3
