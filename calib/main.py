@@ -19,6 +19,7 @@ from sim.resources import nearest
 COMMANDS: dict[str, str] = {
     "check": "check",
     "emulate": "emulate",
+    "servo": "servo",
     "effects": "effects",
     "runs": "runs",
     "report": "report",

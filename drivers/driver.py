@@ -13,7 +13,7 @@ import numpy as np
 from sim.arm import Arm
 from sim.clock import Clock
 from sim.errors import ConfigError
-from sim.joint_state import JointState
+from sim.joint_state import JointState, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +74,14 @@ class Driver(ABC):
 
     `rate` is the control and sampling rate, Hz; `clock` is the host clock on which `JointState.t` stands (the mock's is
     simulated). Only `safety.Guard` calls `send`. Every method returns or raises within a bounded time; a value that is older
-    than three periods is never returned as new: that is a DeviceError.
+    than three periods is never returned as new: that is a DeviceError. `ready` are the conditions in which `engage` may be called.
     """
 
     arm: Arm
     rate: float
     clock: Clock
     device_stop: DeviceStop = DeviceStop()
+    ready: frozenset[Status] = frozenset({Status.RUNNING})
 
     @abstractmethod
     def connect(self) -> DeviceInfo:
@@ -105,6 +106,13 @@ class Driver(ABC):
     @abstractmethod
     def close(self) -> None:
         """Leave the device at rest and release it; safe to call more than once."""
+
+    def engage(self) -> str:
+        """Make the device follow commands from where the arm stands, such as switching its drives on; nothing moves.
+
+        Called once before the first `send`. Returns what was done, a sentence for the log; empty where nothing was needed.
+        """
+        return ""
 
     def checks(self) -> list[Check]:
         """What this kind of device is asked before motion, beyond `drivers.preflight`; connected, and without moving it."""

@@ -34,7 +34,7 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
     states = [driver.read() for _ in range(max(2, math.ceil(seconds * driver.rate)))]
     return [
         _identity(arm, info),
-        _status(states[-1]),
+        _status(driver, states[-1]),
         _position(arm, states),
         _payload(cell, info),
         _mounting(arm, info),
@@ -50,9 +50,9 @@ def _identity(arm: Arm, info: DeviceInfo) -> Check:
     return Check("device", True, detail)
 
 
-def _status(state: JointState) -> Check:
+def _status(driver: Driver, state: JointState) -> Check:
     said = state.status.value + (f": {state.detail}" if state.detail else "")
-    return Check("status", state.status is Status.RUNNING, said, "bring the device to its running state and check again")
+    return Check("status", state.status in driver.ready, said, "bring the device to its running state and check again")
 
 
 def _position(arm: Arm, states: list[JointState]) -> Check:

@@ -18,7 +18,7 @@ from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
 from drivers.can_servo.report import preflight_checks
 from drivers.can_servo.speed import Differentiator, window_for
-from drivers.driver import Check, DeviceInfo, Driver
+from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options, pose
 from sim.cell import Cell
@@ -26,9 +26,10 @@ from sim.clock import Clock, MonotonicClock
 from sim.errors import CalibError, DeviceError
 from sim.joint_state import JointState, Status
 
+BRAKING = 4.0  # rad/s^2 of the fastest joint, the others keep their share: what every arm of this kind can brake with
 STANDSTILL = 0.05  # rad/s
 SETTLE_TIME = 3.0  # s that an arm gets to stand still before its drives are switched off
-ENABLE_TIME = 0.5  # s in which a drive says that it is on
+SWITCH_TIME = 0.5  # s in which a drive says that it is on, or off
 
 
 class CanServo(Driver):
@@ -46,6 +47,7 @@ class CanServo(Driver):
     ) -> None:  # fmt: skip
         self.arm, self.options, self.clock, self.rate = arm, options, clock, options.rate
         self._rest, self._open_link, self._background = rest, open_link, hold_in_background
+        self.device_stop = DeviceStop(reaction=options.watchdog, deceleration=BRAKING, proportional=True)
         self._feedforward = Feedforward(arm, options.feedforward, 1.0 / options.rate)
         self._lock = threading.RLock()
         self._link: Link | None = None
@@ -81,7 +83,7 @@ class CanServo(Driver):
                 # A drive that sends by its own clock is waited for; one that answers is asked again at the next instant.
                 self._patience = (PERIODS_MAX if self.drives[0].pushes else 0) / self.rate
                 self._next = self.clock.now()
-                self._q_cmd = self.read().q.copy()
+                self._q_cmd, self._dq_cmd = self.read().q.copy(), np.zeros(self.arm.n)
             except DeviceError:
                 self._link.close()
                 self._link = self._fault = None
@@ -132,20 +134,32 @@ class CanServo(Driver):
                 ]
                 if not self._on:
                     self._switch_on(target)
-                self._q_cmd = target.copy()
+                self._q_cmd, self._dq_cmd = target.copy(), speed.copy()
                 self._frames = [message for message, _ in frames]
                 self._transmit(range(self.arm.n))
             except DeviceError as error:
                 raise self._latch(error) from None
             return np.array([sent for _, sent in frames])
 
+    def engage(self) -> str:
+        """Switch the drives on, one joint after the other, each holding where it stands."""
+        with self._lock:
+            self._require()
+            if self._on:
+                return ""
+            try:
+                self._switch_on(None)
+            except DeviceError as error:
+                raise self._latch(error) from None
+        return f"{self.arm.n} drives switched on, holding where the arm stands"
+
     def stop(self) -> None:
-        """Hold the last commanded position with full damping, and go on holding it until `send` or `close`."""
+        """Brake along the path with BRAKING, then hold there until `send` or `close`."""
         with self._lock:
             if self._link is None or not self._on or self._link.failed:
                 return
-            self._holding = True
-            self._aim_at(self._q_cmd)
+            if not self._holding:
+                self._holding, self._braked_at = True, self.clock.now()
             self._feed()
         if self._background:
             self._holder.hold()
@@ -166,20 +180,22 @@ class CanServo(Driver):
         self.release()
 
     def release(self) -> None:
-        """Torque off wherever the arm stands: somebody supports it. Safe to call more than once."""
+        """Torque off wherever the arm stands: somebody supports it. DeviceError where a drive does not say that it is off."""
         self._holder.release()
         with self._lock:
             if self._link is None:
                 return
-            if not self._link.failed:
-                try:
-                    for _ in range(2):  # a lost frame must not leave one joint stiff
-                        self._link.send(drive.disable() for drive in self.drives)
-                        self.clock.sleep_until(self.clock.now() + 0.002)
-                except DeviceError as error:
-                    self._fault = error
-            self._link.close()
-            self._link, self._on, self._holding = None, False, False
+            link, was_on = self._link, self._on
+            try:
+                still_on = self._switch_off(link) if was_on and not link.failed else []
+            finally:
+                link.close()
+                self._link, self._on, self._holding = None, False, False
+        if still_on:
+            raise DeviceError(
+                f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "
+                "out, or use the emergency stop"
+            )
 
     def checks(self) -> list[Check]:
         """Bus load, watchdogs, serial numbers, temperatures, and where the arm stands."""
@@ -212,6 +228,8 @@ class CanServo(Driver):
         # The next instant keeps the phase and leaves at least half a period for the answers: lateness is not caught up.
         self._next += period * max(1, math.ceil((now - self._next) / period + 0.5))
         self._sent_at = now
+        if self._holding:
+            self._brake()
         messages = [self._frames[j] for j in joints] if self._on else [m for j in joints for m in self.drives[j].refresh()]
         self.joints.drain()
         self.joints.expect(joints)
@@ -251,18 +269,19 @@ class CanServo(Driver):
                     "cool down, or plan slower motions"
                 )
 
-    def _switch_on(self, target: np.ndarray) -> None:
+    def _switch_on(self, target: np.ndarray | None) -> None:
         """One joint after the other, each holding where it stands; back to torque off if one does not follow."""
         assert self._link is not None
         self._asked = False
         q = self.read().q
-        far = int(np.argmax(np.abs(target - q)))
-        if not np.all(np.abs(target - q) <= self.options.start_tolerance):
+        self._asked = False
+        far = 0 if target is None else int(np.argmax(np.abs(target - q)))
+        if target is not None and not np.all(np.abs(target - q) <= self.options.start_tolerance):
             raise DeviceError(
                 f"{self.drives[far].name}: the first command is {target[far]:.4f} rad and the joint stands at {q[far]:.4f} rad; more than "
                 f"{self.options.start_tolerance:g} rad apart would be a jump: begin where the arm stands"
             )
-        self._aim_at(q)
+        self._aim_at(q, np.zeros(self.arm.n))
         try:
             for j in range(self.arm.n):
                 self._switch_on_one(j)
@@ -273,7 +292,7 @@ class CanServo(Driver):
 
     def _switch_on_one(self, j: int) -> None:
         assert self._link is not None
-        drive, deadline = self.drives[j], self.clock.now() + ENABLE_TIME
+        drive, deadline = self.drives[j], self.clock.now() + SWITCH_TIME
         self._link.send([drive.enable()])
         self.joints.expect([j])
         while True:
@@ -291,16 +310,44 @@ class CanServo(Driver):
                 return
             if self.clock.now() > deadline:
                 raise DeviceError(
-                    f"{drive.name}: it does not say that it is on within {ENABLE_TIME:g} s; look at its supply and mode"
+                    f"{drive.name}: it does not say that it is on within {SWITCH_TIME:g} s; look at its supply and mode"
                 )
 
-    def _aim_at(self, q: np.ndarray) -> None:
-        still = np.zeros(self.arm.n)
+    def _switch_off(self, link: Link) -> list[str]:
+        """Torque off, said again until every drive that can tell says that it is off; the names of those that do not."""
+        end, again = self.clock.now() + SWITCH_TIME, -math.inf
+        while self.clock.now() < end and not link.failed:
+            if self.clock.now() >= again:
+                again = self.clock.now() + SWITCH_TIME / 10
+                self.joints.expect(range(self.arm.n))
+                link.send(drive.disable() for drive in self.drives)
+            try:
+                message = link.receive(again)
+                if message is not None:
+                    self.joints.take(message)
+            except DeviceError as error:
+                self._latch(error)
+            off = [
+                r is not None and r.on is not True and fresh
+                for r, fresh in zip(self.joints.readings, self.joints.fresh, strict=True)
+            ]
+            if all(off):
+                return []
+        return [d.name for d, r in zip(self.drives, self.joints.readings, strict=True) if r is None or r.on]
+
+    def _aim_at(self, q: np.ndarray, dq: np.ndarray) -> None:
         torque = self._feedforward.hold(q)
-        self._q_cmd = q.copy()
-        self._frames = [
-            d.command(*x)[0] for d, *x in zip(self.drives, q.tolist(), still.tolist(), torque.tolist(), strict=True)
-        ]
+        self._q_cmd, self._dq_cmd = q.copy(), dq.copy()
+        self._frames = [d.command(*x)[0] for d, *x in zip(self.drives, q.tolist(), dq.tolist(), torque.tolist(), strict=True)]
+
+    def _brake(self) -> None:
+        """Move the target on along its path, slower and slower: dq falls by BRAKING times the time since the last call."""
+        now = self.clock.now()
+        elapsed, self._braked_at = min(now - self._braked_at, PERIODS_MAX / self.rate), now
+        fastest = float(np.max(np.abs(self._dq_cmd)))
+        share = max(0.0, 1.0 - BRAKING * elapsed / fastest) if fastest > 0 else 0.0
+        q = self._q_cmd + self._dq_cmd * (1.0 + share) / 2 * min(elapsed, fastest / BRAKING)
+        self._aim_at(q, self._dq_cmd * share)
 
     def _feed(self) -> bool:
         """One holding frame to each drive, answers sorted in; False once the bus is gone. Faults of one joint do not end it."""
@@ -308,6 +355,7 @@ class CanServo(Driver):
             if self._link is None or not self._on or self._link.failed:
                 return False
             try:
+                self._brake()
                 self.joints.drain()
                 self.joints.expect(range(self.arm.n))
                 self._link.send(self._frames)

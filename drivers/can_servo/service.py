@@ -77,7 +77,9 @@ class Service:
         """
         drive, before = self._drive(joint), self.look(joint)
         if before.serial_problem:
-            raise DeviceError(f"{drive.name}: serial number {before.identity.serial}, but {before.serial_problem}; nothing was done")
+            raise DeviceError(
+                f"{drive.name}: serial number {before.identity.serial}, but {before.serial_problem}; nothing was done"
+            )
         if order in ("off", "clear") and before.reading.on is not False and not (self.options.brakes or supported):
             raise DeviceError(f"{drive.name}: torque off drops an arm without brakes; support it, then say so with --supported")
         if order == "zero":
@@ -91,9 +93,13 @@ class Service:
         if order == "clear" and after.error:
             raise DeviceError(f"{drive.name}: the error came back: {after.error}; its cause is still there")
         if order == "off" and after.on:
-            raise DeviceError(f"{drive.name}: it still says that it is on; use the emergency stop, then look at its supply and cable")
+            raise DeviceError(
+                f"{drive.name}: it still says that it is on; use the emergency stop, then look at its supply and cable"
+            )
         if order == "zero" and not abs(after.q - drive.joint_side(0.0)) <= ZERO_REACHED:
-            raise DeviceError(f"{drive.name}: it stands at {after.q:.4f} rad after setting the zero, not at {drive.joint_side(0.0):.4f} rad")
+            raise DeviceError(
+                f"{drive.name}: it stands at {after.q:.4f} rad after setting the zero, not at {drive.joint_side(0.0):.4f} rad"
+            )
         return after
 
     def _require_still(self, drive: Drive, reading: Reading) -> None:

@@ -49,12 +49,7 @@ class CanEmulator:
     def inject(self, fault: str) -> None:
         """One of `faults`, from any thread."""
         with self._lock:
-            was_unplugged = "unplugged" in self.bus.active
             self.bus.inject(fault)
-            if fault == "unplugged":
-                self.port.unplug()
-            elif fault == "restore" and was_unplugged:
-                self.port.open()
 
     def instructions(self) -> list[str]:
         """Where the bus is reached and what can go wrong on it."""
@@ -66,23 +61,34 @@ class CanEmulator:
         ]  # fmt: skip
 
     def _run(self) -> None:
+        plugged = True
         while self._running:
             with self._lock:
                 state, stalled = self.bus.state, "tx-full" in self.bus.active and not isinstance(self.port, SlcanPort)
-            messages = self._receive(state, stalled)
+                wanted = "unplugged" not in self.bus.active
+            if wanted != plugged:
+                plugged = wanted
+                if plugged:
+                    self.port.open()
+                else:
+                    self.port.unplug()
+            messages = self._receive(state, stalled) if plugged else self._wait()
             with self._lock:
                 for message in messages:
                     self.port.acknowledge(message, self.bus.send(message, time.monotonic()))
                 answers = self.bus.poll(time.monotonic() + EARLY)
-                if "unplugged" not in self.bus.active:
+                if plugged:
                     self.port.deliver(answers)
 
     def _receive(self, state: str, stalled: bool) -> list[can.Message]:
         try:
             return self.port.receive(TICK, state, stalled)
-        except (OSError, ValueError, can.CanError):
-            time.sleep(TICK)  # the cable was pulled while waiting for the host
-            return []
+        except (OSError, can.CanError):
+            return self._wait()  # the host has gone away; it may come back
+
+    def _wait(self) -> list[can.Message]:
+        time.sleep(TICK)
+        return []
 
 
 def emulator(cell: Cell, arm: Arm) -> CanEmulator:

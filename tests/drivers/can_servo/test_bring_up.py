@@ -38,7 +38,9 @@ def test_ranges_come_from_the_drives(bench):
 def test_swapped_drives_are_found_by_their_serial_numbers(bench, protocol):
     b = bench(protocol)
     b.bus.inject("swapped")
-    with pytest.raises(DeviceError, match=r"shoulder_pan_joint \(node 1\) answers with serial number .*belongs to shoulder_lift_joint"):
+    with pytest.raises(
+        DeviceError, match=r"shoulder_pan_joint \(node 1\) answers with serial number .*belongs to shoulder_lift_joint"
+    ):
         b.driver.connect()
     assert b.driver._link is None
 
@@ -47,7 +49,7 @@ def test_a_missing_serial_number_is_told_and_asked_for(bench):
     b = bench()
     servos = [s if s.joint != "elbow_joint" else s.model_copy(update={"serial": None}) for s in b.driver.options.servos]
     b.driver.options = b.driver.options.model_copy(update={"servos": servos})
-    with pytest.raises(DeviceError, match='write serial = "410003"'):
+    with pytest.raises(DeviceError, match=r'write serial = "410003"'):
         b.driver.connect()
 
 
@@ -62,14 +64,14 @@ def test_the_watchdog_is_set_and_read_back(bench):
 def test_a_watchdog_that_cannot_be_switched_on_is_a_refusal(bench):
     b = bench("odrive")
     b.bus.servos[4].watchdog = 0.0
-    with pytest.raises(DeviceError, match="wrist_2_joint.*watchdog reads 0 s"):
+    with pytest.raises(DeviceError, match=r"wrist_2_joint.*watchdog reads 0 s"):
         b.driver.connect()
 
 
 def test_a_watchdog_that_cannot_be_read_is_a_refusal_unless_the_cell_accepts_it(bench):
     b = bench("cubemars")
     b.driver.options = b.driver.options.model_copy(update={"watchdog_unproven": False})
-    with pytest.raises(DeviceError, match="cannot be read back.*watchdog_unproven"):
+    with pytest.raises(DeviceError, match=r"cannot be read back.*watchdog_unproven"):
         b.driver.connect()
 
 
@@ -84,7 +86,7 @@ def test_a_stated_range_of_another_model_is_found(bench):
     b = bench("robstride")
     for servo in b.bus.servos:
         servo.ranges = (12.5 / 2, *servo.ranges[1:])
-    with pytest.raises(DeviceError, match="mechPos.*not this drive's"):
+    with pytest.raises(DeviceError, match=r"mechPos.*not this drive's"):
         b.driver.connect()
 
 
@@ -105,7 +107,7 @@ def test_a_bus_that_is_not_sound_is_not_used(bench, fault, says):
     with pytest.raises(DeviceError, match=says):
         b.driver.connect()
     assert not b.bus.body.live.any()
-    with pytest.raises(DeviceError, match="connect first"):
+    with pytest.raises(DeviceError, match=r"connect first"):
         b.driver.send(b.rest, np.zeros(6), np.zeros(6))
 
 
@@ -123,7 +125,7 @@ def test_frame_lengths_are_those_of_the_standard():
 
 def test_traffic_that_does_not_fit_is_refused_before_anything_is_sent(bench, servo6):
     b = bench(options={"rate": 500.0})
-    with pytest.raises(ConfigError, match="rate = 500 Hz needs 6000 frames a second, 81 % .*use 462 Hz or less"):
+    with pytest.raises(ConfigError, match=r"rate = 500 Hz needs 6000 frames a second, 81 % .*use 462 Hz or less"):
         b.driver.connect()
     assert b.bus.heard == 0
     drives = make_drives(can_options(b.cell, servo6))
@@ -184,7 +186,7 @@ def test_an_error_is_cleared_and_an_error_with_a_cause_is_not(service):
     with shop:
         assert shop.do("elbow_joint", "clear").error == ""
         b.bus.inject("over-temperature:wrist_1_joint")
-        with pytest.raises(DeviceError, match="cause is still there"):
+        with pytest.raises(DeviceError, match=r"cause is still there"):
             shop.do("wrist_1_joint", "clear")
 
 
@@ -192,7 +194,7 @@ def test_torque_off_needs_a_supported_arm(service):
     b, shop = service
     b.bus.servos[2].switch(True)
     with shop:
-        with pytest.raises(DeviceError, match="--supported"):
+        with pytest.raises(DeviceError, match=r"--supported"):
             shop.do("elbow_joint", "off")
         assert b.bus.servos[2].on
         assert shop.do("elbow_joint", "off", supported=True).on is False
@@ -203,14 +205,14 @@ def test_a_zero_is_set_on_a_joint_that_is_off_and_still(service):
     with shop:
         assert shop.do("wrist_3_joint", "zero").q == pytest.approx(0.0, abs=2e-3)
         b.bus.servos[4].switch(True)
-        with pytest.raises(DeviceError, match="not moved while it is on"):
+        with pytest.raises(DeviceError, match=r"not moved while it is on"):
             shop.do("wrist_2_joint", "zero", supported=True)
 
 
 def test_nothing_is_done_to_a_drive_that_is_another(service):
     b, shop = service
     b.bus.inject("swapped")
-    with shop, pytest.raises(DeviceError, match="nothing was done"):
+    with shop, pytest.raises(DeviceError, match=r"nothing was done"):
         shop.do("shoulder_pan_joint", "zero")
 
 

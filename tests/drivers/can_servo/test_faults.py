@@ -50,9 +50,9 @@ def test_a_fault_stops_the_stream_and_stays(bench, fault, says, periods, others_
     b.bus.inject("restore")
     heard = b.bus.heard
     for _ in range(5):
-        with pytest.raises(DeviceError, match="latched"):
+        with pytest.raises(DeviceError, match=r"latched"):
             b.driver.send(b.rest, np.zeros(6), np.zeros(6))
-        with pytest.raises(DeviceError, match="latched"):
+        with pytest.raises(DeviceError, match=r"latched"):
             b.driver.read()
     assert b.bus.heard == heard
     b.driver.stop()
@@ -74,7 +74,7 @@ def test_the_drives_switch_off_when_the_bus_is_gone_and_no_old_command_follows(b
     assert b.bus.heard == heard
     assert all(servo.error == 0xD for servo in b.bus.servos)
     # the next session refuses drives that still report what happened
-    with pytest.raises(DeviceError, match="communication lost.*calib servo"):
+    with pytest.raises(DeviceError, match=r"communication lost.*calib servo"):
         b.driver.connect()
     assert not b.bus.body.live.any()
 
@@ -104,7 +104,7 @@ def test_a_host_that_stalls_finds_its_drives_off(bench):
     b.driver.connect()
     b.stream(20)
     b.clock.sleep_until(b.clock.now() + 0.15)
-    with pytest.raises(DeviceError, match="communication lost"):
+    with pytest.raises(DeviceError, match=r"communication lost"):
         b.stream(3)
     assert not b.bus.body.live.any()
 
@@ -123,7 +123,7 @@ def test_a_command_that_is_not_six_finite_numbers_never_leaves(bench, q, dq, tau
     b = bench()
     b.driver.connect()
     heard = b.bus.heard
-    with pytest.raises(DeviceError, match="nothing was sent"):
+    with pytest.raises(DeviceError, match=r"nothing was sent"):
         b.driver.send(np.array(q, dtype=float), np.array(dq, dtype=float), np.array(tau, dtype=float))
     assert b.bus.heard == heard
     assert b.driver.read().status is Status.IDLE
@@ -134,7 +134,7 @@ def test_a_command_beyond_a_range_is_refused_whole(bench):
     b.driver.connect()
     b.stream(20)
     heard = b.bus.heard
-    with pytest.raises(DeviceError, match="wrist_2_joint: speed 40 rad/s cannot be sent"):
+    with pytest.raises(DeviceError, match=r"wrist_2_joint: speed 40 rad/s cannot be sent"):
         b.driver.send(b.rest, np.array([0, 0, 0, 0, 40.0, 0]), np.zeros(6))
     assert b.bus.heard == heard
 
@@ -143,7 +143,7 @@ def test_the_first_command_must_begin_where_the_arm_stands(bench):
     b = bench()
     b.driver.connect()
     target = b.rest + np.array([0, 0, 0.2, 0, 0, 0])
-    with pytest.raises(DeviceError, match="elbow_joint.*begin where the arm stands"):
+    with pytest.raises(DeviceError, match=r"elbow_joint.*begin where the arm stands"):
         b.driver.send(target, np.zeros(6), np.zeros(6))
     assert not b.bus.body.live.any()
 
@@ -152,7 +152,7 @@ def test_a_drive_that_does_not_switch_on_leaves_the_arm_as_it_was(bench):
     b = bench()
     b.driver.connect()
     b.bus.servos[3].error = 0xE
-    with pytest.raises(DeviceError, match="wrist_1_joint.*overload"):
+    with pytest.raises(DeviceError, match=r"wrist_1_joint.*overload"):
         b.driver.send(b.rest, np.zeros(6), np.zeros(6))
     assert not b.bus.body.live.any()
 
@@ -161,7 +161,7 @@ def test_torque_off_is_refused_away_from_rest(bench):
     b = bench()
     b.driver.connect()
     b.stream(100, amplitude=0.4)
-    with pytest.raises(DeviceError, match="shoulder_pan_joint stands at .*support it"):
+    with pytest.raises(DeviceError, match=r"shoulder_pan_joint stands at .*support it"):
         b.driver.close()
     assert b.bus.body.live.all()
     b.driver.release()
@@ -170,10 +170,15 @@ def test_torque_off_is_refused_away_from_rest(bench):
 
 def test_a_refusal_to_let_go_does_not_hide_what_happened_before(bench):
     b = bench()
-    with pytest.raises(DeviceError, match="wrist_3_joint.*silent.*besides, .*torque off would drop"), b.driver:
-        b.stream(100, amplitude=0.4)
-        b.bus.inject("silent:wrist_3_joint")
-        b.stream(10, amplitude=0.4)
+
+    def motion():
+        with b.driver:
+            b.stream(100, amplitude=0.4)
+            b.bus.inject("silent:wrist_3_joint")
+            b.stream(10, amplitude=0.4)
+
+    with pytest.raises(DeviceError, match=r"wrist_3_joint.*silent.*besides, .*torque off would drop"):
+        motion()
 
 
 def test_an_arm_with_brakes_is_released_anywhere(bench):
@@ -189,10 +194,35 @@ def test_stop_holds_until_somebody_commands_again(bench):
     b.stream(150, amplitude=0.4)
     b.driver.stop()
     b.driver.stop()
-    held = [b.driver.read() for _ in range(100)]
+    speed, held = np.max(np.abs(b.driver.read().dq)), [b.driver.read() for _ in range(150)]
+    fastest = np.array([np.max(np.abs(s.dq)) for s in held])
+    standing = int(np.flatnonzero(fastest < 0.05)[0])
+    assert standing / b.driver.rate < b.driver.device_stop.reaction + speed / b.driver.device_stop.deceleration
     assert held[-1].status is Status.RUNNING
     assert held[-1].detail == "holding"
     assert np.max(np.abs(held[-1].dq)) < 0.05
     q = held[-1].q
     b.driver.send(q, np.zeros(6), np.zeros(6))
     assert b.driver.read().detail == ""
+
+
+def test_engaging_switches_on_and_moves_nothing(bench):
+    b = bench()
+    b.driver.connect()
+    before = b.driver.read()
+    assert before.status in b.driver.ready
+    assert "6 drives switched on" in b.driver.engage()
+    assert b.driver.engage() == ""
+    after = [b.driver.read() for _ in range(20)][-1]
+    assert after.status is Status.RUNNING
+    assert np.max(np.abs(after.q - before.q)) < 0.01
+
+
+def test_a_drive_that_stays_on_is_told(bench):
+    b = bench()
+    b.driver.connect()
+    b.stream(20)
+    b.bus.inject("silent:wrist_3_joint")
+    with pytest.raises(DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not say so"):
+        b.driver.release()
+    assert not b.bus.body.live.any()  # its watchdog has run out meanwhile

@@ -133,11 +133,11 @@ def test_nothing_is_clamped():
     field = Field("torque", -10.0, 10.0, 12, "N*m")
     assert (field.raw(-10.0), field.raw(10.0)) == (0, 4095)
     for x in (math.nextafter(10.0, 11.0), -10.1, math.inf, -math.inf, math.nan):
-        with pytest.raises(DeviceError, match="cannot be sent"):
+        with pytest.raises(DeviceError, match=r"cannot be sent"):
             field.raw(x)
-    with pytest.raises(DeviceError, match="is empty"):
+    with pytest.raises(DeviceError, match=r"is empty"):
         Field("torque", 0.0, 0.0, 12, "N*m")
-    with pytest.raises(DeviceError, match="is empty"):
+    with pytest.raises(DeviceError, match=r"is empty"):
         Field("torque", -math.nan, math.nan, 12, "N*m")
 
 
