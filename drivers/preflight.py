@@ -99,6 +99,8 @@ def _mounting(arm: Arm, info: DeviceInfo) -> Check:
 def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
     """tau at rest = g(q) + friction, and friction at rest is at most the Coulomb level: of the model as of the cell file."""
     name = "torque at rest"
+    if states[-1].status is not Status.RUNNING:
+        return Check(name, None, "the device is not following commands, so its torque carries nothing yet")
     dq = np.mean([s.dq for s in states], axis=0)
     if not np.all(np.abs(dq) <= STANDSTILL):
         return Check(name, None, "the arm moves, so its torque at rest cannot be compared")
