@@ -28,6 +28,7 @@ COMMANDS: dict[str, str] = {
     "import": "import_",
     "identify": "identify",
     "validate": "validate",
+    "export": "export",
 }
 
 

@@ -127,6 +127,11 @@ def _with_joint_effects(arm: Arm) -> KinematicTree:
     return replace(arm.tree, **rows)
 
 
+def model_text(arm: Arm) -> tuple[str, dict[str, Path]]:
+    """The arm as MJCF text with every effect that MuJoCo has, and the files it names: path beside the text -> file."""
+    return _model_text(arm, _with_joint_effects(arm), None)
+
+
 def _model_text(arm: Arm, tree: KinematicTree, payload: Inertial | None) -> tuple[str, dict[str, Path]]:
     """The new model's text, and the files it names: path in the folder -> file."""
     home = arm.model_path.parent

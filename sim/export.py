@@ -1,0 +1,116 @@
+"""An arm for other tools: MJCF, URDF, and a table of its parameters."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.arm_folder import model_text, write_atomically
+from sim.effects import effect_named
+from sim.errors import ConfigError
+from sim.resources import nearest
+from sim.urdf import urdf_text
+
+FORMATS = ("mjcf", "urdf", "table")
+
+
+def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Write the arm to `folder` in each of `formats`; returns the files.
+
+    mjcf   <name>.xml with every effect that MuJoCo has, and the meshes it names
+    urdf   <name>.urdf, see `sim.urdf`, and its collision meshes as STL
+    table  <name>_parameters.csv and .json: every number with unit, and standard deviation where one is known
+    """
+    for name in formats:
+        if name not in FORMATS:
+            raise ConfigError(f"there is no format {name!r}; {nearest(name, FORMATS)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    files: list[Path] = []
+    if "mjcf" in formats:
+        text, assets = model_text(arm)
+        for relative, source in assets.items():
+            (folder / relative).parent.mkdir(parents=True, exist_ok=True)
+            (folder / relative).write_bytes(source.read_bytes())
+        files += [_write(folder / f"{arm.name}.xml", text), *(folder / a for a in assets)]
+    if "urdf" in formats:
+        meshes = {}
+        for k, shape in enumerate(arm.tree.shapes):
+            if shape.vertices is not None and shape.faces is not None:
+                meshes[shape.name] = Path("meshes") / f"{arm.name}_{k}.stl"
+        text = urdf_text(arm, meshes)
+        for shape in arm.tree.shapes:
+            if shape.name in meshes and shape.vertices is not None and shape.faces is not None:
+                file = folder / meshes[shape.name]
+                file.parent.mkdir(exist_ok=True)
+                file.write_bytes(_stl(shape.vertices, shape.faces))
+                files.append(file)
+        files.append(_write(folder / f"{arm.name}.urdf", text))
+    if "table" in formats:
+        data = parameter_table(arm)
+        files.append(_write(folder / f"{arm.name}_parameters.json", json.dumps(data, indent=2, allow_nan=False) + "\n"))
+        out = io.StringIO()
+        rows = csv.DictWriter(out, ["joint", "parameter", "value", "std", "unit", "meaning"], lineterminator="\n")
+        rows.writeheader()
+        rows.writerows(data["parameters"])
+        files.append(_write(folder / f"{arm.name}_parameters.csv", out.getvalue()))
+    return files
+
+
+def parameter_table(arm: Arm) -> dict[str, Any]:
+    """Every number of the arm as rows {joint, parameter, value, std, unit, meaning}, value by value; joint "" is the whole arm.
+
+    Masses in kg, com in m in the link's frame, which is its joint's frame; inertia in kg m^2 about the centre of mass, link's axes.
+    """
+    rows: list[dict[str, Any]] = []
+
+    def add(joint: str, parameter: str, value: float, unit: str, meaning: str, std: float | None = None) -> None:
+        if np.isfinite(value):
+            row = {"joint": joint, "parameter": parameter, "value": float(value), "std": std, "unit": unit, "meaning": meaning}
+            rows.append(row)
+
+    for axis, value in zip("xyz", arm.gravity, strict=True):
+        add("", f"gravity_{axis}", value, "m/s^2", "gravity in the base frame")
+    for j, joint in enumerate(arm.joint_names):
+        add(joint, "mass", arm.tree.mass[j], "kg", "mass of the link behind the joint, with all that is fixed to it")
+        for axis, value in zip("xyz", arm.tree.com[j], strict=True):
+            add(joint, f"com_{axis}", value, "m", "centre of mass in the link's frame")
+        for name, place in (("xx", (0, 0)), ("yy", (1, 1)), ("zz", (2, 2)), ("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2))):
+            add(joint, f"inertia_{name}", arm.tree.inertia[j][place], "kg*m^2", "inertia about the centre of mass, link's axes")
+        for key, unit in (("q_min", "rad"), ("q_max", "rad"), ("dq_max", "rad/s"), ("ddq_max", "rad/s^2"),
+                          ("jerk_max", "rad/s^3"), ("tau_max", "N*m")):  # fmt: skip
+            add(joint, key, getattr(arm, key)[j], unit, "limit")
+        if arm.torque_constant is not None:
+            add(joint, "torque_constant", arm.torque_constant[j], "N*m/A", "joint torque per current")
+    for item in arm.effects:
+        effect = effect_named(item.effect)
+        for p in effect.parameters:
+            name = f"{item.effect}.{p.name}"
+            add(item.joint or "", name, item.parameters[p.name], p.unit, p.meaning, item.std.get(p.name))
+    return {
+        "schema": "parameters/1", "arm": arm.name, "sha256": arm.sha256, "joints": list(arm.joint_names),
+        "not_stated": list(arm.incomplete), "parameters": rows, "provenance": arm.provenance,
+    }  # fmt: skip
+
+
+def _write(file: Path, text: str) -> Path:
+    write_atomically(file, text)
+    return file
+
+
+def _stl(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """Binary STL: 80 bytes of header, a count, and for each triangle its normal and corners as float32."""
+    corners = np.asarray(vertices, dtype=float)[np.asarray(faces)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+    body = np.zeros(len(corners), dtype=[("numbers", "<f4", 12), ("attribute", "<u2")])
+    body["numbers"] = np.concatenate([normals[:, None], corners], axis=1).reshape(-1, 12)
+    return bytes(80) + struct.pack("<I", len(corners)) + body.tobytes()
