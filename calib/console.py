@@ -68,6 +68,12 @@ def warn(sentence: str) -> None:
     _err().print(f"calib: {sentence}", markup=False, highlight=False, soft_wrap=True)
 
 
+def ask(question: str) -> str:
+    """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
+    _err().print(question, markup=False, highlight=False, soft_wrap=True, end="")
+    return sys.stdin.readline().rstrip("\n")
+
+
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
     """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off."""
     body = [list(row) for row in rows]

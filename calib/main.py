@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "report": "report",
     "replay": "replay",
     "plan": "plan",
+    "record": "record",
     "import": "import_",
     "identify": "identify",
     "validate": "validate",

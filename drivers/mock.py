@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from drivers.driver import DeviceInfo, Driver
+from drivers.driver import DeviceInfo, DeviceStop, Driver
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock, SimulatedClock
@@ -43,6 +43,7 @@ class MockDriver(Driver):
         self.plant, self.arm, self.rate, self.clock = plant, arm, rate, clock
         self.faults: list[Fault] = []
         self._deceleration = stop_deceleration
+        self.device_stop = DeviceStop(reaction=1.0 / rate, deceleration=stop_deceleration)
         self._start = np.zeros(arm.n) if start is None else np.asarray(start, dtype=float)
         self._stopping: np.ndarray | None = None
         self._connected = False

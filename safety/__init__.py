@@ -3,13 +3,18 @@
 from safety.approval import approval_of, approve, check_approval
 from safety.clear import ClearedTrajectory, Verdict, clear
 from safety.collision import Clearance, Witness
+from safety.control import drive
+from safety.execution import Recorded, execute
 from safety.plan import Motion, Plan, check_plan, load_plan, write_plan
+from safety.trip import MotionStopped
 
 __all__ = [
     "Clearance",
     "ClearedTrajectory",
     "Motion",
+    "MotionStopped",
     "Plan",
+    "Recorded",
     "Verdict",
     "Witness",
     "approval_of",
@@ -17,6 +22,8 @@ __all__ = [
     "check_approval",
     "check_plan",
     "clear",
+    "drive",
+    "execute",
     "load_plan",
     "write_plan",
 ]

@@ -191,6 +191,15 @@ class StopProfile:
         x = x + v2 * c - self.p * c**2 / 2 + j * c**3 / 6
         return self.sign * x
 
+    def state(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angle travelled rad, speed rad/s and acceleration rad/s^2, t s after the stop began."""
+        a, b = np.clip(t, 0, self.t1), np.clip(t - self.t1, 0, self.t2)
+        c = np.clip(t - self.t1 - self.t2, 0, self.t3)
+        j, moving = self.jerk_max, t < self.duration
+        v = self.speed + self.acceleration * a - j * a**2 / 2 - self.p * (b + c) + j * c**2 / 2
+        ddq = np.where(t < self.t1, self.acceleration - j * a, -self.p + j * c)
+        return self.travel(t), self.sign * np.where(moving, v, 0.0), self.sign * np.where(moving, ddq, 0.0)
+
     def extrema(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest angle travelled, (N, n) each: at the start, at the end, or where the speed changes its sign."""
         end = self.travel(self.duration)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safety.limits import pieces
+from safety.limits import pieces, sampled
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -13,6 +13,7 @@ from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 
 CHUNK = 20_000
+STEP = 0.005
 
 
 def spine(shape: Shape) -> tuple[np.ndarray, float]:
@@ -53,13 +54,18 @@ def joint_reach(arm: Arm, shape: Shape) -> np.ndarray:
 def check_point_speed(motion: Trajectory, arm: Arm, cell: Cell) -> float:
     """Refuse a motion on which a point of the arm may exceed the cell's point speed; returns the share that is used.
 
-    The speed at a sample is exact on the shapes' hulls (speed is convex over a rigid body). Within a piece of length h it exceeds
-    that of the faster end by at most h/2 (sum_j R_j |ddq_j| + (sum_j R_j |dq_j|)(sum_k |dq_k|)), with the largest of each in the piece.
+    The speed at a sample is exact on the shapes' hulls (speed is convex over a rigid body). Within a step of length h <= STEP it exceeds
+    that of the faster end by at most h/2 (sum_j R_j |ddq_j| + (sum_j R_j |dq_j|)(sum_k |dq_k|)), with the largest of each in the quintic piece.
     """
     body, limit = RigidBody(arm), cell.table.motion.point_speed_max
     form = pieces(motion)
-    dq_top, ddq_top = np.abs(form.dq).max(axis=1), np.abs(form.ddq).max(axis=1)
-    half = np.diff(motion.t) / 2
+    parts = np.maximum(np.ceil(np.diff(motion.t) / STEP), 1).astype(int)
+    piece = np.repeat(np.arange(len(parts)), parts)
+    dq_top, ddq_top = np.abs(form.dq).max(axis=1)[piece], np.abs(form.ddq).max(axis=1)[piece]
+    h = (np.diff(motion.t) / parts)[piece]
+    within = np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]
+    if len(piece) > len(parts):
+        motion = sampled(motion, np.append(np.minimum(motion.t[piece] + within * h, motion.t[-1]), motion.t[-1]))
     largest = 0.0
     for shape in arm.tree.shapes:
         if shape.link < 0:
@@ -68,7 +74,7 @@ def check_point_speed(motion: Trajectory, arm: Arm, cell: Cell) -> float:
         speed = np.concatenate(
             [_speeds(body, shape, motion.q[k : k + CHUNK], motion.dq[k : k + CHUNK]) for k in range(0, len(motion), CHUNK)]
         )
-        bound = np.maximum(speed[:-1], speed[1:]) + half * (ddq_top @ reach + (dq_top @ reach) * dq_top.sum(axis=1))
+        bound = np.maximum(speed[:-1], speed[1:]) + h / 2 * (ddq_top @ reach + (dq_top @ reach) * dq_top.sum(axis=1))
         inside = np.isfinite(bound) & (bound <= limit)
         if not inside.all():
             k = int(np.argmin(inside))

@@ -1,0 +1,98 @@
+"""`calib record CELL PLAN`: drive an approved plan, guarded, and record it."""
+
+from __future__ import annotations
+
+import getpass
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import RUNS, new_run
+
+
+def command(
+    cell: console.CellArgument,
+    plan: Annotated[Path, typer.Argument(metavar="PLAN", help="Folder that `calib plan` wrote.")],
+    approve_again: Annotated[
+        bool, typer.Option("--approve", help="Approve again what was approved too long ago or for another cell.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
+    hold_to_run: Annotated[
+        bool, typer.Option("--hold-to-run", help="Move only while the space bar is held down; releasing it stops the arm.")
+    ] = False,
+    operator: Annotated[str | None, typer.Option(help="Name for the audit trail; the login name if not given.")] = None,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Drive the motions of a plan and record them, slowly first; every motion is proved again before anything moves.
+
+    Writes one log a motion. This is not a safety-rated function: it does not replace the emergency stop.
+
+    Example:
+
+        calib record mock-ur10e runs/plan --yes --out runs/recorded
+    """
+    from drivers import open_driver
+    from safety import approval_of, approve, check_approval, check_plan, load_plan
+    from safety.confirmation import check_answer, check_yes, question
+    from safety.control import drive
+    from safety.execution import Progress
+    from safety.hold_key import HoldKey
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+
+    where = load_cell(cell, configs)
+    arm = load_arm(where.table.arm, configs)
+    sealed = load_plan(plan)
+    check_plan(sealed, arm, where)
+    if yes:
+        check_yes(where)
+    who = operator or getpass.getuser()
+    approval = approval_of(sealed)
+    if approval is not None and not approve_again:
+        check_approval(approval, sealed, arm, where, datetime.now(UTC))
+    if not yes:
+        rows = [[m.name, m.kind, m.trajectory.duration] for m in sealed.motions]
+        console.table(["motion", "kind", "duration at full speed [s]"], rows)
+        check_answer(where, console.ask(question(where, arm.name)))
+    if approval is None or approve_again:
+        approve(sealed, arm, where, who, datetime.now(UTC))
+    folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
+    with HoldKey(sys.stdin if hold_to_run else None) as key, console.progress("record", 1.0) as show:
+        shown = [0.0]
+
+        def watch(progress: Progress) -> None:
+            if progress.share >= shown[0] + 0.005 or progress.share < shown[0]:
+                show(progress.share - shown[0], progress.what)
+                shown[0] = progress.share
+
+        done = drive(
+            sealed,
+            where,
+            arm,
+            open_driver,
+            folder,
+            audit=RUNS / "audit.jsonl",
+            operator=who,
+            stop_asked=key.reason,
+            watch=watch,
+        )
+    if as_json:
+        console.print_json({"schema": "record/1", **console.plain(done)})
+        return
+    console.table(
+        ["speed", *arm.joint_names],
+        [[f"{s.speed:.0%}", *s.following_error] for s in done.stages],
+        "largest following error [rad]",
+    )
+    console.table(
+        ["motion", "limit used most", "share", "nearest approach", "longest stop [s]"],
+        [[name, *max(v.used.items(), key=lambda item: item[1]), v.nearest, v.stop_time] for name, v in done.verdicts.items()],
+        "what was proved before it moved",
+    )
+    console.say(f"{folder}: {', '.join(p.name for p in done.logs.values())}")

@@ -1,0 +1,80 @@
+"""Who approved what, what was run, and why it stopped: lines of JSON that are only ever added, each holding the hash of the last.
+
+One changed, removed or inserted byte breaks the chain at that line; `verify` says which. What a chain cannot show is the removal of
+its last lines, so each line also counts.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sim.errors import ConfigError, SafetyStop
+
+FIRST = "0" * 64
+LONGEST = 100_000
+
+
+def record(file: Path, event: str, now: datetime | None = None, **facts: Any) -> None:
+    """Add one line and see it on the disk before returning; SafetyStop where the file's chain is broken already."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with open(file, "a+b") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX)
+            stream.seek(0)
+            number, previous = _last(file, stream.read())
+            at = (now or datetime.now(UTC)).isoformat(timespec="milliseconds")
+            entry = {"number": number + 1, "at": at, "event": event, "facts": facts, "previous": previous}
+            body = json.dumps(entry, sort_keys=True, allow_nan=False, ensure_ascii=True)
+            line = f'{body[:-1]}, "sha256": "{hashlib.sha256(body.encode()).hexdigest()}"}}\n'
+            stream.write(line.encode())
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be written ({error.strerror}); nothing moves without its record") from error
+
+
+def verify(file: Path) -> list[dict[str, Any]]:
+    """Every entry of an unbroken trail, oldest first; SafetyStop names the first line that does not fit, [] where there is no file."""
+    if not file.exists():
+        return []
+    entries: list[dict[str, Any]] = []
+    previous = FIRST
+    for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
+        entry = _entry(file, number, line)
+        if entry["previous"] != previous or entry["number"] != number:
+            raise SafetyStop(
+                f"{file}:{number}: does not follow the line before it; the trail was changed, keep it and begin a new one"
+            )
+        previous = entry["sha256"]
+        entries.append(entry)
+    if not file.read_bytes().endswith(b"\n") and file.stat().st_size:
+        raise SafetyStop(f"{file}: its last line is not complete; the trail was changed or cut, keep it and begin a new one")
+    return entries
+
+
+def _last(file: Path, content: bytes) -> tuple[int, str]:
+    if not content:
+        return 0, FIRST
+    if not content.endswith(b"\n"):
+        raise SafetyStop(f"{file}: its last line is not complete; the trail was changed or cut, keep it and begin a new one")
+    number = content.count(b"\n")
+    last = _entry(file, number, content[:-1].rsplit(b"\n", 1)[-1])
+    return number, str(last["sha256"])
+
+
+def _entry(file: Path, number: int, line: bytes) -> dict[str, Any]:
+    """One line whose own hash is right; its text must be exactly what `record` writes."""
+    body, mark, tail = line.rpartition(b', "sha256": "')
+    digest = hashlib.sha256(body + b"}").hexdigest()
+    if not mark or tail != digest.encode() + b'"}' or len(line) > LONGEST:
+        raise SafetyStop(
+            f"{file}:{number}: its hash does not fit its content; the trail was changed, keep it and begin a new one"
+        )
+    entry: dict[str, Any] = json.loads(body + b"}")
+    return entry | {"sha256": digest}

@@ -1,0 +1,54 @@
+"""A person says yes by typing; only cells without an arm may do without."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+
+from sim.cell import Cell
+from sim.errors import SafetyStop
+
+NOT_RATED = (
+    "This is not a safety-rated function. It does not replace the emergency stop or the robot's own safety configuration. "
+    "Keep the emergency stop within reach and people out of the cell."
+)
+
+
+def without_arm(cell: Cell) -> bool:
+    """Whether only software can stand behind a cell: the mock, a controller on a loopback address, a CAN bus in memory or on a
+    pseudo-terminal."""
+    options = cell.table.options
+    if cell.table.driver == "mock":
+        return True
+    host = options.get("host")
+    if isinstance(host, str):
+        try:
+            return ipaddress.ip_address(host).is_loopback
+        except ValueError:
+            return host == "localhost"
+    if options.get("interface") == "virtual":
+        return True
+    channel = options.get("channel")
+    return isinstance(channel, str) and Path(channel).resolve().is_relative_to("/dev/pts")
+
+
+def question(cell: Cell, arm_name: str) -> str:
+    """What is asked; the answer is `expected(cell)`."""
+    return f"{NOT_RATED}\n{arm_name} will move through large angles in {cell.name}. Type {expected(cell)!r} to let it move: "
+
+
+def expected(cell: Cell) -> str:
+    """The words that mean yes."""
+    return f"{cell.name} is empty"
+
+
+def check_answer(cell: Cell, answer: str) -> None:
+    """SafetyStop unless the answer is the expected one, letter for letter."""
+    if answer.strip() != expected(cell):
+        raise SafetyStop(f"{answer.strip()!r} is not {expected(cell)!r}; nothing was moved")
+
+
+def check_yes(cell: Cell) -> None:
+    """SafetyStop where --yes is given for a cell behind which an arm may stand."""
+    if not without_arm(cell):
+        raise SafetyStop(f"--yes: an arm may stand behind the cell {cell.name}; a person has to confirm, leave --yes away")

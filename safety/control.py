@@ -1,0 +1,205 @@
+"""The control process: `execute` in a process of its own, watched and fed by the command process, and safe without it.
+
+It has a session of its own, so Ctrl-C and a closed terminal reach only the command process, which asks for the stop. If the command
+process dies or hangs, its heartbeat ends and the arm is stopped and the log closed all the same. It clears every motion again
+before it sends any: nothing that another process proved is taken on trust.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.driver import Driver
+from drivers.mock import MockOptions
+from safety import realtime
+from safety.execution import NEVER, Progress, Recorded, execute
+from safety.guard import Cycle
+from safety.plan import Plan, load_plan
+from safety.stop_sources import StopSignals, first_reason
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.errors import DeviceError
+from sim.joint_state import JointState
+from sim.strict import validated
+
+# The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
+SILENCE = 0.5
+BEAT = 0.02
+SHOW = 0.05
+TEXT = 200
+BEAT_AT, STOP_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What the control process is told; it loads arm, cell and plan from their files itself."""
+
+    plan: Path
+    cell: Path
+    arm: Path
+    driver_factory: Callable[[Cell, Arm], Driver]
+    folder: Path
+    audit: Path
+    stages: tuple[float, ...] | None
+    operator: str
+    parent: int
+
+
+def is_simulated(cell: Cell) -> bool:
+    """Whether time in this cell is simulated, so that nothing has to keep up with it."""
+    return cell.table.driver == "mock" and not validated(MockOptions, cell.table.options, cell.path).realtime
+
+
+def drive(
+    plan: Plan,
+    cell: Cell,
+    arm: Arm,
+    driver_factory: Callable[[Cell, Arm], Driver],
+    folder: Path,
+    *,
+    audit: Path,
+    stages: Sequence[float] | None = None,
+    operator: str = "",
+    stop_asked: Callable[[], str | None] = NEVER,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> Recorded:
+    """`execute` where it belongs: here for a simulated cell, in a control process of its own for every other.
+
+    driver_factory must be a function of a module. Raises what `execute` raises; DeviceError where the control process was lost.
+    """
+    if is_simulated(cell):
+        return execute(
+            plan,
+            cell,
+            arm,
+            driver_factory,
+            folder,
+            audit=audit,
+            stages=stages,
+            operator=operator,
+            stop_asked=stop_asked,
+            watch=watch,
+        )
+    context = multiprocessing.get_context("spawn")
+    numbers, text = context.RawArray(ctypes.c_double, ARRAYS + 2 * arm.n), context.RawArray(ctypes.c_char, TEXT)
+    answer: Any = context.Queue()
+    wanted = None if stages is None else tuple(stages)
+    task = _Task(
+        plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory, folder.resolve(),
+        audit.resolve(), wanted, operator, os.getpid(),
+    )  # fmt: skip
+    numbers[BEAT_AT] = time.monotonic()
+    process = context.Process(target=_serve, args=(task, numbers, text, answer), name="calib control")
+    over = threading.Event()
+    with StopSignals() as signals:
+        heart = threading.Thread(target=_beat, args=(numbers, over), daemon=True)
+        heart.start()
+        process.start()
+        try:
+            kind, value = _watched(process, answer, numbers, text, first_reason(signals.reason, stop_asked), watch, arm.n)
+        except BaseException:
+            numbers[STOP_AT] = 1.0
+            process.join()
+            raise
+        finally:
+            over.set()
+            heart.join()
+    process.join()
+    if kind == "error":
+        raise value
+    return value  # type: ignore[no-any-return]
+
+
+def _beat(numbers: Any, over: threading.Event) -> None:
+    while not over.wait(BEAT):
+        numbers[BEAT_AT] = time.monotonic()
+
+
+def _watched(
+    process: Any,
+    answer: Any,
+    numbers: Any,
+    text: Any,
+    asked: Callable[[], str | None],
+    watch: Callable[[Progress], None],
+    n: int,
+) -> tuple[str, Any]:
+    """Show what the control process does until it answers; pass a wish to stop on to it."""
+    nothing = np.full(n, np.nan)
+    while True:
+        try:
+            return answer.get(timeout=SHOW)  # type: ignore[no-any-return]
+        except queue.Empty:
+            pass
+        if not process.is_alive():
+            try:
+                return answer.get(timeout=1.0)  # type: ignore[no-any-return]
+            except queue.Empty:
+                raise DeviceError(
+                    f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
+                    "the arm: look at it before anything else, then recover the log with `calib import`"
+                ) from None
+        reason = asked()
+        if reason is not None:
+            text.raw = reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+            numbers[STOP_AT] = 1.0
+        if not numbers[STOP_AT]:
+            values = np.array(numbers[ARRAYS:])
+            state = JointState(numbers[T_AT], numbers[T_AT], values[:n], nothing, nothing, nothing, nothing)
+            cycle = Cycle(int(numbers[K_AT]), int(numbers[COUNT_AT]), state, values[n:]) if numbers[COUNT_AT] else None
+            watch(Progress(text.value.decode(errors="replace"), numbers[SHARE_AT], cycle))
+
+
+def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
+    """The control process."""
+    os.setsid()
+    try:
+        plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
+        realtime.prepare()
+
+        def asked() -> str | None:
+            if numbers[STOP_AT]:
+                return text.value.decode(errors="replace") or "the command process asked for it"
+            if os.getppid() != task.parent:
+                return "the command process died"
+            if not time.monotonic() - numbers[BEAT_AT] <= SILENCE:
+                return f"the command process was silent for {SILENCE:g} s"
+            return None
+
+        def watch(progress: Progress) -> None:
+            if numbers[STOP_AT]:
+                return
+            if progress.cycle is None or progress.cycle.k == 0:
+                text.raw = progress.what.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+            numbers[SHARE_AT] = progress.share
+            if progress.cycle is not None:
+                state = progress.cycle.state
+                numbers[K_AT], numbers[COUNT_AT], numbers[T_AT] = progress.cycle.k, progress.cycle.count, state.t_device
+                numbers[ARRAYS:] = [*state.q.tolist(), *progress.cycle.q_cmd.tolist()]
+
+        result = execute(
+            plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
+            stop_asked=asked, watch=watch,
+        )  # fmt: skip
+        answer.put(("done", result))
+    except BaseException as error:
+        answer.put(("error", _portable(error)))
+
+
+def _portable(error: BaseException) -> BaseException:
+    """An error as it can cross a process boundary: without its cause, and as DeviceError where its own kind cannot."""
+    error.__cause__ = error.__context__ = error.__traceback__ = None
+    if isinstance(error, Exception) and type(error).__module__.split(".")[0] in ("sim", "safety"):
+        return error
+    return DeviceError(f"the control process failed: {type(error).__name__}: {error}")

@@ -1,0 +1,268 @@
+"""A plan from the first check to the last log: `execute` is the one call that moves an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.driver import Driver
+from drivers.preflight import preflight
+from logs.recorder import Recorder, Recording
+from logs.recorder_process import RecorderProcess
+from safety.approach import SHARES, Joined, joined, move
+from safety.approval import approval_of, check_approval
+from safety.audit import record
+from safety.clear import ClearedTrajectory, Verdict, clear
+from safety.collision import Clearance
+from safety.guard import Cycle, Guard, Window
+from safety.latency import worst_latency
+from safety.plan import Plan, check_plan, hashes_of
+from safety.stages import STAGES, StageResult, gate, stages_due
+from safety.stop_sources import StopSignals, first_reason
+from safety.trip import MotionStopped
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.clock import SimulatedClock
+from sim.errors import CalibError, SafetyStop
+from sim.trajectory import Trajectory
+
+NEVER: Callable[[], str | None] = lambda: None  # noqa: E731
+PAUSE = 0.3
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What the run is doing: stage and motion in words, the share of that motion that is done, and the guard's cycle."""
+
+    what: str
+    share: float
+    cycle: Cycle | None
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a run left: the log of each motion at full speed, those of slower stages, and how closely the arm followed."""
+
+    folder: Path
+    logs: dict[str, Path]
+    rehearsals: tuple[Path, ...]
+    stages: tuple[StageResult, ...]
+    latency: float
+    approved_by: str
+    verdicts: dict[str, Verdict] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """One cleared piece of a run; `name` is the motion's, None for a move that is not recorded."""
+
+    cleared: ClearedTrajectory
+    what: str
+    name: str | None
+    first: int
+    last: int
+
+
+def execute(
+    plan: Plan,
+    cell: Cell,
+    arm: Arm,
+    driver_factory: Callable[[Cell, Arm], Driver],
+    folder: Path,
+    *,
+    audit: Path,
+    stages: Sequence[float] | None = None,
+    operator: str = "",
+    stop_asked: Callable[[], str | None] = NEVER,
+    watch: Callable[[Progress], None] = lambda progress: None,
+    now: Callable[[], datetime] = lambda: datetime.now(UTC),
+) -> Recorded:
+    """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
+
+    stages: speeds to drive at, those that are due by default; only a mock cell may skip any. stop_asked: asked every cycle, a
+    reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
+    way; whatever was recorded then is closed as aborted.
+    """
+    check_plan(plan, arm, cell)
+    approval = approval_of(plan)
+    if approval is None:
+        raise SafetyStop(f"{plan.folder}: nobody has approved this plan; look at it, then `calib record CELL PLAN` asks for it")
+    check_approval(approval, plan, arm, cell, now())
+    due = stages_due(plan, arm, cell, audit)
+    speeds = tuple(due if stages is None else stages)
+    if not (speeds and set(due) <= set(speeds) <= set(STAGES) and speeds == tuple(sorted(set(speeds)))):
+        raise SafetyStop(f"stages {list(speeds)}: this plan has to pass {list(due)} here, each once and slow ones first")
+    facts = {"plan": plan.sha256, "hashes": hashes_of(arm, cell).model_dump(), "arm": arm.name, "cell": cell.name}
+    by = operator or approval.approved_by
+    record(
+        audit,
+        "run begins",
+        now(),
+        **facts,
+        operator=by,
+        approved_by=approval.approved_by,
+        folder=str(folder),
+        stages=list(speeds),
+    )
+    try:
+        with StopSignals() as signals, driver_factory(cell, arm) as driver:
+            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_asked), watch)
+            result = run.drive(speeds, approval.approved_by)
+    except BaseException as error:
+        stopped = error.record() if isinstance(error, MotionStopped) else {}
+        record(audit, "run stopped", now(), **facts, reason=str(error) or type(error).__name__, stop=stopped)
+        raise
+    record(audit, "run completed", now(), **facts, logs=[str(p) for p in result.logs.values()])
+    if speeds == STAGES:
+        record(
+            audit, "stages passed", now(), plan=plan.sha256, hashes=facts["hashes"], stages=[asdict(s) for s in result.stages]
+        )
+    return result
+
+
+class _Run:
+    """One run of one plan on one connected driver."""
+
+    def __init__(
+        self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
+        stop_asked: Callable[[], str | None], watch: Callable[[Progress], None],
+    ) -> None:  # fmt: skip
+        self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
+        self.operator, self.stop_asked, self.watch = operator, stop_asked, watch
+        self.simulated = isinstance(driver.clock, SimulatedClock)
+        self.clearance = Clearance(arm, cell)
+        self.latency = 0.0 if self.simulated else worst_latency(driver.rate)
+        self.verdicts: dict[str, Verdict] = {}
+
+    def drive(self, speeds: Sequence[float], approved_by: str) -> Recorded:
+        """Preflight, clear everything, then stage after stage; back to where the cell wants the arm at the end."""
+        failed = [f"{c.name}: {c.detail} ({c.remedy})" for c in preflight(self.driver, self.cell) if c.ok is False]
+        if failed:
+            raise SafetyStop(f"{self.cell.name} is not ready: {'; '.join(failed)}")
+        guard = Guard(self.driver, self.arm, self.cell, self.clearance, self.stop_asked, self._watch_cycle, self.latency)
+        self._what = ""
+        legs = self._legs(guard.q, speeds)
+        logs: dict[str, Path] = {}
+        rehearsals: list[Path] = []
+        results: list[StageResult] = []
+        for i, speed in enumerate(speeds):
+            guard.monitor.reset_extremes()
+            for leg in legs[speed]:
+                path = self._leg(guard, leg, speed)
+                if path is not None and speed == STAGES[-1] and leg.name:
+                    logs[leg.name] = path
+                elif path is not None:
+                    rehearsals.append(path)
+            worst = guard.monitor.worst
+            results.append(StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))))
+            if i + 1 < len(speeds):
+                gate(results[-1], speeds[i + 1], self.arm, self.cell)
+        return Recorded(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
+
+    def _legs(self, q: np.ndarray, speeds: Sequence[float]) -> dict[float, list[_Leg]]:
+        """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""
+        legs: dict[float, list[_Leg]] = {}
+        total, done = len(speeds) * len(self.plan.motions) + 1, 0
+        for speed in speeds:
+            legs[speed] = []
+            for motion in self.plan.motions:
+                what = f"{motion.name} at {speed:.0%}" if speed < 1 else motion.name
+                self.watch(Progress(f"proving {what}", done / total, None))
+                legs[speed] += self._to_and_through(q, motion.trajectory.scaled(speed), what, motion.name)
+                q = legs[speed][-1].cleared.q[-1]
+                done += 1
+        target = self.cell.table.rest or self.cell.table.home
+        if target is not None and np.any(np.abs(np.array(target) - q) > 0):
+            legs[speeds[-1]].append(self._moved(q, np.array(target), "the retreat"))
+        return legs
+
+    def _to_and_through(self, q: np.ndarray, motion: Trajectory, what: str, name: str) -> list[_Leg]:
+        """Straight to the motion's beginning and through it; by way of the cell's home where the straight way is not proved."""
+        legs = []
+        try:
+            way = self._joined(q, motion, what)
+        except SafetyStop as straight:
+            if self.cell.table.home is None:
+                raise
+            home = np.array(self.cell.table.home)
+            try:
+                legs.append(self._moved(q, home, f"the way home before {what}"))
+                way = self._joined(home, motion, what)
+            except SafetyStop as around:
+                raise SafetyStop(f"{straight}; and by way of home: {around}") from straight
+        cleared = self._clear(way.trajectory, what)
+        first, last = (round(x * cleared.rate) for x in (way.begins, way.ends))
+        self.verdicts[what] = cleared.verdict
+        return [*legs, _Leg(cleared, what, name, first, last + 1)]
+
+    def _joined(self, q: np.ndarray, motion: Trajectory, what: str) -> Joined:
+        """The motion behind the fastest approach that is proved."""
+        refusal: SafetyStop | None = None
+        for share in SHARES:
+            way = joined(motion, q, self.arm, self.driver.rate, share)
+            try:
+                if way.approach is not None:
+                    self._clear(way.approach, f"the approach to {what}")
+                return way
+            except SafetyStop as error:
+                refusal = error
+        raise refusal or SafetyStop(f"{what}: there is no way to it")
+
+    def _moved(self, q: np.ndarray, target: np.ndarray, what: str) -> _Leg:
+        """From rest to rest, by the fastest straight move that is proved."""
+        refusal: SafetyStop | None = None
+        for share in SHARES:
+            try:
+                return _Leg(self._clear(move(q, target, self.arm, self.driver.rate, share), what), what, None, 0, 0)
+            except SafetyStop as error:
+                refusal = error
+        raise refusal or SafetyStop(f"{what}: there is no way")
+
+    def _clear(self, way: Trajectory, what: str) -> ClearedTrajectory:
+        try:
+            return clear(way, self.arm, self.cell, self.driver.rate, self.driver.device_stop, self.latency, self.clearance)
+        except SafetyStop as error:
+            raise SafetyStop(f"{what}: {error}") from error
+
+    def _leg(self, guard: Guard, leg: _Leg, speed: float) -> Path | None:
+        self._what = leg.what
+        if leg.name is None:
+            guard.run(leg.cleared, leg.what)
+            return None
+        place = self.folder if speed == STAGES[-1] else self.folder / f"rehearsal-{round(100 * speed)}"
+        place.mkdir(parents=True, exist_ok=True)
+        path = place / f"{leg.name}.mcap"
+        log = self._recording(path, leg, speed)
+        try:
+            guard.run(leg.cleared, leg.what, Window(log, leg.first, leg.last))
+        except BaseException as error:
+            try:
+                log.close(str(error) or type(error).__name__)
+            except CalibError as second:
+                error.add_note(str(second))
+            raise
+        log.close()
+        guard.hold(PAUSE, f"after {leg.what}")
+        return path
+
+    def _recording(self, path: Path, leg: _Leg, speed: float) -> Recording:
+        info, table = self.driver.info, self.cell.table
+        metadata: dict[str, Any] = {
+            "arm": self.arm.name, "arm_sha256": self.arm.sha256, "cell": self.cell.name, "cell_sha256": self.cell.sha256,
+            "driver": table.driver, "device": info.model, "serial": info.serial, "firmware": info.firmware,
+            "rate": self.driver.rate, "torque_source": info.torque_source,
+            "payload": table.payload.model_dump() if table.payload else None,
+            "device_payload_mass": info.payload_mass, "device_payload_com": info.payload_com, "mounting": info.gravity,
+            "operator": self.operator, "plan": self.plan.sha256, "motion": leg.name, "speed": speed, **info.extra,
+        }  # fmt: skip
+        kept = {key: value for key, value in metadata.items() if value is not None}
+        kind = Recorder if self.simulated else RecorderProcess
+        return kind(path, self.arm.joint_names, kept)
+
+    def _watch_cycle(self, cycle: Cycle) -> None:
+        self.watch(Progress(self._what, (cycle.k + 1) / cycle.count, cycle))

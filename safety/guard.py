@@ -1,0 +1,279 @@
+"""The only caller of `Driver.send`: one cleared sample a period, every reading asked, and a bounded stop whatever goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.driver import Driver
+from logs.recorder import ERROR, Recording
+from safety.clear import ClearedTrajectory, require_cleared
+from safety.collision import Clearance
+from safety.monitor import Monitor
+from safety.stopping import Stop, stop_from
+from safety.trip import LastSamples, MotionStopped, Standstill, Trip
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import CalibError, SafetyStop
+from sim.joint_state import JointState, Status
+
+START_ANGLE = 0.01
+START_SPEED = 0.02
+JOIN = 1e-6
+# What a device may change of a command by its own quantisation, rad
+QUANTISATION = 2e-3
+STANDSTILL = 0.02
+STANDING_CYCLES = 5
+REST_TIME = 2.0
+SWITCH_ON_TIME = 1.0
+# The arm must be seen to slow down this long after the first slower command, else the device is told to stop by itself
+SLOWER_AFTER = 0.2
+
+
+@dataclass(frozen=True)
+class Window:
+    """What part of a motion is recorded: samples first to last (excluded), into `recording`."""
+
+    recording: Recording
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What the loop tells those who watch: sample k of count, the last reading, and the last command."""
+
+    k: int
+    count: int
+    state: JointState
+    q_cmd: np.ndarray
+
+
+class Guard:
+    """Drives cleared motions of one connected driver, one after another, each beginning where the last one ended.
+
+    `stop_asked()` returns the reason for which someone wants a stop, or None; it is asked every cycle. `watch` is told of every
+    cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        arm: Arm,
+        cell: Cell,
+        clearance: Clearance,
+        stop_asked: Callable[[], str | None] = lambda: None,
+        watch: Callable[[Cycle], None] = lambda cycle: None,
+        latency: float = 0.0,
+    ) -> None:
+        self._driver, self._arm, self._stop_asked, self._watch = driver, arm, stop_asked, watch
+        self._zero = np.zeros(arm.n)
+        self._samples = LastSamples()
+        self._ended: str | None = None
+        self._record: Recording | None = None
+        self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
+        first = self._first_reading()
+        self._q_cmd, self._dq_cmd = first.q.copy(), self._zero
+        self.engaged = driver.engage()
+        if first.status is not Status.RUNNING:
+            first = self._following()
+        self.monitor = Monitor(arm, cell, driver.rate, clearance, first, latency)
+        self._settled = False
+
+    @property
+    def q(self) -> np.ndarray:
+        """(n,) rad: the last command, or where the arm stood when the guard began."""
+        return self._q_cmd.copy()
+
+    def _first_reading(self) -> JointState:
+        state = self._driver.read()
+        if state.status not in self._driver.ready:
+            raise SafetyStop(f"before motion: {state.status.value}; bring the device to its running state and start again")
+        if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
+            raise SafetyStop("before motion: the first reading is not complete; check the driver")
+        if not (np.abs(state.dq) <= self._noise).all():
+            raise SafetyStop(f"before motion: the arm moves at {state.dq.tolist()} rad/s; wait until it stands still")
+        self._samples.add(state)
+        return state
+
+    def _following(self) -> JointState:
+        """After `engage`, hold the arm where it is until the device says that it follows."""
+        state = self._samples.states[-1]
+        for _ in range(round(SWITCH_ON_TIME * self._driver.rate)):
+            self._send(self._q_cmd, self._zero)
+            state = self._first_reading()
+            if state.status is Status.RUNNING:
+                return state
+        self._driver.stop()
+        raise SafetyStop(
+            f"before motion: {state.status.value}, after {SWITCH_ON_TIME:g} s of commands to hold still; check the drives"
+        )
+
+    def run(self, motion: ClearedTrajectory, what: str, window: Window | None = None) -> None:
+        """Send every sample of a motion that `clear` made; MotionStopped after a bounded stop where a rule was broken.
+
+        Whatever else goes wrong (driver, disk, a bug, an exception from `watch`) also ends in the bounded stop before it is raised.
+        """
+        motion = require_cleared(motion, self._arm, self._driver.rate)
+        self._refuse_after_stop()
+        self._check_start(motion, what)
+        expected: tuple[np.ndarray | None, np.ndarray | None] = (motion.tau_hat[0], motion.doubt[0])
+        k = -1
+        try:
+            for k in range(len(motion)):
+                trip = self._cycle(window, k, *expected) or self._asked()
+                if trip is not None:
+                    self._stop(motion, k - 1, trip, what)
+                self._send(motion.q[k], motion.dq[k])
+                expected = motion.tau_hat[k], motion.doubt[k]
+                self._watch(Cycle(k, len(motion), self._samples.states[-1], self._q_cmd))
+        except MotionStopped:
+            raise
+        except BaseException as error:
+            self._stop(motion, k - 1, _trip_of(error), what, error)
+        finally:
+            self._record = None
+
+    def hold(self, seconds: float, what: str) -> None:
+        """Stand at the last command for `seconds`, watched as in motion."""
+        self._refuse_after_stop()
+        try:
+            for _ in range(max(1, round(seconds * self._driver.rate))):
+                trip = self._cycle(None, 0, None, None) or self._asked()
+                if trip is not None:
+                    self._stop(None, -1, trip, what)
+                self._send(self._q_cmd, self._zero)
+        except MotionStopped:
+            raise
+        except BaseException as error:
+            self._stop(None, -1, _trip_of(error), what, error)
+
+    def _refuse_after_stop(self) -> None:
+        if self._ended is not None:
+            raise SafetyStop(f"the arm was stopped ({self._ended}); look at the cause and start a new run")
+
+    def _check_start(self, motion: ClearedTrajectory, what: str) -> None:
+        allowed = JOIN if self._settled else START_ANGLE
+        gap = np.abs(motion.q[0] - self._q_cmd)
+        if not ((gap <= allowed).all() and (np.abs(motion.dq[0] - self._dq_cmd) <= JOIN).all()):
+            j = int(np.argmax(gap))
+            raise SafetyStop(
+                f"{what}: begins {gap[j]:.4g} rad away from where {self._arm.joint_names[j]} is, or at another speed; "
+                "an approach must bring the arm to its beginning"
+            )
+        self._settled = True
+
+    def _cycle(self, window: Window | None, k: int, tau_hat: np.ndarray | None, doubt: np.ndarray | None) -> Trip | None:
+        """Read, record, ask the monitor."""
+        state = self._driver.read()
+        self._samples.add(state)
+        if window is not None:
+            self._record = window.recording if window.first <= k < window.last else None
+        if self._record is not None:
+            self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
+        return self.monitor.check(state, self._driver.clock.now(), self._q_cmd, tau_hat, doubt)
+
+    def _asked(self) -> Trip | None:
+        reason = self._stop_asked()
+        return None if reason is None else Trip("stop asked for:", reason, "none", "", "start again when the cause is gone")
+
+    def _send(self, q: np.ndarray, dq: np.ndarray) -> None:
+        sent = self._driver.send(q, dq, self._zero)
+        if not (np.shape(sent) == q.shape and (np.abs(sent - q) <= QUANTISATION).all()):
+            raise SafetyStop(f"the driver sent {sent!r} instead of {q!r}; it must send a command or raise")
+        self._q_cmd, self._dq_cmd = q, dq
+
+    def _stop(
+        self, motion: ClearedTrajectory | None, k: int, trip: Trip, what: str, cause: BaseException | None = None
+    ) -> None:
+        """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was told to stop."""
+        self._ended = str(trip)
+        begin = self._samples.states[-1]
+        good = self._samples.states[-2] if len(self._samples.states) > 1 else begin
+        standstill: Standstill | None = None
+        try:
+            stop = Stop("standing", self._q_cmd[None], self._zero[None], 1.0 / self._driver.rate)
+            if motion is not None and k >= 0:
+                stop = stop_from(motion, k, self._arm)
+            standstill = self._drive(stop, begin, good.q)
+        except Exception as error:
+            trip = Trip(trip.quantity, trip.value, trip.limit, trip.unit, f"{trip.remedy}; the stop met {error}", trip.joint)
+        finally:
+            self._driver.stop()
+        if standstill is None or not standstill.at_rest:
+            standstill = self._watch_device_stop(begin, good.q, standstill)
+        self._note(trip, begin)
+        where = f"{what}, sample {max(k, 0)}"
+        raise MotionStopped(trip, begin.t_device, standstill, self._samples.latest(), where) from cause
+
+    def _drive(self, stop: Stop, begin: JointState, good: np.ndarray) -> Standstill:
+        """Send the stop's commands and wait until the arm stands; gives up early where it does not slow down."""
+        planned = float(np.max(np.abs(self._dq_cmd)))
+        start_speed = float(np.max(np.abs(begin.dq)))
+        still, state = 0, begin
+        rest = round(REST_TIME * self._driver.rate)
+        for i in range(len(stop.q) + rest):
+            k = min(i, len(stop.q) - 1)
+            self._send(stop.q[k], stop.dq[k] if i < len(stop.q) else self._zero)
+            state = self._read_in_stop()
+            if state.status is not Status.RUNNING:
+                break
+            speed = float(np.max(np.abs(state.dq)))
+            still = still + 1 if bool((np.abs(state.dq) <= self._noise).all()) else 0
+            if i >= len(stop.q) - 1 and still >= STANDING_CYCLES:
+                break
+            told = float(np.max(np.abs(self._dq_cmd)))
+            if (i + 1) * stop.period > SLOWER_AFTER and told < 0.5 * planned and not speed < start_speed:
+                break
+        return _standstill(stop.kind, begin, state, good, stop.time, stop.q[-1] - good, still >= STANDING_CYCLES)
+
+    def _read_in_stop(self) -> JointState:
+        state = self._driver.read()
+        self._samples.add(state)
+        if self._record is not None:
+            self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
+        if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
+            raise SafetyStop("a reading during the stop is not complete")
+        return state
+
+    def _watch_device_stop(self, begin: JointState, good: np.ndarray, own: Standstill | None) -> Standstill:
+        """After the device was told to stop by itself: watch until it stands, for as long as its own stop may take."""
+        device = self._driver.device_stop
+        speed = float(np.max(np.abs(self._dq_cmd)))
+        time = device.reaction + speed / device.deceleration
+        angle = self._dq_cmd * (device.reaction + speed / (2 * device.deceleration))
+        still, state, readings = 0, begin, round((time + REST_TIME) * self._driver.rate)
+        for _ in range(readings):
+            try:
+                state = self._driver.read()
+            except CalibError:
+                break
+            self._samples.add(state)
+            still = still + 1 if bool((np.abs(state.dq) <= self._noise).all()) else 0
+            if still >= STANDING_CYCLES:
+                break
+        kind = "the device's own stop" if own is None else f"{own.stop}, then the device's own stop"
+        return _standstill(kind, begin, state, good, time, self._q_cmd + angle - good, still >= STANDING_CYCLES)
+
+    def _note(self, trip: Trip, begin: JointState) -> None:
+        """The reason into the log, where there is one; a disk that fails now cannot hold up anything any more."""
+        if self._record is not None:
+            try:
+                self._record.event(ERROR, "safety", str(trip), begin.t_device)
+            except CalibError as error:
+                self._ended = f"{self._ended}; and the log: {error}"
+
+
+def _standstill(
+    kind: str, begin: JointState, end: JointState, good: np.ndarray, time: float, angle: np.ndarray, at_rest: bool
+) -> Standstill:
+    travelled = tuple((end.q - good).tolist()) if np.shape(end.q) == np.shape(good) else ()
+    return Standstill(kind, end.t_device - begin.t_device, travelled, time, tuple(angle.tolist()), at_rest)
+
+
+def _trip_of(error: BaseException) -> Trip:
+    if isinstance(error, CalibError):
+        return Trip("refused or failed:", str(error), "none", "", "see the cause")
+    return Trip(f"{type(error).__name__}:", str(error) or "raised", "none", "", "this is a fault of the program: report it")

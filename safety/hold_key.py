@@ -1,0 +1,65 @@
+"""Hold to run: the arm moves only while a key of the terminal is held down; a terminal repeats a held key."""
+
+from __future__ import annotations
+
+import os
+import select
+import termios
+import threading
+import tty
+from types import TracebackType
+from typing import Any, Self
+
+from safety.stop_sources import Heartbeat
+
+# Terminals wait before they begin to repeat a key, then repeat it at 10 Hz or faster
+FIRST_REPEAT = 0.8
+RELEASED = 0.25
+KEY = b" "
+
+
+class HoldKey:
+    """While entered, watches `stream` (a terminal) for its space bar; without a stream it never asks for a stop.
+
+    Waits on entering until the key is pressed. `reason()` says that it was released, and from then on always.
+    """
+
+    def __init__(self, stream: Any = None) -> None:
+        self._stream, self._over = stream, threading.Event()
+        self._first = Heartbeat("the space bar was released", FIRST_REPEAT)
+        self._heart: Heartbeat = self._first
+
+    def __enter__(self) -> Self:
+        if self._stream is not None:
+            self._fd = self._stream.fileno()
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+            while not self._pressed(None):
+                continue
+            self._first.beat()
+            self._thread = threading.Thread(target=self._listen, daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._stream is not None:
+            self._over.set()
+            self._thread.join()
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def reason(self) -> str | None:
+        """That the key was released, or None."""
+        return None if self._stream is None else self._heart.reason()
+
+    def _listen(self) -> None:
+        repeats = 0
+        while not self._over.is_set():
+            if self._pressed(0.02):
+                repeats += 1
+                self._heart.beat()
+                if repeats == 2 and self._first.reason() is None:
+                    self._heart = Heartbeat("the space bar was released", RELEASED)
+
+    def _pressed(self, wait: float | None) -> bool:
+        ready, _, _ = select.select([self._fd], [], [], wait)
+        return bool(ready) and KEY in os.read(self._fd, 100)

@@ -1,0 +1,200 @@
+"""Is what the arm does what it was told? Asked of every reading; every rule is written so that NaN breaks it.
+
+Values that a device does not report (NaN in its first reading) are not asked for; once reported, they must go on being reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safety.collision import Clearance
+from safety.trip import Trip
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.joint_state import JointState, Status
+
+PERIODS = 3.5
+# Below the 5 deg and 1.15 deg/s by which a UR controller lets a joint exceed its own safety limits, so that this trips first
+# (Universal Robots e-Series user manual, "Safety-related functions and interfaces", tolerances).
+Q_OVER = 0.05
+DQ_OVER = 0.02
+SIGMAS = 6.0
+TEMPERATURE_MAX = 75.0
+RESIDUAL = 0.3
+RESIDUAL_STEP = 0.15
+SLOW = 0.5
+FROZEN = 10
+WINDOW = 5
+CLEARANCE_EVERY = 0.05
+# Servo loops follow late (UR servoj: its lookahead time, 0.1 s): a joint may be where it was told to be within this time
+DELAY = 0.1
+
+
+class Monitor:
+    """Rules for one run; `check` after every reading, in order."""
+
+    def __init__(
+        self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float = 0.0
+    ) -> None:
+        n = arm.n
+        self.arm, self._period = arm, 1.0 / rate
+        self._late = max(PERIODS * self._period, latency + self._period)
+        noise = np.array(arm.sensors.velocity_noise)
+        self._q_lo, self._q_hi = arm.q_min - Q_OVER, arm.q_max + Q_OVER
+        self._dq_hi = arm.dq_max + DQ_OVER + SIGMAS * noise
+        self._jump = 1.5 * arm.dq_max
+        self._grain = 10 * arm.sensors.encoder_resolution + 1e-4
+        self._follow = cell.table.motion.following_error_max
+        self._dq_doubt = 0.1 * arm.dq_max + 0.04 * arm.ddq_max + SIGMAS * noise
+        self._moving = np.maximum(0.02, 8 * noise)
+        friction = np.array(
+            [(e.parameters["coulomb"] if (e := arm.effect("coulomb_friction", j)) else 0.0) for j in arm.joint_names]
+        )
+        torque_noise = SIGMAS * np.array(arm.sensors.torque_noise)
+        self._residual = RESIDUAL * arm.tau_max + torque_noise
+        self._step = RESIDUAL_STEP * arm.tau_max + 2 * friction + 2 * torque_noise
+        self._blend = self._period / SLOW
+        self._clearance, self._every = clearance, max(1, round(CLEARANCE_EVERY * rate))
+        self._has_tau = np.isfinite(self._torque(first))
+        self._has_temperature = np.isfinite(first.temperature)
+        self._n, self._count = n, 0
+        self._last = first
+        self._frozen = np.zeros(n, dtype=int)
+        self._window: list[JointState] = []
+        self._slow: np.ndarray | None = None
+        self._told = np.tile(first.q, (max(2, round(DELAY * rate)), 1))
+        self.worst = {"following error": np.zeros(n), "residual": np.zeros(n)}
+
+    def check(
+        self,
+        state: JointState,
+        now: float,
+        q_cmd: np.ndarray,
+        tau_hat: np.ndarray | None = None,
+        doubt: np.ndarray | None = None,
+    ) -> Trip | None:
+        """The first rule that `state` breaks, or None.
+
+        now s on the host's clock; q_cmd (n,) rad the last command; tau_hat +- doubt (n,) N m the torque that it should take, None
+        while the arm stands.
+        """
+        trip = (
+            self._check_device(state, now)
+            or self._check_motion(state, q_cmd)
+            or self._check_feedback(state)
+            or self._check_torque(state, tau_hat, doubt)
+            or self._check_clearance(state)
+        )
+        self._count += 1
+        self._last = state
+        return trip
+
+    def reset_extremes(self) -> None:
+        """Forget the worst values, at the beginning of a stage."""
+        for values in self.worst.values():
+            values[:] = 0.0
+
+    def _check_device(self, state: JointState, now: float) -> Trip | None:
+        if state.status is not Status.RUNNING:
+            said = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
+            return Trip("device status", said, Status.RUNNING.value, "", "find the cause at the device before anything else")
+        if not (state.n == self._n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
+            return self._trip(
+                "reading", ~np.isfinite(state.q + state.dq) if state.n == self._n else None, "not a number", "finite", ""
+            )
+        step = state.t_device - self._last.t_device
+        if not 0 < step <= PERIODS * self._period:
+            return Trip("device time between readings", float(step), PERIODS * self._period, "s",
+                        "readings are stale or lost: check cable, network and load of the computer")  # fmt: skip
+        age = now - state.t
+        if not -self._period <= age <= self._late:
+            return Trip("age of the reading", float(age), self._late, "s", "this computer is late: stop other work on it")
+        if self._has_temperature.any():
+            fine = (state.temperature <= TEMPERATURE_MAX) | ~self._has_temperature
+            if not fine.all():
+                return self._trip("temperature", ~fine, state.temperature, TEMPERATURE_MAX, "degC", "let the arm cool down")
+        return None
+
+    def _check_motion(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
+        q, dq = state.q, state.dq
+        moved = np.abs(q - self._last.q)
+        allowed = self._jump * (state.t_device - self._last.t_device) + self._grain
+        if not (moved <= allowed).all():
+            return self._trip(
+                "jump of the position between two readings", ~(moved <= allowed), moved, allowed, "rad", "check the encoder"
+            )
+        inside = (self._q_lo <= q) & (q <= self._q_hi)
+        if not inside.all():
+            limit = np.where(q > 0, self._q_hi, self._q_lo)
+            return self._trip("position", ~inside, q, limit, "rad", "move the joint back by the device's own controls")
+        fast = np.abs(dq)
+        if not (fast <= self._dq_hi).all():
+            return self._trip("speed", ~(fast <= self._dq_hi), fast, self._dq_hi, "rad/s", "plan a slower motion")
+        self._told[self._count % len(self._told)] = q_cmd
+        error = np.maximum(self._told.min(axis=0) - q, q - self._told.max(axis=0))
+        error = np.maximum(error, 0.0)
+        np.fmax(self.worst["following error"], error, out=self.worst["following error"])
+        if not (error <= self._follow).all():
+            return self._trip("following error", ~(error <= self._follow), error, self._follow, "rad",
+                              "look for contact, a wrong payload or a brake; plan a slower motion if there is none")  # fmt: skip
+        return None
+
+    def _check_feedback(self, state: JointState) -> Trip | None:
+        stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
+        self._frozen = np.where(stuck, self._frozen + 1, 0)
+        if not (self._frozen < FROZEN).all():
+            return self._trip("readings with the same position at speed", self._frozen >= FROZEN, self._frozen.astype(float),
+                              float(FROZEN), "", "the encoder's value is frozen: check its cable")  # fmt: skip
+        self._window.append(state)
+        if len(self._window) > WINDOW:
+            old = self._window.pop(0)
+            mean = sum((s.dq for s in self._window), np.zeros(self._n)) / WINDOW
+            off = np.abs((state.q - old.q) / (state.t_device - old.t_device) - mean)
+            if not (off <= self._dq_doubt).all():
+                return self._trip("speed against change of position", ~(off <= self._dq_doubt), off, self._dq_doubt, "rad/s",
+                                  "check sign, unit and gear ratio of the encoder")  # fmt: skip
+        return None
+
+    def _check_torque(self, state: JointState, tau_hat: np.ndarray | None, doubt: np.ndarray | None) -> Trip | None:
+        if tau_hat is None or doubt is None or not self._has_tau.any():
+            return None
+        residual = np.where(self._has_tau, self._torque(state) - tau_hat, 0.0)
+        size, band = np.abs(residual), self._residual + doubt
+        np.fmax(self.worst["residual"], size / self.arm.tau_max, out=self.worst["residual"])
+        if not (size <= band).all():
+            return self._trip(
+                "torque beside expectation", ~(size <= band), size, band, "N m", "look for contact or a wrong payload"
+            )
+        if self._slow is None:
+            self._slow = residual.copy()
+        self._slow = self._slow + self._blend * (residual - self._slow)
+        change, allowed = np.abs(residual - self._slow), self._step + doubt
+        if not (change <= allowed).all():
+            return self._trip("sudden change of torque beside expectation", ~(change <= allowed), change, allowed, "N m",
+                              "look for contact or a lost payload")  # fmt: skip
+        return None
+
+    def _check_clearance(self, state: JointState) -> Trip | None:
+        if self._count % self._every or not self._clearance.pairs:
+            return None
+        spare = self._clearance.distances(state.q) - self._clearance.margin / 2
+        if not (spare >= 0).all():
+            p = int(np.argmin(spare))
+            margin = float(self._clearance.margin[p])
+            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(spare[p]) + margin / 2, margin / 2, "m",
+                        "the arm is not where it was sent: look for a following error or a wrong model")  # fmt: skip
+        return None
+
+    def _torque(self, state: JointState) -> np.ndarray:
+        """Measured torque (n,) N m; from the current where only that is reported, NaN where neither is."""
+        if self.arm.torque_constant is None:
+            return state.tau
+        return np.where(np.isfinite(state.tau), state.tau, self.arm.torque_constant * state.current)
+
+    def _trip(
+        self, quantity: str, broken: np.ndarray | None, value: np.ndarray | str, limit: np.ndarray | float | str, unit: str,
+        remedy: str = "check the driver",
+    ) -> Trip:  # fmt: skip
+        j = None if broken is None or not broken.any() else int(np.argmax(broken))
+        at, most = (float(x[j]) if isinstance(x, np.ndarray) and j is not None else x for x in (value, limit))
+        return Trip(quantity, at, most, unit, remedy, None if j is None else self.arm.joint_names[j])  # type: ignore[arg-type]

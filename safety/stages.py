@@ -1,0 +1,66 @@
+"""A plan is driven slowly first: 10, 25, 50, then 100 % of its speed, the path kept, each stage a condition of the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from safety.audit import verify
+from safety.monitor import RESIDUAL
+from safety.plan import Plan, hashes_of
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+
+STAGES = (0.1, 0.25, 0.5, 1.0)
+# Share of the allowed torque residual above which no faster stage is begun
+RESIDUAL_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """How closely the arm followed at one speed: worst following error (n,) rad, worst torque residual (n,) share of tau_max."""
+
+    speed: float
+    following_error: tuple[float, ...]
+    residual: tuple[float, ...]
+
+
+def gate(result: StageResult, faster: float, arm: Arm, cell: Cell) -> None:
+    """SafetyStop unless what was seen at one speed lets expect that the next stays inside its limits.
+
+    Following error grows with speed, so it is scaled by the ratio of speeds; a torque residual is a wrong model at any speed.
+    """
+    error = np.array(result.following_error) * faster / result.speed
+    limit = cell.table.motion.following_error_max
+    if not (error <= limit).all():
+        j = int(np.argmax(error))
+        raise SafetyStop(
+            f"{arm.joint_names[j]}: following error {result.following_error[j]:.4g} rad at {result.speed:.0%} of the speed lets expect "
+            f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion, or raise motion.following_error_max in "
+            f"{cell.path.name} if the arm really follows so late"
+        )
+    residual, most = np.array(result.residual), RESIDUAL_SHARE * RESIDUAL
+    if not (residual <= most).all():
+        j = int(np.argmax(residual))
+        raise SafetyStop(
+            f"{arm.joint_names[j]}: torque is {residual[j]:.0%} of its maximum away from expectation at {result.speed:.0%} of the speed, "
+            f"more than {most:.0%}; declare the payload that is really mounted, check the mounting, or look for contact"
+        )
+
+
+def stages_due(plan: Plan, arm: Arm, cell: Cell, audit: Path) -> tuple[float, ...]:
+    """The stages that this plan still has to pass in this cell: all of them before its first full run, then only the last.
+
+    The mock needs none: nothing stands beside it.
+    """
+    if cell.table.driver == "mock":
+        return STAGES[-1:]
+    hashes = hashes_of(arm, cell).model_dump()
+    for entry in verify(audit):
+        facts = entry["facts"]
+        if entry["event"] == "stages passed" and facts.get("plan") == plan.sha256 and facts.get("hashes") == hashes:
+            return STAGES[-1:]
+    return STAGES

@@ -1,0 +1,83 @@
+"""Who may ask for a stop: signals, a released dead-man key, a heartbeat that has ended."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from types import FrameType, TracebackType
+from typing import Self
+
+from sim.clock import Clock, MonotonicClock
+
+REASONS = {
+    signal.SIGINT: "Ctrl-C",
+    signal.SIGTERM: "the program was told to end (SIGTERM)",
+    signal.SIGHUP: "the terminal was closed (SIGHUP)",
+}
+HEARTBEAT = 0.15
+
+
+class StopSignals:
+    """While entered, SIGINT, SIGTERM and SIGHUP ask for a stop and do nothing else, however often they come.
+
+    In a thread other than the main one no handler can be set; such a caller brings its own sources.
+    """
+
+    def __init__(self) -> None:
+        self._reason: str | None = None
+        self._before: dict[int, object] = {}
+        self.count = 0
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in REASONS:
+                self._before[number] = signal.signal(number, self._ask)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+        self._before.clear()
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self._reason = self._reason or REASONS[signal.Signals(number)]
+        self.count += 1
+
+    def reason(self) -> str | None:
+        """The first signal's name, or None."""
+        return self._reason
+
+
+class Heartbeat:
+    """Asks for a stop once `beat` was not called for `limit` s: a dead-man key that was released, or a watcher that died.
+
+    What was missed once stays missed: a heartbeat that returns does not take the stop back.
+    """
+
+    def __init__(self, what: str, limit: float = HEARTBEAT, clock: Clock | None = None) -> None:
+        self._what, self._limit, self._clock = what, limit, clock or MonotonicClock()
+        self._last, self._missed = self._clock.now(), False
+
+    def beat(self) -> None:
+        """Still held, still alive."""
+        self._last = self._clock.now()
+
+    def reason(self) -> str | None:
+        """What has ended, or None."""
+        if not self._clock.now() - self._last <= self._limit:
+            self._missed = True
+        return self._what if self._missed else None
+
+
+def first_reason(*sources: Callable[[], str | None]) -> Callable[[], str | None]:
+    """One source out of several: the first reason that any of them has."""
+
+    def reason() -> str | None:
+        for source in sources:
+            found = source()
+            if found is not None:
+                return found
+        return None
+
+    return reason

@@ -1,0 +1,80 @@
+"""Why a motion was stopped: one sentence for people, and the numbers for machines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from sim.errors import SafetyStop
+from sim.joint_state import JointState
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A rule that was broken: joint (or None), quantity, its value and limit in `unit`, and what to look for."""
+
+    quantity: str
+    value: float | str
+    limit: float | str
+    unit: str
+    remedy: str
+    joint: str | None = None
+
+    def __str__(self) -> str:
+        value, limit = (f"{x:.4g}" if isinstance(x, float) else x for x in (self.value, self.limit))
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.joint + ': ' if self.joint else ''}{self.quantity} {value}{unit}, limit {limit}{unit}; {self.remedy}"
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """How the arm came to rest: which stop, s from the reading that showed the fault to standstill, rad travelled by each joint.
+
+    Angles are counted from the last good reading; predicted_time s and predicted_angle rad are those of the commanded stop.
+    """
+
+    stop: str
+    time: float
+    angle: tuple[float, ...]
+    predicted_time: float
+    predicted_angle: tuple[float, ...]
+    at_rest: bool
+
+
+class MotionStopped(SafetyStop):
+    """A motion that was stopped on the way, with the trip, how the arm came to rest, and the last samples before."""
+
+    def __init__(self, trip: Trip, t: float, standstill: Standstill, samples: tuple[JointState, ...], where: str) -> None:
+        rest = f"standing after {standstill.time:.3f} s" if standstill.at_rest else "NOT seen to stand still: look at the arm"
+        super().__init__(f"stopped in {where} at t={t:.3f} s: {trip} ({standstill.stop}, {rest})")
+        self.trip, self.t, self.standstill, self.samples, self.where = trip, t, standstill, samples, where
+
+    def __reduce__(self) -> tuple[type[MotionStopped], tuple[Any, ...]]:
+        return MotionStopped, (self.trip, self.t, self.standstill, self.samples, self.where)
+
+    def record(self) -> dict[str, Any]:
+        """The stop as JSON-ready values, without the samples."""
+        trip, rest = self.trip, self.standstill
+        return {
+            "where": self.where, "t": self.t, "joint": trip.joint, "quantity": trip.quantity, "value": trip.value,
+            "limit": trip.limit, "unit": trip.unit, "stop": rest.stop, "stop_time": rest.time, "stop_angle": list(rest.angle),
+            "at_rest": rest.at_rest,
+        }  # fmt: skip
+
+
+@dataclass
+class LastSamples:
+    """The last `most` readings, oldest first."""
+
+    most: int = 50
+    states: list[JointState] = field(default_factory=list)
+
+    def add(self, state: JointState) -> None:
+        """Keep one more reading, forget the oldest."""
+        self.states.append(state)
+        if len(self.states) > 2 * self.most:
+            del self.states[: -self.most]
+
+    def latest(self) -> tuple[JointState, ...]:
+        """The last `most` readings."""
+        return tuple(self.states[-self.most :])

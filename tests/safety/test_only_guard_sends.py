@@ -1,0 +1,40 @@
+"""Proved on the source: `Guard` is the only caller of `Driver.send`, and only `clear` makes a ClearedTrajectory."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def calls(package: str, name: str) -> set[str]:
+    """Files of a package in which something called `name` is called or fetched by name."""
+    found = set()
+    for file in sorted((ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text())):
+            called = isinstance(node, ast.Attribute) and node.attr == name
+            named = isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Load)
+            spelled = isinstance(node, ast.Constant) and node.value == name
+            if called or named or spelled:
+                found.add(file.relative_to(ROOT).as_posix())
+    return found
+
+
+def test_only_the_guard_sends() -> None:
+    assert calls("safety", "send") == {"safety/guard.py"}
+    assert calls("calib", "send") == set()
+
+
+def test_nobody_reaches_for_methods_by_computed_names_where_motion_is_commanded() -> None:
+    """`getattr(driver, "se" + "nd")` would pass the test above."""
+    for name in ("guard", "execution", "control", "monitor", "stopping"):
+        tree = ast.parse((ROOT / "safety" / f"{name}.py").read_text())
+        names = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+        assert not names & {"getattr", "eval", "exec", "__import__"}
+
+
+def test_only_clear_seals() -> None:
+    assert calls("safety", "_SEAL") == {"safety/clear.py"}
+    assert calls("calib", "_SEAL") == set()
+    assert calls("calib", "_CLEARED") == set()
