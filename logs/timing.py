@@ -52,7 +52,7 @@ def unwrapped(t: np.ndarray, damage: Damage) -> np.ndarray:
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0)
     forward = steps[steps > 0]
-    if not len(back) or len(forward) < len(steps) // 2:
+    if not len(back) or not len(forward) or len(forward) < len(steps) // 2:
         return t
     median = float(np.median(forward))
     for period in WRAP_PERIODS:

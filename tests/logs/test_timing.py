@@ -85,6 +85,11 @@ def test_any_other_step_back_is_refused(back):
         checked(t)
 
 
+def test_a_single_step_back_is_refused():
+    with pytest.raises(BadLog, match="sample 1: device time runs back"):
+        checked([1.0, 0.5])
+
+
 def test_gaps_duplicates_and_skew_are_told():
     device, host = clocks(skew=-300e-6)
     keep = np.r_[0:1000, 1005:1005, 1020:20_000]

@@ -1,0 +1,1 @@
+"""The measured figures, one module for each part; `python -m benchmarks` prints the table."""
