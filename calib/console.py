@@ -28,6 +28,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for 
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; runs/<utc>-<arm>-<verb>/ if not given.")
 ]
+AcceptPartial = Annotated[
+    bool,
+    typer.Option(
+        "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; says what is missing."
+    ),
+]
 Configs = Annotated[
     Path | None,
     typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),

@@ -22,6 +22,7 @@ def command(
     cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
     no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
+    accept_partial: console.AcceptPartial = False,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -37,15 +38,15 @@ def command(
     from calib.identification.calibrated import write_calibrated
     from calib.identification.identify import Options, identify
     from calib.identification.outcome import evidence, gap_table, parameter_table
+    from calib.recordings import read_logs
     from calib.report import identification as page
-    from logs import read_log
     from sim.arm import load_arm
 
     nominal = load_arm(arm, configs)
     folder = new_run(nominal, "identify", out)
     with console.progress("identify") as advance:
-        logs = [read_log(path, nominal.joint_names) for path in log]
-        held = [read_log(path, nominal.joint_names) for path in holdout or []]
+        logs = read_logs(log, nominal, accept_partial)
+        held = read_logs(holdout or [], nominal, accept_partial)
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
         found = identify(
             nominal, logs, held, options, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)

@@ -16,6 +16,7 @@ def command(
     log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
     cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
+    accept_partial: console.AcceptPartial = False,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -28,14 +29,14 @@ def command(
 
         calib validate runs/first/arm validation.mcap
     """
+    from calib.recordings import read_logs
     from calib.validation import HORIZON, validate
-    from logs import read_log
     from sim.arm import load_arm
 
     subject = load_arm(arm, configs)
     folder = new_run(subject, "validate", out)
     with console.progress("validate") as advance:
-        logs = [read_log(path, subject.joint_names) for path in log]
+        logs = read_logs(log, subject, accept_partial)
         found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"))
         found.write(folder)
     if as_json:
