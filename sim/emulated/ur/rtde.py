@@ -36,7 +36,6 @@ class RtdeSession:
         self._every = 1
         self._inputs: dict[int, list[str]] = {}
         self.replies: list[bytes] = []
-        self.data_frames = 0
 
     def received(self, data: bytes) -> list[bytes]:
         """The replies to what a client sent; Malformed where the connection must be closed."""
@@ -56,7 +55,6 @@ class RtdeSession:
                 values.append(value)
             else:
                 values.extend(value)
-        self.data_frames += 1
         return frame(DATA, self._packer.pack(1, *values))
 
     def closed(self) -> None:

@@ -1,0 +1,211 @@
+"""A UR over the wire: frames, late commands, and what happens after each fault, against the emulated controller.
+
+The controller is emulated, and shares this computer with the driver: the figures are of driver, ur_rtde and this computer, not of
+a robot. `python -m benchmarks.ur` prints them; load average stands with each.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers import open_driver
+from drivers.ur_rtde.driver import UrDriver
+from sim.arm import load_arm
+from sim.cell import Cell, load_cell
+from sim.emulated import open_emulator
+from sim.emulated.ur.emulator import UrEmulator
+from sim.errors import DeviceError
+from sim.joint_state import Status
+
+SERVO_J = 11
+SPEED = 0.5  # rad/s of joint 1 when a fault comes
+FAULTS = (
+    "protective_stop", "emergency_stop", "slider_moved", "program_stopped", "second_client", "cable_pulled", "close", "drop",
+    "delay", "freeze", "reorder",
+)  # fmt: skip
+PRIORITY = 40
+CELL = """
+schema = "cell/1"
+name = "bench"
+arm = "ur10e"
+driver = "ur_rtde"
+home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
+[options]
+host = "127.0.0.{last}"
+frame_timeout = 0.1
+setpoint_timeout = 0.1
+priority = {priority}
+"""
+
+
+@dataclass
+class _Watch:
+    """What the controller saw: its own time at every servoj command."""
+
+    emulator: UrEmulator
+    arrivals: list[float]
+
+    @classmethod
+    def of(cls, cell: Cell) -> _Watch:
+        emulator = open_emulator(cell, load_arm(cell.table.arm))
+        assert isinstance(emulator, UrEmulator)
+        watch = cls(emulator, [])
+        write = emulator.robot.write_input
+
+        def seen(name: str, value: float) -> None:
+            if name == "input_int_register_0" and value == SERVO_J:
+                watch.arrivals.append(emulator.robot.time)
+            write(name, value)
+
+        emulator.robot.write_input = seen  # type: ignore[method-assign]
+        emulator.start()
+        return watch
+
+    def fault(self, name: str) -> tuple[float, float, float]:
+        """Inject, wait for standstill: host time of the fault s, time to standstill s, angle travelled rad."""
+        robot = self.emulator.robot
+        begin: list[tuple[float, float]] = []
+        self.emulator.inject(name)
+        self.emulator.do(lambda: begin.append((time.monotonic(), robot.time)))
+        while not begin:
+            time.sleep(0.0005)
+        start, end = robot.target_q[0], robot.time + 15.0
+        while abs(robot.target_qd[0]) > 1e-3 and robot.time < end:
+            time.sleep(0.0005)
+        return begin[0][0], robot.time - begin[0][1], abs(robot.target_q[0] - start)
+
+
+def _controller(path: str, priority: int, talk: Connection) -> None:
+    _take_priority(priority)
+    watch = _Watch.of(load_cell(path))
+    talk.send("ready")
+    while (order := talk.recv()) != "end":
+        if order == "counts":
+            talk.send(watch.arrivals)
+        else:
+            talk.send(watch.fault(order))
+    watch.emulator.stop()
+
+
+def _take_priority(priority: int) -> None:
+    if priority:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+@contextlib.contextmanager
+def _pair(priority: int, last: int) -> Iterator[tuple[Connection, UrDriver]]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.toml"
+        path.write_text(CELL.format(priority=priority, last=last))
+        talk, theirs = multiprocessing.Pipe()
+        process = multiprocessing.get_context("spawn").Process(target=_controller, args=(str(path), priority, theirs))
+        process.start()
+        talk.recv()
+        cell = load_cell(path)
+        driver = open_driver(cell, load_arm(cell.table.arm))
+        assert isinstance(driver, UrDriver)
+        try:
+            yield talk, driver
+        finally:
+            driver.close()
+            talk.send("end")
+            process.join()
+
+
+def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
+    """Frames kept of those sent (by their time stamps, one a period), and commands that came more than a period late, over `seconds` of motion at 500 Hz."""
+    rt = f"FIFO {priority}" if priority else "no priority"
+    with _pair(priority, 60) as (talk, driver):
+        driver.connect()
+        q0 = driver.read().q
+        _take_priority(priority)
+        first, zero = driver.link.frames, np.zeros(6)
+        for k in range(round(seconds * driver.rate)):
+            phase = 0.5 * k / driver.rate
+            dq = np.array([0.3 * 0.5 * np.cos(phase), 0, 0, 0, 0, 0])
+            driver.send(q0 + np.array([0.3 * np.sin(phase), 0, 0, 0, 0, 0]), dq, zero)
+            driver.read()
+        if priority:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        frames, lost = driver.link.frames - first, driver.link.lost
+        talk.send("counts")
+        arrivals = talk.recv()
+        driver.stop()
+    gaps = np.diff(arrivals) * driver.rate
+    late = 100.0 * float(np.mean(gaps > 2.5))
+    load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    return [
+        {"what": f"frames kept, {rt}", "value": 100.0 * frames / (frames + lost), "unit": "%", "bar": "100", "note": f"{frames} frames, {load}"},
+        {"what": f"commands late by more than a period, {rt}", "value": late, "unit": "%", "bar": "", "note": f"longest {gaps.max():.0f} periods, {load}"},
+    ]  # fmt: skip
+
+
+def reactions(repeats: int = 50) -> list[dict[str, Any]]:
+    """From each fault at 0.5 rad/s: time until the driver says so, time and angle until the arm stands; median and worst."""
+    rows = []
+    for fault in FAULTS:
+        found = np.array([_reaction(fault, 100 + k % 100) for k in range(repeats)])
+        middle, worst = np.median(found, axis=0), np.max(found, axis=0)
+        note = f"{repeats} repeats, load {os.getloadavg()[0]:.1f}"
+        for k, (what, unit, scale) in enumerate(
+            (("noticed", "ms", 1e3), ("standstill", "ms", 1e3), ("angle", "deg", np.degrees(1.0)))
+        ):
+            value = f"{scale * middle[k]:.1f} / {scale * worst[k]:.1f}"
+            rows.append({"what": f"{fault}: {what}, median / worst", "value": value, "unit": unit, "bar": "", "note": note})
+    return rows
+
+
+def _reaction(fault: str, last: int) -> tuple[float, float, float]:
+    zero = np.zeros(6)
+    with _pair(0, last) as (talk, driver):
+        driver.connect()
+        state = driver.read()
+        q = state.q.copy()
+        asked, noticed = False, 0.0
+        try:
+            for k in range(round(20.0 * driver.rate)):
+                speed = SPEED * min(1.0, k / 250)
+                q[0] += speed / driver.rate
+                driver.send(q, np.array([speed, 0, 0, 0, 0, 0]), zero)
+                if driver.read().status is not Status.RUNNING:
+                    break
+                if k == 400:
+                    talk.send(fault)
+                    asked = True
+        except DeviceError:
+            asked = True
+        noticed = time.monotonic()
+        driver.stop()
+        if not asked:
+            raise AssertionError("the motion ended before its fault")
+        at, standstill, angle = talk.recv()
+        return noticed - at, standstill, angle
+
+
+def run(seconds: float = 60.0, repeats: int = 50) -> list[dict[str, Any]]:
+    """All figures: what, value, unit, bar, note."""
+    rows = streaming(seconds)
+    try:
+        rows += streaming(seconds, PRIORITY)
+    except (PermissionError, DeviceError) as error:
+        rows.append({"what": "with real-time priority", "value": "not measured", "unit": "", "bar": "", "note": str(error)})
+    return rows + reactions(repeats)
+
+
+if __name__ == "__main__":
+    import sys
+
+    given = dict(zip(("seconds", "repeats"), map(float, sys.argv[1:]), strict=False))
+    for row in run(given.get("seconds", 60.0), round(given.get("repeats", 50))):
+        print(f"{row['what']:60} {row['value']!s:>22} {row['unit']:4} bar {row['bar']:5} {row['note']}")
