@@ -30,6 +30,7 @@ COMMANDS: dict[str, str] = {
     "identify": "identify",
     "validate": "validate",
     "export": "export",
+    "arm": "arm",
 }
 
 
