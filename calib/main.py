@@ -17,20 +17,21 @@ from sim.resources import nearest
 
 # name on the command line -> module in calib.commands that has a function `command`, or `app` with subcommands
 COMMANDS: dict[str, str] = {
+    "demo": "demo",
     "check": "check",
-    "emulate": "emulate",
-    "servo": "servo",
-    "effects": "effects",
-    "runs": "runs",
-    "report": "report",
-    "replay": "replay",
     "plan": "plan",
     "record": "record",
-    "import": "import_",
     "identify": "identify",
     "validate": "validate",
     "export": "export",
+    "import": "import_",
+    "replay": "replay",
+    "report": "report",
+    "runs": "runs",
+    "effects": "effects",
+    "emulate": "emulate",
     "arm": "arm",
+    "servo": "servo",
 }
 
 

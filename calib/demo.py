@@ -1,0 +1,122 @@
+"""The whole story on the mock arm: an effect is drawn at random, hidden in the arm, and looked for with the ordinary commands.
+
+The commands learn of the effect only what the recordings show: it stands in the [emulation] table of a cell file, which only the mock
+driver reads.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from sim.arm import Arm, ArmEffect
+from sim.cell import Cell
+from sim.effects import checked
+
+Draw = Callable[[np.random.Generator, Arm, str], dict[str, float]]
+
+
+def _more(effect: str, parameter: str, least: float, most: float) -> Draw:
+    """The arm's own value, `least` to `most` times as great."""
+
+    def draw(rng: np.random.Generator, arm: Arm, joint: str) -> dict[str, float]:
+        own = arm.effect(effect, joint)
+        return {parameter: (own.parameters[parameter] if own else 1.0) * rng.uniform(least, most)}
+
+    return draw
+
+
+def _share_of_torque(parameter: str, least: float, most: float, **others: float) -> Draw:
+    """`least` to `most` of the joint's greatest torque."""
+
+    def draw(rng: np.random.Generator, arm: Arm, joint: str) -> dict[str, float]:
+        return {parameter: float(arm.tau_max[arm.joint_index(joint)]) * rng.uniform(least, most), **others}
+
+    return draw
+
+
+# What may be hidden, and how large: clearly above the noise of a two-minute recording, as a newcomer's first case should be.
+HIDDEN: dict[str, Draw] = {
+    "payload": lambda rng, arm, joint: {
+        "mass": rng.uniform(2, 5),
+        "com_x": 0.0,
+        "com_y": 0.0,
+        "com_z": rng.uniform(0.02, 0.08),
+    },
+    "coulomb_friction": _more("coulomb_friction", "coulomb", 1.6, 2.4),
+    "viscous_friction": _more("viscous_friction", "viscous", 1.6, 2.4),
+    "rotor_inertia": _more("rotor_inertia", "inertia", 1.6, 2.4),
+    "asymmetric_friction": _share_of_torque("half_difference", 0.02, 0.04),
+    "torque_offset": _share_of_torque("offset", 0.02, 0.04),
+    "joint_spring": _share_of_torque("stiffness", 0.08, 0.15, rest_angle=0.0),
+    "torque_gain": lambda rng, arm, joint: {"gain": rng.uniform(1.1, 1.2)},
+}
+WHOLE_ARM = ("payload",)
+
+
+def hide(arm: Arm, seed: int) -> ArmEffect:
+    """The effect that `seed` draws for an arm: which, at which joint, how large."""
+    rng = np.random.default_rng(seed)
+    name = str(rng.choice(list(HIDDEN)))
+    joint = str(rng.choice(arm.joint_names[:4]))
+    parameters = {key: float(f"{value:.4g}") for key, value in HIDDEN[name](rng, arm, joint).items()}
+    return checked(arm, ArmEffect(name, None if name in WHOLE_ARM else joint, parameters))
+
+
+def write_cell(file: Path, cell: Cell, hidden: ArmEffect, seed: int) -> None:
+    """`cell` with an effect hidden in its arm, as a cell file of its own."""
+    data = tomllib.loads(cell.path.read_text(encoding="utf-8"))
+    effect: dict[str, Any] = {"effect": hidden.effect, "parameters": hidden.parameters}
+    if hidden.joint is not None:
+        effect["joint"] = hidden.joint
+    data |= {"name": file.stem, "emulation": {"seed": seed, "effects": [effect]}}
+    file.write_text(tomli_w.dumps(data), encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of the story: why, its arguments, and the exit codes with which the story goes on."""
+
+    why: str
+    arguments: tuple[str, ...]
+    fine: tuple[int, ...] = (0,)
+
+
+def story(arm: str, cell: Path, folder: Path) -> list[Step]:
+    """The commands in their order; everything they write stands under `folder`."""
+    plan, logs = str(folder / "plan"), folder / "logs"
+    recorded = [str(logs / "friction.mcap"), str(logs / "excitation.mcap")]
+    held_out = str(logs / "validation.mcap")
+    return [
+        Step("Ask the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
+        Step(
+            "Plan motions that show what the arm is, and prove them.",
+            ("plan", arm, "--cell", str(cell), "--quick", "--out", plan),
+        ),
+        Step("Drive them, guarded, and record.", ("record", str(cell), plan, "--yes", "--out", str(logs))),
+        Step(
+            "Fit the ordinary parameters: friction, masses, inertias.",
+            ("identify", arm, *recorded, "--holdout", held_out, "--out", str(folder / "fit")),
+        ),
+        Step(
+            "Find what no ordinary parameter explains, and give it its name.",
+            ("diagnose", arm, *recorded, "--holdout", held_out, "--out", str(folder / "diagnosis")),
+            (0, 1),
+        ),
+    ]
+
+
+def named(folder: Path) -> list[tuple[str, str | None, dict[str, float]]]:
+    """What the diagnosis under `folder` named: effect, joint, values; nothing where there was none."""
+    file = folder / "diagnosis" / "diagnosis.json"
+    if not file.is_file():
+        return []
+    data = json.loads(file.read_text(encoding="utf-8"))
+    return [(e["effect"], e["joint"], {k: p["value"] for k, p in e["parameters"].items()}) for e in data["effects"]]
