@@ -76,12 +76,16 @@ class MockDriver(Driver):
         )
 
     def read(self) -> JointState:
-        """One period of simulated time passes, and the plant is read."""
+        """The next reading. Time passes whether anybody reads or not: with `realtime`, periods nobody waited for are gone."""
         self._require_connection()
-        if self._stopping is not None:
-            self._decelerate()
-        self.plant.advance(1.0 / self.rate)
-        self._next += 1.0 / self.rate
+        period = 1.0 / self.rate
+        while True:
+            if self._stopping is not None:
+                self._decelerate()
+            self.plant.advance(period)
+            self._next += period
+            if self.clock.now() - self._next < period:
+                break
         self.clock.sleep_until(self._next)
         state = self.plant.read(self.clock.now())
         for fault in self.faults:

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.driver import Driver
 from drivers.preflight import preflight
-from logs.recorder import Recorder, Recording
+from logs.recorder import COMPLETED, Recorder, Recording
 from logs.recorder_process import RecorderProcess
 from safety.approach import SHARES, Joined, joined, move
 from safety.approval import approval_of, check_approval
@@ -144,25 +144,49 @@ class _Run:
         failed = [f"{c.name}: {c.detail} ({c.remedy})" for c in preflight(self.driver, self.cell) if c.ok is False]
         if failed:
             raise SafetyStop(f"{self.cell.name} is not ready: {'; '.join(failed)}")
-        guard = Guard(self.driver, self.arm, self.cell, self.clearance, self.stop_asked, self._watch_cycle, self.latency)
-        self._what = ""
-        legs = self._legs(guard.q, speeds)
+        legs = self._legs(self.driver.read().q, speeds)
         logs: dict[str, Path] = {}
         rehearsals: list[Path] = []
         results: list[StageResult] = []
         for i, speed in enumerate(speeds):
-            guard.monitor.reset_extremes()
-            for leg in legs[speed]:
-                path = self._leg(guard, leg, speed)
-                if path is not None and speed == STAGES[-1] and leg.name:
-                    logs[leg.name] = path
-                elif path is not None:
-                    rehearsals.append(path)
-            worst = guard.monitor.worst
-            results.append(StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))))
+            result, paths = self._stage(legs[speed], speed)
+            results.append(result)
+            if speed == STAGES[-1]:
+                logs = paths
+            else:
+                rehearsals += paths.values()
             if i + 1 < len(speeds):
-                gate(results[-1], speeds[i + 1], self.arm, self.cell)
+                gate(result, speeds[i + 1], self.arm, self.cell)
         return Recorded(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
+
+    def _stage(self, legs: Sequence[_Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
+        """All legs at one speed. Logs are opened before and closed after the arm is driven: neither may hold up the loop."""
+        place = self.folder if speed == STAGES[-1] else self.folder / f"rehearsal-{round(100 * speed)}"
+        place.mkdir(parents=True, exist_ok=True)
+        paths = {leg.name: place / f"{leg.name}.mcap" for leg in legs if leg.name}
+        done: set[str] = set()
+        logs: dict[str, Recording] = {}
+        try:
+            for name, path in paths.items():
+                logs[name] = self._recording(path, name, speed)
+            guard = Guard(self.driver, self.arm, self.cell, self.clearance, self.stop_asked, self._watch_cycle, self.latency)
+            for leg in legs:
+                self._what = leg.what
+                guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
+                guard.hold(PAUSE, f"after {leg.what}")
+                done |= {leg.name} if leg.name else set()
+            self.driver.stop()
+        except BaseException as error:
+            for name, log in logs.items():
+                try:
+                    log.close(COMPLETED if name in done else str(error) or type(error).__name__)
+                except CalibError as second:
+                    error.add_note(str(second))
+            raise
+        for log in logs.values():
+            log.close()
+        worst = guard.monitor.worst
+        return StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))), paths
 
     def _legs(self, q: np.ndarray, speeds: Sequence[float]) -> dict[float, list[_Leg]]:
         """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""
@@ -229,28 +253,7 @@ class _Run:
         except SafetyStop as error:
             raise SafetyStop(f"{what}: {error}") from error
 
-    def _leg(self, guard: Guard, leg: _Leg, speed: float) -> Path | None:
-        self._what = leg.what
-        if leg.name is None:
-            guard.run(leg.cleared, leg.what)
-            return None
-        place = self.folder if speed == STAGES[-1] else self.folder / f"rehearsal-{round(100 * speed)}"
-        place.mkdir(parents=True, exist_ok=True)
-        path = place / f"{leg.name}.mcap"
-        log = self._recording(path, leg, speed)
-        try:
-            guard.run(leg.cleared, leg.what, Window(log, leg.first, leg.last))
-        except BaseException as error:
-            try:
-                log.close(str(error) or type(error).__name__)
-            except CalibError as second:
-                error.add_note(str(second))
-            raise
-        log.close()
-        guard.hold(PAUSE, f"after {leg.what}")
-        return path
-
-    def _recording(self, path: Path, leg: _Leg, speed: float) -> Recording:
+    def _recording(self, path: Path, motion: str, speed: float) -> Recording:
         info, table = self.driver.info, self.cell.table
         metadata: dict[str, Any] = {
             "arm": self.arm.name, "arm_sha256": self.arm.sha256, "cell": self.cell.name, "cell_sha256": self.cell.sha256,
@@ -258,7 +261,7 @@ class _Run:
             "rate": self.driver.rate, "torque_source": info.torque_source,
             "payload": table.payload.model_dump() if table.payload else None,
             "device_payload_mass": info.payload_mass, "device_payload_com": info.payload_com, "mounting": info.gravity,
-            "operator": self.operator, "plan": self.plan.sha256, "motion": leg.name, "speed": speed, **info.extra,
+            "operator": self.operator, "plan": self.plan.sha256, "motion": motion, "speed": speed, **info.extra,
         }  # fmt: skip
         kept = {key: value for key, value in metadata.items() if value is not None}
         kind = Recorder if self.simulated else RecorderProcess

@@ -89,11 +89,6 @@ class Monitor:
         self._last = state
         return trip
 
-    def reset_extremes(self) -> None:
-        """Forget the worst values, at the beginning of a stage."""
-        for values in self.worst.values():
-            values[:] = 0.0
-
     def _check_device(self, state: JointState, now: float) -> Trip | None:
         if state.status is not Status.RUNNING:
             said = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
@@ -103,8 +98,8 @@ class Monitor:
                 "reading", ~np.isfinite(state.q + state.dq) if state.n == self._n else None, "not a number", "finite", ""
             )
         step = state.t_device - self._last.t_device
-        if not 0 < step <= PERIODS * self._period:
-            return Trip("device time between readings", float(step), PERIODS * self._period, "s",
+        if not 0 < step <= self._late:
+            return Trip("device time between readings", float(step), self._late, "s",
                         "readings are stale or lost: check cable, network and load of the computer")  # fmt: skip
         age = now - state.t
         if not -self._period <= age <= self._late:
