@@ -18,18 +18,19 @@ from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
 from drivers.can_servo.report import preflight_checks
 from drivers.can_servo.speed import Differentiator, window_for
+from drivers.can_servo.switching import switch_off, switch_on
+from drivers.can_servo.target import Target
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options, pose
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock
-from sim.errors import CalibError, DeviceError
+from sim.errors import CalibError, ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
 BRAKING = 4.0  # rad/s^2 of the fastest joint, the others keep their share: what every arm of this kind can brake with
 STANDSTILL = 0.05  # rad/s
 SETTLE_TIME = 3.0  # s that an arm gets to stand still before its drives are switched off
-SWITCH_TIME = 0.5  # s in which a drive says that it is on, or off
 
 
 class CanServo(Driver):
@@ -45,6 +46,8 @@ class CanServo(Driver):
         self, arm: Arm, options: CanOptions, rest: np.ndarray | None, clock: Clock, open_link: Callable[[], Link],
         hold_in_background: bool = True,
     ) -> None:  # fmt: skip
+        if rest is None and not options.brakes:
+            raise ConfigError(f"{arm.name}: an arm without brakes needs a rest pose, where its torque may be switched off")
         self.arm, self.options, self.clock, self.rate = arm, options, clock, options.rate
         self._rest, self._open_link, self._background = rest, open_link, hold_in_background
         self.device_stop = DeviceStop(reaction=options.watchdog, deceleration=BRAKING, proportional=True)
@@ -52,8 +55,8 @@ class CanServo(Driver):
         self._lock = threading.RLock()
         self._link: Link | None = None
         self._fault: DeviceError | None = None
-        self._on = self._asked = self._holding = False
-        self._holder = Holder(self._feed, min(1.0 / options.rate, options.watchdog / 4))
+        self._on = self._asked = False
+        self._holder = Holder(self._keep, min(1.0 / options.rate, options.watchdog / 4))
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> CanServo:
@@ -70,7 +73,7 @@ class CanServo(Driver):
                 self.drives, self.rate, self.options.bitrate, self.options.bus_load_max, f"{self.arm.name} on {self.options.channel}"
             )  # fmt: skip
             self._link, self._fault = self._open_link(), None
-            self._on = self._asked = self._holding = False
+            self._on = self._asked = False
             try:
                 enquiry = Enquiry(self._link, self.clock)
                 listen(self._link, self.clock, self.drives, self.options.ignore)
@@ -83,7 +86,8 @@ class CanServo(Driver):
                 # A drive that sends by its own clock is waited for; one that answers is asked again at the next instant.
                 self._patience = (PERIODS_MAX if self.drives[0].pushes else 0) / self.rate
                 self._next = self.clock.now()
-                self._q_cmd, self._dq_cmd = self.read().q.copy(), np.zeros(self.arm.n)
+                self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
+                self.read()
             except DeviceError:
                 self._link.close()
                 self._link = self._fault = None
@@ -122,24 +126,18 @@ class CanServo(Driver):
             raise DeviceError(
                 f"{self.arm.name}: a command needs {self.arm.n} finite numbers each for q, dq, tau; nothing was sent"
             )
-        self._holder.release()
         with self._lock:
             self._require()
-            self._holding = False
             target, speed, extra = arrays
-            torque = self._feedforward(target, speed, self.clock.now()) + extra
+            self._require_no_jump(target)
             try:
-                frames = [
-                    d.command(*x) for d, *x in zip(self.drives, target.tolist(), speed.tolist(), torque.tolist(), strict=True)
-                ]
                 if not self._on:
-                    self._switch_on(target)
-                self._q_cmd, self._dq_cmd = target.copy(), speed.copy()
-                self._frames = [message for message, _ in frames]
+                    self._switch_on()
+                sent = self._target.follow(target, speed, extra, self.clock.now())
                 self._transmit(range(self.arm.n))
             except DeviceError as error:
                 raise self._latch(error) from None
-            return np.array([sent for _, sent in frames])
+            return sent
 
     def engage(self) -> str:
         """Switch the drives on, one joint after the other, each holding where it stands."""
@@ -148,7 +146,7 @@ class CanServo(Driver):
             if self._on:
                 return ""
             try:
-                self._switch_on(None)
+                self._switch_on()
             except DeviceError as error:
                 raise self._latch(error) from None
         return f"{self.arm.n} drives switched on, holding where the arm stands"
@@ -156,13 +154,9 @@ class CanServo(Driver):
     def stop(self) -> None:
         """Brake along the path with BRAKING, then hold there until `send` or `close`."""
         with self._lock:
-            if self._link is None or not self._on or self._link.failed:
-                return
-            if not self._holding:
-                self._holding, self._braked_at = True, self.clock.now()
-            self._feed()
-        if self._background:
-            self._holder.hold()
+            if self._link is not None and self._on and not self._link.failed:
+                self._target.brake(self.clock.now())
+                self._feed()
 
     def close(self) -> None:
         """Torque off and bus released, if the arm then stays where it is; otherwise a DeviceError, and the arm is held on."""
@@ -171,7 +165,7 @@ class CanServo(Driver):
         if self._on and not self._link.failed:
             self.stop()
             self._settle()
-            where = self._away_from_rest()
+            where = self.away_from_rest()
             if where and not self._link.failed:
                 raise DeviceError(
                     f"{self.arm.name}: torque off would drop the arm, because it has no brakes and {where}; it is held: support it "
@@ -187,10 +181,10 @@ class CanServo(Driver):
                 return
             link, was_on = self._link, self._on
             try:
-                still_on = self._switch_off(link) if was_on and not link.failed else []
+                still_on = switch_off(link, self.joints, self.clock) if was_on and not link.failed else []
             finally:
                 link.close()
-                self._link, self._on, self._holding = None, False, False
+                self._link, self._on = None, False
         if still_on:
             raise DeviceError(
                 f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "
@@ -228,9 +222,11 @@ class CanServo(Driver):
         # The next instant keeps the phase and leaves at least half a period for the answers: lateness is not caught up.
         self._next += period * max(1, math.ceil((now - self._next) / period + 0.5))
         self._sent_at = now
-        if self._holding:
-            self._brake()
-        messages = [self._frames[j] for j in joints] if self._on else [m for j in joints for m in self.drives[j].refresh()]
+        if self._target.braking:
+            self._target.brake(now)
+        messages = (
+            [self._target.frames[j] for j in joints] if self._on else [m for j in joints for m in self.drives[j].refresh()]
+        )
         self.joints.drain()
         self.joints.expect(joints)
         self._link.send(messages)
@@ -238,7 +234,7 @@ class CanServo(Driver):
 
     def _state(self) -> JointState:
         readings = [r for r in self.joints.readings if r is not None]
-        self._require_health()
+        self.joints.require_health(self._on, self.options.temperature_max)
         speeds = []
         for reading, differentiator in zip(readings, self._speed, strict=True):
             slope = differentiator(self._sent_at, reading.q) if differentiator is not None else np.nan
@@ -248,140 +244,68 @@ class CanServo(Driver):
         status = Status.RUNNING if self._on else Status.IDLE
         return JointState(
             self.clock.now(), self._sent_at, columns["q"], np.array(speeds), columns["tau"], nan, columns["temperature"], status,
-            "holding" if self._holding else "",
+            "holding" if self._on and self._target.braking else "",
         )  # fmt: skip
 
-    def _require_health(self) -> None:
-        for drive, reading in zip(self.drives, self.joints.readings, strict=True):
-            assert reading is not None
-            if reading.error:
-                raise DeviceError(
-                    f"{drive.name}: the drive reports {reading.error}; find the cause, then clear it with `calib servo`"
-                )
-            if self._on and reading.on is False:
-                raise DeviceError(
-                    f"{drive.name}: the drive has switched itself off or restarted; its position may have a new zero: check it, "
-                    "then connect again"
-                )
-            if reading.temperature > self.options.temperature_max:
-                raise DeviceError(
-                    f"{drive.name}: {reading.temperature:.0f} degC exceeds temperature_max = {self.options.temperature_max:g} degC; let it "
-                    "cool down, or plan slower motions"
-                )
-
-    def _switch_on(self, target: np.ndarray | None) -> None:
-        """One joint after the other, each holding where it stands; back to torque off if one does not follow."""
-        assert self._link is not None
-        self._asked = False
-        q = self.read().q
-        self._asked = False
-        far = 0 if target is None else int(np.argmax(np.abs(target - q)))
-        if target is not None and not np.all(np.abs(target - q) <= self.options.start_tolerance):
+    def _require_no_jump(self, target: np.ndarray) -> None:
+        """The first target after a pause must be where the arm is held, or where it stands while the drives are off."""
+        if self._on and not self._target.braking:
+            return
+        stands = self._target.q if self._on else np.array([r.q for r in self.joints.readings if r is not None])
+        away = np.abs(target - stands)
+        if not np.all(away <= self.options.start_tolerance):
+            j = int(np.argmax(away))
             raise DeviceError(
-                f"{self.drives[far].name}: the first command is {target[far]:.4f} rad and the joint stands at {q[far]:.4f} rad; more than "
+                f"{self.drives[j].name}: the first command is {target[j]:.4f} rad and the joint stands at {stands[j]:.4f} rad; more than "
                 f"{self.options.start_tolerance:g} rad apart would be a jump: begin where the arm stands"
             )
-        self._aim_at(q, np.zeros(self.arm.n))
-        try:
-            for j in range(self.arm.n):
-                self._switch_on_one(j)
-        except DeviceError:
-            self._link.send(drive.disable() for drive in self.drives)
-            raise
-        self._on, self._next = True, self.clock.now() + 1.0 / self.rate
 
-    def _switch_on_one(self, j: int) -> None:
+    def _switch_on(self) -> None:
         assert self._link is not None
-        drive, deadline = self.drives[j], self.clock.now() + SWITCH_TIME
-        self._link.send([drive.enable()])
-        self.joints.expect([j])
-        while True:
-            if not drive.pushes:
-                self.joints.collect(self.clock.now() + 1.0 / self.rate)
-            self._link.send(self._frames[: j + 1])
-            self.joints.expect(range(j + 1))
-            self.joints.collect(self.clock.now() + 1.0 / self.rate)
-            reading = self.joints.readings[j]
-            if reading is not None and reading.error:
-                raise DeviceError(
-                    f"{drive.name}: it does not switch on: {reading.error}; find the cause, then clear it with `calib servo`"
-                )
-            if reading is not None and reading.on is not False and not self.joints.missing():
-                return
-            if self.clock.now() > deadline:
-                raise DeviceError(
-                    f"{drive.name}: it does not say that it is on within {SWITCH_TIME:g} s; look at its supply and mode"
-                )
+        self._asked = False
+        self._target.stand(self.read().q, self.clock.now())
+        switch_on(self._link, self.joints, self.clock, self._target.frames)
+        self._on, self._asked, self._sent_at = True, False, self.clock.now()
+        self._next = self._sent_at + 1.0 / self.rate
+        if self._background:
+            self._holder.hold()
 
-    def _switch_off(self, link: Link) -> list[str]:
-        """Torque off, said again until every drive that can tell says that it is off; the names of those that do not."""
-        end, again = self.clock.now() + SWITCH_TIME, -math.inf
-        while self.clock.now() < end and not link.failed:
-            if self.clock.now() >= again:
-                again = self.clock.now() + SWITCH_TIME / 10
-                self.joints.expect(range(self.arm.n))
-                link.send(drive.disable() for drive in self.drives)
-            try:
-                message = link.receive(again)
-                if message is not None:
-                    self.joints.take(message)
-            except DeviceError as error:
-                self._latch(error)
-            off = [
-                r is not None and r.on is not True and fresh
-                for r, fresh in zip(self.joints.readings, self.joints.fresh, strict=True)
-            ]
-            if all(off):
-                return []
-        return [d.name for d, r in zip(self.drives, self.joints.readings, strict=True) if r is None or r.on]
-
-    def _aim_at(self, q: np.ndarray, dq: np.ndarray) -> None:
-        torque = self._feedforward.hold(q)
-        self._q_cmd, self._dq_cmd = q.copy(), dq.copy()
-        self._frames = [d.command(*x)[0] for d, *x in zip(self.drives, q.tolist(), dq.tolist(), torque.tolist(), strict=True)]
-
-    def _brake(self) -> None:
-        """Move the target on along its path, slower and slower: dq falls by BRAKING times the time since the last call."""
-        now = self.clock.now()
-        elapsed, self._braked_at = min(now - self._braked_at, PERIODS_MAX / self.rate), now
-        fastest = float(np.max(np.abs(self._dq_cmd)))
-        share = max(0.0, 1.0 - BRAKING * elapsed / fastest) if fastest > 0 else 0.0
-        q = self._q_cmd + self._dq_cmd * (1.0 + share) / 2 * min(elapsed, fastest / BRAKING)
-        self._aim_at(q, self._dq_cmd * share)
-
-    def _feed(self) -> bool:
-        """One holding frame to each drive, answers sorted in; False once the bus is gone. Faults of one joint do not end it."""
+    def _keep(self) -> bool:
+        """Brake and hold where nobody has commanded for half the watchdog's time; False once there is nothing to hold."""
         with self._lock:
             if self._link is None or not self._on or self._link.failed:
                 return False
-            try:
-                self._brake()
-                self.joints.drain()
-                self.joints.expect(range(self.arm.n))
-                self._link.send(self._frames)
-                self.joints.collect(self.clock.now() + 0.5 / self.rate)
-            except DeviceError as error:
-                self._latch(error)
+            if self._target.braking or self.clock.now() - self._sent_at > self.options.watchdog / 2:
+                self._feed()
             return not self._link.failed
+
+    def _feed(self) -> None:
+        """One braking or holding frame to each drive, answers sorted in. A fault of one joint does not end it."""
+        assert self._link is not None
+        self._sent_at = self.clock.now()
+        try:
+            self._target.brake(self._sent_at)
+            self.joints.drain()
+            self.joints.expect(range(self.arm.n))
+            self._link.send(self._target.frames)
+            self.joints.collect(self.clock.now() + 0.5 / self.rate)
+        except DeviceError as error:
+            self._latch(error)
 
     def _settle(self) -> None:
         end = self.clock.now() + SETTLE_TIME
         while self.clock.now() < end and self._link is not None and not self._link.failed:
-            self._feed()
+            with self._lock:
+                self._feed()
             if all(r is not None and abs(r.dq) < STANDSTILL for r in self.joints.readings):
                 return
             self.clock.sleep_until(self.clock.now() + 1.0 / self.rate)
 
-    def _away_from_rest(self) -> str:
+    def away_from_rest(self) -> str:
         """Which joint is not where it may be switched off, as part of a sentence; empty where every joint is."""
-        if self.options.brakes:
+        if self.options.brakes or self._rest is None:
             return ""
-        assert self._rest is not None
-        for drive, reading, rest in zip(self.drives, self.joints.readings, self._rest, strict=True):
-            if reading is None or not abs(reading.q - rest) <= self.options.rest_tolerance:
-                stands = "is unknown" if reading is None else f"stands at {reading.q:.3f} rad, rest is {rest:.3f} rad"
-                return f"{drive.servo.joint} {stands}"
-        return ""
+        return self.joints.away_from(self._rest, self.options.rest_tolerance)
 
     def _speed_source(self) -> str:
         kinds = {f"positions over {w} samples" if w else "the drives' field" for w in self.windows}

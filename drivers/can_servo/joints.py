@@ -6,6 +6,7 @@ from collections import Counter, deque
 from collections.abc import Hashable, Iterable, Sequence
 
 import can
+import numpy as np
 
 from drivers.can_servo.drive import Drive, Reading
 from drivers.can_servo.link import Link
@@ -107,6 +108,34 @@ class Joints:
                 f"{silent}: silent for {1e3 * max(late.values()):.1f} ms, {PERIODS_MAX} periods of "
                 f"{1e3 * self.period:.1f} ms; look at cable and supply, and whether the drive has switched itself off"
             )
+
+    def require_health(self, on: bool, temperature_max: float) -> None:
+        """DeviceError for a drive that reports an error, is hotter than temperature_max degC, or is off where `on` is expected."""
+        for drive, reading in zip(self.drives, self.readings, strict=True):
+            if reading is None:
+                raise DeviceError(f"{drive.name}: it has never answered")
+            if reading.error:
+                raise DeviceError(
+                    f"{drive.name}: the drive reports {reading.error}; find the cause, then clear it with `calib servo`"
+                )
+            if on and reading.on is False:
+                raise DeviceError(
+                    f"{drive.name}: the drive has switched itself off or restarted; its position may have a new zero: check it, "
+                    "then connect again"
+                )
+            if reading.temperature > temperature_max:
+                raise DeviceError(
+                    f"{drive.name}: {reading.temperature:.0f} degC exceeds temperature_max = {temperature_max:g} degC; let it cool down, "
+                    "or plan slower motions"
+                )
+
+    def away_from(self, pose: np.ndarray, tolerance: float) -> str:
+        """The first joint that is not within tolerance rad of pose (n,) rad, as part of a sentence; empty where all are."""
+        for drive, reading, wanted in zip(self.drives, self.readings, pose, strict=True):
+            if reading is None or not abs(reading.q - wanted) <= tolerance:
+                stands = "is unknown" if reading is None else f"stands at {reading.q:.3f} rad, rest is {wanted:.3f} rad"
+                return f"{drive.servo.joint} {stands}"
+        return ""
 
     def _reject(self, j: int, message: can.Message) -> None:
         self.rejected += 1

@@ -65,7 +65,7 @@ def _losses(driver: CanServo) -> Check:
 def _rest(driver: CanServo) -> Check:
     if driver.options.brakes:
         return Check("rest pose", True, "the joints hold without torque")
-    where = driver._away_from_rest()
+    where = driver.away_from_rest()
     if where:
         return Check(
             "rest pose", None, f"{where}: the arm must be supported until it is switched on, and moved to rest before the end"

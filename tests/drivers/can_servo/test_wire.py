@@ -124,6 +124,26 @@ def test_an_arm_away_from_rest_is_held_after_the_motion_has_ended(tmp_path, serv
     assert not emulator.bus.body.live.any()
 
 
+def test_a_pause_of_the_program_is_a_stop_and_not_a_fall(tmp_path, servo6):
+    emulator, cell = started(wire_cell("virtual", tmp_path), servo6)
+    driver, rest = CanServo.from_cell(cell, servo6), np.array(cell.table.rest)
+    driver.connect()
+    try:
+        swing(driver, rest, 10)
+        time.sleep(3 * WATCHDOG)
+        assert emulator.bus.body.live.all()
+        held = driver.read()
+        assert held.detail == "holding"
+        assert np.max(np.abs(held.dq)) < 0.05
+        with pytest.raises(DeviceError, match=r"begin where the arm stands"):
+            driver.send(held.q + 0.1, np.zeros(6), np.zeros(6))
+        driver.send(held.q, np.zeros(6), np.zeros(6))
+        assert driver.read().detail == ""
+    finally:
+        driver.release()
+        emulator.stop()
+
+
 def test_drives_are_looked_at_over_the_wire(tmp_path, servo6):
     emulator, cell = started(wire_cell("slcan", tmp_path), servo6)
     try:

@@ -1,0 +1,69 @@
+"""Torque on, one joint after the other; torque off, until every drive says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import can
+
+from drivers.can_servo.joints import Joints
+from drivers.can_servo.link import Link
+from sim.clock import Clock
+from sim.errors import DeviceError
+
+SWITCH_TIME = 0.5  # s in which a drive says that it is on, or off
+
+
+def switch_on(link: Link, joints: Joints, clock: Clock, holding: Sequence[can.Message]) -> None:
+    """Every drive on, each holding by its frame of `holding` before the next; all off again, as before, if one does not follow."""
+    try:
+        for j in range(len(joints.drives)):
+            _switch_on_one(link, joints, clock, holding, j)
+    except DeviceError:
+        link.send(drive.disable() for drive in joints.drives)
+        raise
+
+
+def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[can.Message], j: int) -> None:
+    drive, end = joints.drives[j], clock.now() + SWITCH_TIME
+    joints.drain()
+    joints.expect([j])
+    link.send([drive.enable()])
+    while True:
+        if not drive.pushes:
+            joints.collect(clock.now() + joints.period)
+        joints.drain()
+        joints.expect(range(j + 1))
+        link.send(holding[: j + 1])
+        joints.collect(clock.now() + joints.period)
+        reading = joints.readings[j]
+        if reading is not None and reading.error:
+            raise DeviceError(
+                f"{drive.name}: it does not switch on: {reading.error}; find the cause, then clear it with `calib servo`"
+            )
+        if reading is not None and reading.on is not False and not joints.missing():
+            return
+        if clock.now() > end:
+            raise DeviceError(
+                f"{drive.name}: it does not say that it is on within {SWITCH_TIME:g} s; look at its supply and mode"
+            )
+
+
+def switch_off(link: Link, joints: Joints, clock: Clock) -> list[str]:
+    """Torque off, said again until every drive that can tell says that it is off; the names of those that do not."""
+    drives, end, again = joints.drives, clock.now() + SWITCH_TIME, -math.inf
+    while clock.now() < end and not link.failed:
+        try:
+            if clock.now() >= again:
+                again = clock.now() + SWITCH_TIME / 10
+                joints.expect(range(len(drives)))
+                link.send(drive.disable() for drive in drives)
+            message = link.receive(again)
+            if message is not None:
+                joints.take(message)
+        except DeviceError:
+            continue  # a fault is no reason to stop switching off; a dead link ends the loop
+        if all(r is not None and r.on is not True and fresh for r, fresh in zip(joints.readings, joints.fresh, strict=True)):
+            return []
+    return [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or r.on]
