@@ -20,16 +20,52 @@ from sim.trajectory import Trajectory
 # Displacement over which dry friction builds up where nothing says otherwise: the order of the asperity contacts of bearings,
 # 1e-5 to 1e-4 m on a radius of some centimetres (B. Armstrong-Helouvry 1991, Control of Machines with Friction, chapter 2).
 SLIP_WIDTH = 1e-4
+SUBSTEPS = 4
 
 
 @numba.njit(cache=True)
 def slip_direction(q: np.ndarray, width: np.ndarray, start: float = 0.0) -> np.ndarray:
-    """z in [-1, 1]: dz = dq/width, held at the ends (Prandtl's element); q (N,) rad, width (N,) rad."""
+    """z in [-1, 1]: dz = (sign(dq) - z) |dq|/width, Dahl's law; q (N,) rad, width (N,) rad."""
     z = np.empty(len(q))
     z[0] = start
     for k in range(1, len(q)):
-        z[k] = min(1.0, max(-1.0, z[k - 1] + (q[k] - q[k - 1]) / width[k]))
+        step = q[k] - q[k - 1]
+        s = 1.0 if step > 0 else -1.0
+        z[k] = s + (z[k - 1] - s) * np.exp(-abs(step) / width[k])
     return z
+
+
+@numba.njit(cache=True)
+def slip_along(t, q, dq, width, lead):  # type: ignore[no-untyped-def]
+    """z + lead dz/dt: Dahl's law along a motion whose position is the cubic through (q, dq), (N,) each.
+
+    The lead is the bristles' damping over their stiffness in the LuGre model (C. Canudas de Wit et al. 1995,
+    doi:10.1109/9.376053): the friction of a reversal comes that much earlier.
+    """
+    z = np.empty(len(q))
+    out = np.empty(len(q))
+    now = 0.0
+    for k in range(len(q)):
+        if k > 0:
+            h = t[k] - t[k - 1]
+            before = q[k - 1]
+            for i in range(1, SUBSTEPS + 1):
+                x = i / SUBSTEPS
+                here = (
+                    (1 + 2 * x) * (1 - x) ** 2 * q[k - 1]
+                    + x * (1 - x) ** 2 * h * dq[k - 1]
+                    + x * x * (3 - 2 * x) * q[k]
+                    + x * x * (x - 1) * h * dq[k]
+                )
+                step = here - before
+                s = 1.0 if step > 0 else -1.0
+                now = s + (now - s) * np.exp(-abs(step) / width[k])
+                before = here
+        z[k] = now
+    for k in range(len(q)):
+        lo, hi = max(k - 1, 0), min(k + 1, len(q) - 1)
+        out[k] = z[k] + lead * (z[hi] - z[lo]) / (t[hi] - t[lo])
+    return out
 
 
 def predict(arm: Arm, motion: Trajectory) -> np.ndarray:
@@ -38,15 +74,22 @@ def predict(arm: Arm, motion: Trajectory) -> np.ndarray:
 
 
 def torque_path(
-    arm: Arm, motion: Trajectory, effects: Iterable[ArmEffect] | None = None, slip_width: float = SLIP_WIDTH
+    arm: Arm,
+    motion: Trajectory,
+    effects: Iterable[ArmEffect] | None = None,
+    width: np.ndarray | None = None,
+    lead: np.ndarray | None = None,
 ) -> PathState:
-    """Every stage of the torque path along `motion`; `effects` replaces the arm's own list where it is given."""
+    """Every stage of the torque path along `motion`; `effects` replaces the arm's own list where it is given.
+
+    width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
+    """
     stages = by_stage(arm.effects if effects is None else effects, arm)
     t = motion.t - motion.t[0]
     shape = motion.q.shape
     state = PathState(
         t=t, q=motion.q.copy(), dq=motion.dq.copy(), ddq=motion.ddq.copy(), load=np.zeros(shape), q_motor=np.zeros(shape),
-        dq_motor=np.zeros(shape), ddq_motor=np.zeros(shape), level=np.zeros(shape), width=np.full(shape, slip_width),
+        dq_motor=np.zeros(shape), ddq_motor=np.zeros(shape), level=np.zeros(shape), width=np.broadcast_to(SLIP_WIDTH if width is None else width, shape).copy(),
         warmth=np.ones(shape), slip=np.zeros(shape), tau=np.zeros(shape), force=np.zeros((len(t), 3)),
     )  # fmt: skip
     run = _Runner(state, stages)
@@ -66,7 +109,9 @@ def torque_path(
         state.ddq_motor += np.gradient(np.gradient(twist, t, axis=0), t, axis=0)
     run.stage(Stage.FRICTION)
     for j in range(shape[1]):
-        state.slip[:, j] = slip_direction(state.q_motor[:, j], state.width[:, j])
+        ahead = 0.0 if lead is None else float(lead[j])
+        columns = (np.ascontiguousarray(x[:, j]) for x in (state.q_motor, state.dq_motor, state.width))
+        state.slip[:, j] = slip_along(t, *columns, ahead)
     state.tau += state.load + state.warmth * state.level * state.slip
     run.stage(Stage.MOTOR)
     run.stage(Stage.DRIVE)
