@@ -85,39 +85,48 @@ def torque_path(
     width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
     """
     stages = by_stage(arm.effects if effects is None else effects, arm)
-    t = motion.t - motion.t[0]
-    shape = motion.q.shape
+    state = link_side(arm, motion, stages)
+    motor_side(state, stages, width, lead)
+    return state
+
+
+def link_side(arm: Arm, motion: Trajectory, stages: Stages) -> PathState:
+    """The path up to the load that the links and outer forces put on the gears: stages ENCODER, RIGID and FORCE."""
+    t, shape = motion.t - motion.t[0], motion.q.shape
     state = PathState(
         t=t, q=motion.q.copy(), dq=motion.dq.copy(), ddq=motion.ddq.copy(), load=np.zeros(shape), q_motor=np.zeros(shape),
-        dq_motor=np.zeros(shape), ddq_motor=np.zeros(shape), level=np.zeros(shape), width=np.broadcast_to(SLIP_WIDTH if width is None else width, shape).copy(),
+        dq_motor=np.zeros(shape), ddq_motor=np.zeros(shape), level=np.zeros(shape), width=np.zeros(shape),
         warmth=np.ones(shape), slip=np.zeros(shape), tau=np.zeros(shape), force=np.zeros((len(t), 3)),
     )  # fmt: skip
-    run = _Runner(state, stages)
-    run.stage(Stage.ENCODER)
+    _run(state, stages, Stage.ENCODER)
     bodies = RigidBody(arm)
     state.load += bodies.inverse_dynamics(state.q, state.dq, state.ddq)
     if stages[Stage.FORCE]:
-        run.stage(Stage.FORCE)
+        _run(state, stages, Stage.FORCE)
         linear, _ = bodies.jacobian(state.q)
         state.load -= np.einsum("kcj,kc->kj", linear, state.force)
-    run.stage(Stage.JOINT)
+    return state
+
+
+def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None) -> None:
+    """The rest of the path, in place: stages JOINT to CHANNEL; works on any subset of the joints."""
+    state.width[:] = SLIP_WIDTH if width is None else width
+    _run(state, stages, Stage.JOINT)
     state.q_motor[:], state.dq_motor[:], state.ddq_motor[:] = state.q, state.dq, state.ddq
     if stages[Stage.TRANSMISSION]:
-        run.stage(Stage.TRANSMISSION)
+        _run(state, stages, Stage.TRANSMISSION)
         twist = state.q_motor - state.q
-        state.dq_motor += np.gradient(twist, t, axis=0)
-        state.ddq_motor += np.gradient(np.gradient(twist, t, axis=0), t, axis=0)
-    run.stage(Stage.FRICTION)
-    for j in range(shape[1]):
+        speed = np.gradient(twist, state.t, axis=0)
+        state.dq_motor += speed
+        state.ddq_motor += np.gradient(speed, state.t, axis=0)
+    _run(state, stages, Stage.FRICTION)
+    for j in range(state.q.shape[1]):
         ahead = 0.0 if lead is None else float(lead[j])
         columns = (np.ascontiguousarray(x[:, j]) for x in (state.q_motor, state.dq_motor, state.width))
-        state.slip[:, j] = slip_along(t, *columns, ahead)
+        state.slip[:, j] = slip_along(state.t, *columns, ahead)
     state.tau += state.load + state.warmth * state.level * state.slip
-    run.stage(Stage.MOTOR)
-    run.stage(Stage.DRIVE)
-    run.stage(Stage.SENSOR)
-    run.stage(Stage.CHANNEL)
-    return state
+    for stage in (Stage.MOTOR, Stage.DRIVE, Stage.SENSOR, Stage.CHANNEL):
+        _run(state, stages, stage)
 
 
 Stages = dict[Stage, list[tuple[Effect, int | None, ArmEffect]]]
@@ -138,10 +147,6 @@ def by_stage(effects: Iterable[ArmEffect], arm: Arm) -> Stages:
 _ORDER = {"torque_offset": 1, "presliding_friction": 1}
 
 
-class _Runner:
-    def __init__(self, state: PathState, stages: Stages) -> None:
-        self.state, self.stages = state, stages
-
-    def stage(self, stage: Stage) -> None:
-        for effect, joint, item in self.stages[stage]:
-            effect.apply(self.state, joint, item.parameters)
+def _run(state: PathState, stages: Stages, stage: Stage) -> None:
+    for effect, joint, item in stages[stage]:
+        effect.apply(state, joint, item.parameters)

@@ -16,7 +16,7 @@ class AsymmetricFriction(Effect):
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
     experiment = "static holds: an offset of the reading stays at rest, asymmetric friction does not"
     stage = Stage.MOTOR
-    parameters = (Parameter("half_difference", "N*m", "(F+ - F-)/2", start=0.5),)
+    parameters = (Parameter("half_difference", "N*m", "(F+ - F-)/2", grid=(0.5,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth D |slip|."""

@@ -16,7 +16,7 @@ class Backlash(Effect):
     reference = "M. Nordin, P.-O. Gutman (2002), doi:10.1016/S0005-1098(02)00047-X"
     experiment = "slow motion through postures where gravity's torque on that joint changes sign"
     stage = Stage.TRANSMISSION
-    parameters = (Parameter("half_gap", "rad", "half of the dead zone", lower=0.0, upper=0.1, start=0.002),)
+    parameters = (Parameter("half_gap", "rad", "half of the dead zone", lower=0.0, upper=0.1, grid=(0.002,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += b tanh(load/scale): the change over takes place within two per cent of the largest load."""

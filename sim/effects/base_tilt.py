@@ -21,8 +21,8 @@ class BaseTilt(Effect):
     stage = Stage.RIGID
     scope = "arm"
     parameters = (
-        Parameter("roll", "rad", "rotation of the base about x", lower=-1.6, upper=1.6, start=0.01),
-        Parameter("pitch", "rad", "then about y", lower=-1.6, upper=1.6, start=0.01),
+        Parameter("roll", "rad", "rotation of the base about x", lower=-1.6, upper=1.6, grid=(0.01,)),
+        Parameter("pitch", "rad", "then about y", lower=-1.6, upper=1.6, grid=(0.01,)),
     )
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:

@@ -17,7 +17,8 @@ The torque that a drive reports follows from a motion stage by stage; each effec
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -48,7 +49,7 @@ class Parameter:
     """One number of an effect.
 
     zero is the value at which the effect vanishes (None where another parameter makes it vanish); lower and upper are physical
-    bounds; start is a typical value from which a nonlinear fit begins.
+    bounds; grid are typical values from which a nonlinear fit begins (one value suffices where the torque is linear in it).
     """
 
     name: str
@@ -57,7 +58,7 @@ class Parameter:
     zero: float | None = 0.0
     lower: float = -np.inf
     upper: float = np.inf
-    start: float = 0.0
+    grid: tuple[float, ...] = (1.0,)
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,18 @@ class Mjcf:
 
     joint: dict[str, str] = field(default_factory=dict)
     elements: tuple[tuple[str, str, dict[str, str]], ...] = ()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Parameter values at which an effect is tried: torque changes linearly between `base` and each of `points`.
+
+    combine turns the coefficients of the points (k,) into parameter values.
+    """
+
+    base: Values
+    points: tuple[Values, ...]
+    combine: Callable[[np.ndarray], dict[str, float]]
 
 
 @dataclass
@@ -124,6 +137,35 @@ class Effect:
         """The MJCF form, or None where plain MuJoCo has none and `sim.plant` applies the effect each step."""
         return None
 
+    def none(self) -> dict[str, float]:
+        """Parameter values at which the effect is absent."""
+        return {p.name: p.grid[0] if p.zero is None else p.zero for p in self.parameters}
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """Where to try the effect, beside the values that the arm has (None where it has none).
+
+        By default the torque is linear in the parameters that have a zero, for each value on the grids of the others.
+        """
+        linear = [p for p in self.parameters if p.zero is not None]
+        others = [p for p in self.parameters if p.zero is None]
+        grids = [p.grid if own is None else (own[p.name], *p.grid) for p in others]
+        probes = []
+        for values in itertools.product(*grids):
+            base = (self.none() if own is None else dict(own)) | {p.name: v for p, v in zip(others, values, strict=True)}
+            steps = [max(0.1 * abs(base[p.name]), 0.1 * abs(p.grid[0])) for p in linear]
+            points = tuple(base | {p.name: base[p.name] + h} for p, h in zip(linear, steps, strict=True))
+            probes.append(Probe(base, points, _added(base, [p.name for p in linear], steps)))
+        return probes
+
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""
         return next(x for x in self.parameters if x.name == name)
+
+
+def _added(base: Values, names: list[str], steps: list[float]) -> Callable[[np.ndarray], dict[str, float]]:
+    """base + coefficient * step for each named parameter."""
+
+    def combine(coefficients: np.ndarray) -> dict[str, float]:
+        return dict(base) | {n: base[n] + float(c) * h for n, c, h in zip(names, coefficients, steps, strict=True)}
+
+    return combine

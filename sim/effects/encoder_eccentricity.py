@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
 
 
 class EncoderEccentricity(Effect):
@@ -17,8 +17,10 @@ class EncoderEccentricity(Effect):
     experiment = "a slow full turn of that joint"
     stage = Stage.ENCODER
     parameters = (
-        Parameter("amplitude", "rad", "peak error", lower=0.0, upper=0.3, start=0.01),
-        Parameter("cycles", "1/rev", "cycles in a revolution of the joint", zero=None, lower=0.5, upper=50.0, start=1.0),
+        Parameter("amplitude", "rad", "peak error", lower=0.0, upper=0.3, grid=(0.01,)),
+        Parameter(
+            "cycles", "1/rev", "cycles in a revolution of the joint", zero=None, lower=0.5, upper=50.0, grid=(1.0, 2.0, 3.0)
+        ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
 
@@ -39,3 +41,17 @@ class EncoderEccentricity(Effect):
     def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
         """angle + A sin(N angle + phase)."""
         return angle + p["amplitude"] * np.sin(p["cycles"] * angle + p["phase"])
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """A sin(N q + phase) is linear in A cos(phase) and A sin(phase)."""
+        amplitude = 0.1 * self.parameter("amplitude").grid[0]
+
+        def at(cycles: float) -> Probe:
+            def combine(c: np.ndarray) -> dict[str, float]:
+                size, phase = float(np.hypot(c[0], c[1])), float(np.arctan2(c[1], c[0]))
+                return {"amplitude": amplitude * size, "cycles": cycles, "phase": phase}
+
+            points = tuple({"amplitude": amplitude, "cycles": cycles, "phase": p} for p in (0.0, 0.5 * np.pi))
+            return Probe({"amplitude": 0.0, "cycles": cycles, "phase": 0.0}, points, combine)
+
+        return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]

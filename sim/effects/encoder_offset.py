@@ -16,7 +16,7 @@ class EncoderOffset(Effect):
     reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
     experiment = "a mechanical zero mark, or gravity postures with a trusted centre of mass"
     stage = Stage.ENCODER
-    parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, start=0.01),)
+    parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, grid=(0.01,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """angle = reading - o."""

@@ -19,10 +19,10 @@ class ExternalContact(Effect):
     scope = "arm"
     parameters = (
         Parameter("start", "s", "from the start of the recording", zero=None, lower=0.0, upper=1e5),
-        Parameter("duration", "s", "how long it lasts", zero=None, lower=0.02, upper=60.0, start=1.0),
-        Parameter("force_x", "N", "force on the last link", start=1.0),
-        Parameter("force_y", "N", "force on the last link", start=1.0),
-        Parameter("force_z", "N", "force on the last link", start=1.0),
+        Parameter("duration", "s", "how long it lasts", zero=None, lower=0.02, upper=60.0, grid=(1.0,)),
+        Parameter("force_x", "N", "force on the last link", grid=(1.0,)),
+        Parameter("force_y", "N", "force on the last link", grid=(1.0,)),
+        Parameter("force_z", "N", "force on the last link", grid=(1.0,)),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
 
 
 class JointElasticity(Effect):
@@ -14,8 +16,22 @@ class JointElasticity(Effect):
     reference = "M. W. Spong (1987), doi:10.1115/1.3143860"
     experiment = "a small motion from 1 to 15 Hz in two postures"
     stage = Stage.TRANSMISSION
-    parameters = (Parameter("stiffness", "N*m/rad", "torque per twist", zero=None, lower=10.0, upper=1e7, start=1e4),)
+    parameters = (Parameter("stiffness", "N*m/rad", "torque per twist", zero=None, lower=10.0, upper=1e7, grid=(1e4,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += load/K."""
         state.q_motor[:, joint] += state.load[:, joint] / p["stiffness"]
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """The torque is nearly linear in 1/stiffness: try a few and scale."""
+        if own is not None:
+            return []
+        none = {"stiffness": self.parameter("stiffness").upper}
+
+        def at(stiffness: float) -> Probe:
+            def combine(c: np.ndarray) -> dict[str, float]:
+                return {"stiffness": stiffness / max(float(c[0]), 1e-6)}
+
+            return Probe(none, ({"stiffness": stiffness},), combine)
+
+        return [at(k) for k in self.parameter("stiffness").grid]

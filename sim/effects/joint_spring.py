@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values
 
 
 class JointSpring(Effect):
@@ -17,7 +17,7 @@ class JointSpring(Effect):
     experiment = "a slow motion over the whole range of that joint"
     stage = Stage.JOINT
     parameters = (
-        Parameter("stiffness", "N*m/rad", "torque per angle", lower=0.0, start=2.0),
+        Parameter("stiffness", "N*m/rad", "torque per angle", lower=0.0, grid=(2.0,)),
         Parameter("rest_angle", "rad", "angle without torque", zero=None, lower=-4 * np.pi, upper=4 * np.pi),
     )
 
@@ -28,3 +28,17 @@ class JointSpring(Effect):
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """stiffness and springref."""
         return Mjcf({"stiffness": repr(p["stiffness"]), "springref": repr(p["rest_angle"])})
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """k (q - q_0) is linear in k and k q_0."""
+        base = {"stiffness": 0.0, "rest_angle": 0.0} if own is None else dict(own)
+        k, shift = base["stiffness"], base["stiffness"] * base["rest_angle"]
+
+        def combine(c: np.ndarray) -> dict[str, float]:
+            stiffness = k + float(c[0] + c[1])
+            rest = (shift + float(c[1])) / stiffness if stiffness != 0 else 0.0
+            return {"stiffness": stiffness, "rest_angle": rest}
+
+        one = {"stiffness": k + 1.0, "rest_angle": shift / (k + 1.0)}
+        two = {"stiffness": k + 1.0, "rest_angle": (shift + 1.0) / (k + 1.0)}
+        return [Probe(base, (one, two), combine)]

@@ -16,7 +16,7 @@ class LoadDependentFriction(Effect):
     reference = "L. Ljung and the survey of A. C. Bittencourt, S. Gunnarsson (2012), doi:10.1115/1.4006589"
     experiment = "the same slow sweep in two postures with different gravity load"
     stage = Stage.FRICTION
-    parameters = (Parameter("coefficient", "1", "dry friction per transmitted torque", lower=0.0, upper=1.0, start=0.1),)
+    parameters = (Parameter("coefficient", "1", "dry friction per transmitted torque", lower=0.0, upper=1.0, grid=(0.1,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """level += c |load|."""

@@ -17,8 +17,8 @@ class NonlinearViscousFriction(Effect):
     experiment = "constant-speed sweeps at six or more speeds over a range of 30"
     stage = Stage.MOTOR
     parameters = (
-        Parameter("coefficient", "N*m*(s/rad)^exponent", "torque at 1 rad/s", start=1.0),
-        Parameter("exponent", "1", "power of the speed", zero=None, lower=0.2, upper=3.5, start=2.0),
+        Parameter("coefficient", "N*m*(s/rad)^exponent", "torque at 1 rad/s", grid=(1.0,)),
+        Parameter("exponent", "1", "power of the speed", zero=None, lower=0.2, upper=3.5, grid=(0.4, 0.7, 1.5, 2.0, 3.0)),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

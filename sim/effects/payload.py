@@ -19,7 +19,7 @@ class Payload(Effect):
     stage = Stage.RIGID
     scope = "arm"
     parameters = (
-        Parameter("mass", "kg", "mass", lower=0.0, upper=100.0, start=1.0),
+        Parameter("mass", "kg", "mass", lower=0.0, upper=100.0, grid=(1.0,)),
         Parameter("com_x", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),
         Parameter("com_y", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),
         Parameter("com_z", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
 
 
 class PreslidingFriction(Effect):
@@ -18,10 +18,30 @@ class PreslidingFriction(Effect):
     stage = Stage.FRICTION
     parameters = (
         Parameter(
-            "stiffness", "N*m/rad", "dry friction per displacement before sliding", zero=None, lower=1.0, upper=1e6, start=1e3
+            "stiffness",
+            "N*m/rad",
+            "dry friction per displacement before sliding",
+            zero=None,
+            lower=1.0,
+            upper=1e6,
+            grid=(30.0, 100.0, 300.0, 1e3, 3e3, 1e4),
         ),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """width = level / stiffness, never below the width that every bearing has."""
         state.width[:, joint] = np.maximum(state.width[:, joint], state.level[:, joint] / p["stiffness"])
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """The torque is nearly linear in 1/stiffness: try a few and scale."""
+        if own is not None:
+            return []
+        none = {"stiffness": self.parameter("stiffness").upper}
+
+        def at(stiffness: float) -> Probe:
+            def combine(c: np.ndarray) -> dict[str, float]:
+                return {"stiffness": stiffness / max(float(c[0]), 1e-6)}
+
+            return Probe(none, ({"stiffness": stiffness},), combine)
+
+        return [at(k) for k in self.parameter("stiffness").grid]

@@ -17,7 +17,7 @@ class StribeckFriction(Effect):
     experiment = "constant-speed sweeps at five or more speeds, three of them below the Stribeck velocity"
     stage = Stage.FRICTION
     parameters = (
-        Parameter("stiction_excess", "N*m", "excess of dry friction at rest", lower=0.0, start=1.0),
+        Parameter("stiction_excess", "N*m", "excess of dry friction at rest", lower=0.0, grid=(1.0,)),
         Parameter(
             "stribeck_velocity",
             "rad/s",
@@ -25,7 +25,7 @@ class StribeckFriction(Effect):
             zero=None,
             lower=0.005,
             upper=1.0,
-            start=0.1,
+            grid=(0.02, 0.05, 0.1, 0.2, 0.4),
         ),
     )
 

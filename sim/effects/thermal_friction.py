@@ -17,8 +17,10 @@ class ThermalFriction(Effect):
     experiment = "repeat one motion cold and after ten minutes of work"
     stage = Stage.FRICTION
     parameters = (
-        Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, start=0.2),
-        Parameter("time_constant", "s", "time to lose 63 % of that", zero=None, lower=2.0, upper=3000.0, start=60.0),
+        Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, grid=(0.2,)),
+        Parameter(
+            "time_constant", "s", "time to lose 63 % of that", zero=None, lower=2.0, upper=3000.0, grid=(10.0, 30.0, 100.0)
+        ),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

@@ -19,7 +19,7 @@ class TimeDelay(Effect):
     experiment = "a motion with several frequencies from 1 to 7 Hz"
     stage = Stage.CHANNEL
     scope = "arm"
-    parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, start=0.002),)
+    parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, grid=(0.002,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau(t) = tau(t - d), linear between samples."""

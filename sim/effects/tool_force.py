@@ -18,9 +18,9 @@ class ToolForce(Effect):
     stage = Stage.FORCE
     scope = "arm"
     parameters = (
-        Parameter("force_x", "N", "force on the last link", start=1.0),
-        Parameter("force_y", "N", "force on the last link", start=1.0),
-        Parameter("force_z", "N", "force on the last link", start=1.0),
+        Parameter("force_x", "N", "force on the last link", grid=(1.0,)),
+        Parameter("force_y", "N", "force on the last link", grid=(1.0,)),
+        Parameter("force_z", "N", "force on the last link", grid=(1.0,)),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

@@ -14,7 +14,7 @@ class TorqueGain(Effect):
     reference = "M. Gautier, S. Briot (2014), doi:10.1109/TCST.2013.2291397"
     experiment = "attach a known mass: a gain scales it, a wrong link mass does not"
     stage = Stage.SENSOR
-    parameters = (Parameter("gain", "1", "reading per torque", zero=1.0, lower=0.3, upper=3.0, start=1.0),)
+    parameters = (Parameter("gain", "1", "reading per torque", zero=1.0, lower=0.3, upper=3.0, grid=(1.0,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau *= g."""

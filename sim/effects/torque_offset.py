@@ -14,7 +14,7 @@ class TorqueOffset(Effect):
     reference = "C. Gaz, M. Cognetti et al. (2019), doi:10.1109/LRA.2019.2931248"
     experiment = "static holds and slow motion in both directions"
     stage = Stage.SENSOR
-    parameters = (Parameter("offset", "N*m", "reading at no torque", start=0.5),)
+    parameters = (Parameter("offset", "N*m", "reading at no torque", grid=(0.5,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += o."""

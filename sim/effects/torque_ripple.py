@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values
 
 
 class TorqueRipple(Effect):
@@ -17,8 +17,16 @@ class TorqueRipple(Effect):
     experiment = "a slow full turn of that joint in both directions"
     stage = Stage.JOINT
     parameters = (
-        Parameter("amplitude", "N*m", "peak torque", lower=0.0, start=0.5),
-        Parameter("cycles", "1/rev", "cycles in a revolution of the joint", zero=None, lower=0.5, upper=400.0, start=2.0),
+        Parameter("amplitude", "N*m", "peak torque", lower=0.0, grid=(0.5,)),
+        Parameter(
+            "cycles",
+            "1/rev",
+            "cycles in a revolution of the joint",
+            zero=None,
+            lower=0.5,
+            upper=400.0,
+            grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0),
+        ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
 
@@ -31,3 +39,17 @@ class TorqueRipple(Effect):
         cogging = f"{p['amplitude']!r} {p['cycles']!r} {p['phase']!r}"
         motor = {"name": f"calib_torque_ripple_{joint}", "joint": joint, "input": "none", "resistance": "1", "motorconst": "0"}
         return Mjcf(elements=(("actuator", "dcmotor", motor | {"cogging": cogging}),))
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """A sin(N q + phase) is linear in A cos(phase) and A sin(phase)."""
+        amplitude = 0.1 * self.parameter("amplitude").grid[0]
+
+        def at(cycles: float) -> Probe:
+            def combine(c: np.ndarray) -> dict[str, float]:
+                size, phase = float(np.hypot(c[0], c[1])), float(np.arctan2(c[1], c[0]))
+                return {"amplitude": amplitude * size, "cycles": cycles, "phase": phase}
+
+            points = tuple({"amplitude": amplitude, "cycles": cycles, "phase": p} for p in (0.0, 0.5 * np.pi))
+            return Probe({"amplitude": 0.0, "cycles": cycles, "phase": 0.0}, points, combine)
+
+        return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]

@@ -16,7 +16,7 @@ class TorqueSaturation(Effect):
     reference = "MuJoCo manual, actuator forcerange"
     experiment = "the same motion at half speed"
     stage = Stage.DRIVE
-    parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, start=100.0),)
+    parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, grid=(100.0,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau held in [-limit, limit]."""

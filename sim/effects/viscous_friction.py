@@ -13,7 +13,7 @@ class ViscousFriction(Effect):
     looks = "torque that grows in proportion to speed, odd in speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
     stage = Stage.MOTOR
-    parameters = (Parameter("viscous", "N*m*s/rad", "torque per speed", lower=0.0, start=1.0),)
+    parameters = (Parameter("viscous", "N*m*s/rad", "torque per speed", lower=0.0, grid=(1.0,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth F_v dq."""

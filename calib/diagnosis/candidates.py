@@ -1,0 +1,215 @@
+"""Every effect of the catalogue at every joint as columns of torque: what the residual would look like if that effect were missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.model import LogModel
+from sim.arm import Arm, ArmEffect
+from sim.effects import EFFECTS, Effect, Stage
+from sim.effects.effect import Values
+
+Combine = Callable[[np.ndarray], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a joint (None: the whole arm) with its columns per log.
+
+    columns  per log {joint index: (R, k) N m per unit of coefficient}
+    combine  coefficients (k,) -> parameter values
+    """
+
+    effect: str
+    joint: str | None
+    columns: list[dict[int, np.ndarray]]
+    combine: Combine
+
+    @property
+    def key(self) -> tuple[str, str | None]:
+        """Effect and joint."""
+        return self.effect, self.joint
+
+
+def candidates(models: list[LogModel]) -> Iterator[Candidate]:
+    """All candidates at the present hypothesis, each with every start of its nonlinear parameters."""
+    arm = models[0].arm
+    for effect in EFFECTS:
+        if effect.name in _WHOLE:
+            yield from _WHOLE[effect.name](models, arm)
+        elif effect.scope == "joint":
+            for j, joint in enumerate(arm.joint_names):
+                if effect.stage is Stage.ENCODER:
+                    yield from _encoder(models, effect, j, joint)
+                elif effect.stage is not Stage.RIGID:
+                    yield from _joint(models, effect, j, joint)
+
+
+def _joint(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterator[Candidate]:
+    """Effects behind the load: the tail of the path with the effect at each probe's points."""
+    arm = models[0].arm
+    own = arm.effect(effect.name, joint)
+    for probe in effect.probes(own.parameters if own else None):
+        if not probe.points:
+            continue
+        columns = []
+        for model in models:
+            others = [e for e in model.own_effects(j) if e.effect != effect.name]
+            base = model.tail(j, [*others, ArmEffect(effect.name, joint, dict(probe.base))])
+            moved = [model.tail(j, [*others, ArmEffect(effect.name, joint, dict(p))]) - base for p in probe.points]
+            columns.append({j: model.rows(np.stack(moved, axis=1))})
+        yield Candidate(effect.name, joint, columns, probe.combine)
+
+
+def _encoder(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterator[Candidate]:
+    """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
+    own = models[0].arm.effect(effect.name, joint)
+    for probe in effect.probes(own.parameters if own else None):
+        columns = []
+        for model in models:
+            moved = []
+            for point in probe.points:
+                reading = model.measurement.trajectory.q[:, j]
+                error = effect.reading(reading, point) - effect.reading(reading, probe.base)
+                t = model.link.t
+                speed = np.gradient(error, t)
+                moved.append(shifted(model, j, -error, -speed, -np.gradient(speed, t)))
+            stacked = model.rows(np.stack(moved, axis=2))
+            columns.append({k: stacked[:, k] for k in range(model.n)})
+        yield Candidate(effect.name, joint, columns, probe.combine)
+
+
+def shifted(model: LogModel, j: int, dq: np.ndarray, dv: np.ndarray, da: np.ndarray) -> np.ndarray:
+    """Change of the rigid torque (N, n) when the angle of joint j changes by dq (N,), its speed by dv, its acceleration by da."""
+    link = model.link
+    q, v, a = link.q.copy(), link.dq.copy(), link.ddq.copy()
+    scale = 1e-3 / max(float(np.max(np.abs(dq))), 1e-12)
+    q[:, j] += scale * dq
+    v[:, j] += scale * dv
+    a[:, j] += scale * da
+    moved = model.bodies.inverse_dynamics(q, v, a) - model.bodies.inverse_dynamics(link.q, link.dq, link.ddq)
+    out = moved / scale
+    rotor = model.arm.effect("rotor_inertia", model.arm.joint_names[j])
+    viscous = model.arm.effect("viscous_friction", model.arm.joint_names[j])
+    if rotor is not None:
+        out[:, j] += rotor.parameters["inertia"] * da
+    if viscous is not None:
+        out[:, j] += viscous.parameters["viscous"] * dv
+    return out
+
+
+def _whole(model: LogModel, columns: np.ndarray) -> dict[int, np.ndarray]:
+    """(N, n, k) samples -> rows per joint."""
+    rows = model.rows(columns)
+    return {j: rows[:, j] for j in range(model.n)}
+
+
+def _payload(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    """Linear in m and m c of a point mass; its own moments follow at second order and come with the exact fit."""
+    last = 10 * (arm.n - 1)
+    scale = 0.01 * float(arm.tree.mass.sum())
+    columns = [_whole(m, scale * m.regressor[:, :, last : last + 4]) for m in models]
+
+    def combine(c: np.ndarray) -> dict[str, float]:
+        mass = scale * float(c[0])
+        com = scale * c[1:4] / mass if abs(mass) > 1e-9 else np.zeros(3)
+        return {"mass": mass, "com_x": float(com[0]), "com_y": float(com[1]), "com_z": float(com[2])}
+
+    yield Candidate("payload", None, columns, combine)
+
+
+def _link(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    """Linear in the change of m and m c of one link; the first link's are seen by no joint but its own."""
+    for i, joint in enumerate(arm.joint_names[:-1]):
+        first = 10 * i
+        mass, com = arm.tree.mass[i], arm.tree.com[i]
+        columns = []
+        for model in models:
+            part = model.regressor[:, :, first : first + 10]
+            moves = [part[:, :, :1], part[:, :, 1:4]]
+            columns.append(_whole(model, mass * 0.1 * np.concatenate(moves, axis=2)))
+
+        def combine(c: np.ndarray, mass: float = mass, com: np.ndarray = com) -> dict[str, float]:
+            new = mass * (1.0 + 0.1 * float(c[0]))
+            centre = (mass * com + 0.1 * mass * c[1:4]) / new if new > 0 else com
+            return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
+
+        yield Candidate("link_inertia", joint, columns, combine)
+
+
+def _tilt(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    """Linear in roll and pitch."""
+    effect = next(e for e in EFFECTS if e.name == "base_tilt")
+    columns = []
+    for model in models:
+        link = model.link
+        moved = []
+        for point in ({"roll": 1e-3, "pitch": 0.0}, {"roll": 0.0, "pitch": 1e-3}):
+            turned = effect.bodies(arm.tree, None, point).gravity
+            zero = np.zeros_like(link.q)
+            change = model.bodies.inverse_dynamics(link.q, zero, zero, turned - arm.gravity)
+            moved.append(10.0 * change)
+        columns.append(_whole(model, np.stack(moved, axis=2)))
+    yield Candidate("base_tilt", None, columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
+
+
+def force_columns(model: LogModel) -> np.ndarray:
+    """(N, n, 3) N m for 1 N along each axis of the base at the last link's origin."""
+    linear, _ = model.bodies.jacobian(model.link.q)
+    return -np.swapaxes(linear, 1, 2)
+
+
+def _force(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    columns = [_whole(m, force_columns(m)) for m in models]
+    yield Candidate("tool_force", None, columns, _named("force_x", "force_y", "force_z"))
+
+
+def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    columns = [_whole(m, -1e-3 * m.rate_of_change[:, :, None]) for m in models]
+    own = arm.effect("time_delay")
+    before = own.parameters["delay"] if own else 0.0
+    yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
+
+
+CONTACT_STEP = 0.2
+CONTACT_DURATIONS = (0.4, 0.8, 1.6)
+
+
+def _contact(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
+    """A push of three durations at every fifth of a second; every log has its own."""
+    for which, model in enumerate(models):
+        rows = model.rows(force_columns(model))
+        at = model.link.t[model.measurement.row_samples]
+        for duration in CONTACT_DURATIONS:
+            for start in np.arange(at[0], at[-1] - duration, CONTACT_STEP * max(1.0, duration)):
+                phase = (at - start) / duration
+                window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * np.clip(phase, 0, 1)) ** 2, 0.0)
+                columns: list[dict[int, np.ndarray]] = []
+                for k, other in enumerate(models):
+                    shape = (len(other.residual), 3)
+                    columns.append({j: rows[:, j] * window[:, None] if k == which else np.zeros(shape) for j in range(model.n)})
+                force = _named("force_x", "force_y", "force_z")
+
+                def combine(c: np.ndarray, start: float = float(start), duration: float = duration) -> dict[str, float]:
+                    return {"start": start, "duration": duration} | force(c)
+
+                yield Candidate("external_contact", None, columns, combine)
+
+
+def _named(*names: str) -> Combine:
+    return lambda c: {name: float(x) for name, x in zip(names, c, strict=True)}
+
+
+_WHOLE: dict[str, Callable[[list[LogModel], Arm], Iterator[Candidate]]] = {
+    "payload": _payload,
+    "link_inertia": _link,
+    "base_tilt": _tilt,
+    "tool_force": _force,
+    "time_delay": _delay,
+    "external_contact": _contact,
+}
+
+Point = Values

@@ -1,0 +1,203 @@
+"""Accepted effects, nuisance and noise fitted together: Gauss-Newton on the exact torque path, all logs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.model import CONTACT, Hypothesis, LogModel, recentred
+from calib.diagnosis.rows import Noise, Rows, Solved, noise_of, solve
+from calib.preprocessing import Measurement
+from sim.arm import ArmEffect
+from sim.effects import Stage, effect_named, with_effect
+from sim.effects.effect import Parameter
+from sim.errors import ConfigError
+from sim.prediction import by_stage, link_side, motor_side
+
+HUBER = 3.0
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis.
+
+    objective    -2 log likelihood with the noise's own scale, and the prior's share; lower is better
+    covariance   (k, k) of the accepted parameters in the order of `parameters_of`, in fitting units
+    """
+
+    hypothesis: Hypothesis
+    models: list[LogModel]
+    solved: Solved
+    objective: float
+    covariance: np.ndarray
+
+    @property
+    def accepted(self) -> tuple[ArmEffect, ...]:
+        """The effects of the hypothesis."""
+        return self.hypothesis.accepted
+
+    def std(self) -> list[dict[str, float]]:
+        """Standard deviation of every parameter of every accepted effect."""
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        out: list[dict[str, float]] = [{} for _ in self.accepted]
+        for (i, p), s in zip(parameters_of(self.accepted), deviation, strict=True):
+            value = self.accepted[i].parameters[p.name]
+            out[i][p.name] = float(s * abs(value)) if logarithmic(p) else float(s)
+        return out
+
+
+def fit(measurements: Sequence[Measurement], hypothesis: Hypothesis, rounds: int = 5, noise: Noise | None = None) -> Fit:
+    """Fit the accepted effects' parameters from where they stand; at most `rounds` steps."""
+    n = hypothesis.arm.n
+    floor = np.full(n, 1e-6)
+    best: Fit | None = None
+    for k in range(rounds):
+        models = [LogModel(m, hypothesis, hypothesis.event(i)) for i, m in enumerate(measurements)]
+        rows = Rows(models)
+        columns = _columns(models, hypothesis)
+        widened = _joined(rows, columns)
+        noise = noise or noise_of(rows.r, rows.joined, floor)
+        for _ in range(3):
+            joint = solve(widened, noise)
+            noise = noise_of(joint.residuals(), rows.joined, floor)
+        joint = solve(widened, noise)
+        here = solve(rows, noise)
+        count = widened.p - rows.p
+        value = objective(joint, rows.p)
+        covariance = joint.inverse[rows.p :, rows.p :] * WIDE**2 * np.outer(_scales(columns), _scales(columns))
+        now = Fit(hypothesis, models, here, value, covariance)
+        if best is None or value < best.objective:
+            settled = best is not None and best.objective - value < 1.0
+            best = now
+            if settled:
+                break
+        elif k >= 2:
+            break
+        theta = joint.theta[: rows.p]
+        moved = recentred(hypothesis, models[0].names, theta)
+        if count:
+            moved = _moved(moved, joint.theta[rows.p :] * WIDE * _scales(columns))
+        hypothesis = moved
+    assert best is not None
+    return best
+
+
+WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size
+
+
+def objective(solved: Solved, priors: int) -> float:
+    """-2 log likelihood (Huber's loss) of all rows under the noise's scale, plus the nuisance's prior."""
+    total = 0.0
+    for j, e in enumerate(solved.left()):
+        size = np.abs(e)
+        loss = np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2)
+        innovation = solved.noise.sigma[j] ** 2 * (1 - solved.noise.phi[j] ** 2)
+        total += float(loss.sum() + len(e) * np.log(max(innovation, 1e-300)))
+    return total + float(solved.theta[:priors] @ solved.theta[:priors])
+
+
+def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
+    """(index of the effect, parameter) of everything that is fitted."""
+    return [(i, p) for i, item in enumerate(accepted) for p in effect_named(item.effect).parameters]
+
+
+def logarithmic(p: Parameter) -> bool:
+    """Scales without a zero are fitted as logarithms."""
+    return p.zero is None and p.lower > 0
+
+
+def within(item: ArmEffect) -> bool:
+    """Whether every parameter is finite and inside its physical bounds."""
+    bounds = {p.name: p for p in effect_named(item.effect).parameters}
+    return all(np.isfinite(v) and bounds[k].lower <= v <= bounds[k].upper for k, v in item.parameters.items())
+
+
+def _step(item: ArmEffect, p: Parameter) -> float:
+    if logarithmic(p):
+        return 1e-2
+    if p.zero is None:
+        return 1e-3
+    return max(1e-2 * abs(item.parameters[p.name] - p.zero), 1e-4 * abs(p.grid[0]))
+
+
+def _changed(item: ArmEffect, p: Parameter, by: float) -> ArmEffect:
+    value = item.parameters[p.name]
+    value = value * float(np.exp(np.clip(by, -1.0, 1.0))) if logarithmic(p) else value + by
+    return replace(item, parameters=dict(item.parameters) | {p.name: float(np.clip(value, p.lower, p.upper))})
+
+
+def _columns(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[float, list[np.ndarray]]]:
+    """Per fitted parameter: its step, and per log the change (R, n) of predicted torque per unit of it."""
+    out = []
+    for i, p in parameters_of(hypothesis.accepted):
+        item = hypothesis.accepted[i]
+        step = _step(item, p)
+        if not within(_changed(item, p, step)) or _changed(item, p, step).parameters == item.parameters:
+            step = -step
+        moved = _changed(item, p, step)
+        per_log = []
+        for k, model in enumerate(models):
+            per_log.append(model.rows(_difference(model, hypothesis, k, item, moved)) / step)
+        out.append((step, per_log))
+    return out
+
+
+def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect) -> np.ndarray:
+    """Change of the predicted torque (N, n) when one accepted effect changes."""
+    effect = effect_named(item.effect)
+    out = np.zeros_like(model.tau_hat)
+    late = effect.stage not in (Stage.ENCODER, Stage.RIGID, Stage.FORCE, Stage.CHANNEL)
+    if late and item.joint is not None:
+        j = model.arm.joint_index(item.joint)
+        own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
+        out[:, j] = model.tail(j, own) - model.tail(j, model.own_effects(j))
+        return out
+    if item.effect == CONTACT:
+        if hypothesis.event_log != log:
+            return out
+        return _predicted(model, hypothesis, hypothesis.arm, moved) - model.tau_hat
+    accepted = tuple(moved if e is item else e for e in hypothesis.accepted)
+    arm = hypothesis.start
+    for e in accepted:
+        if e.effect != CONTACT:
+            arm = with_effect(arm, e)
+    return _predicted(model, hypothesis, arm, hypothesis.event(log)) - model.tau_hat
+
+
+def _predicted(model: LogModel, hypothesis: Hypothesis, arm: object, event: ArmEffect | None) -> np.ndarray:
+    effects = arm.effects if event is None else (*arm.effects, event)  # type: ignore[attr-defined]
+    stages = by_stage(effects, arm)  # type: ignore[arg-type]
+    state = link_side(arm, model.measurement.trajectory, stages)  # type: ignore[arg-type]
+    motor_side(state, stages, hypothesis.width, hypothesis.lead)
+    return state.tau - hypothesis.delay * model._gradient(state.tau)
+
+
+def _scales(columns: list[tuple[float, list[np.ndarray]]]) -> np.ndarray:
+    """1/size of every column, so that the wide prior means the same for all."""
+    sizes = [np.sqrt(sum(float((c**2).sum()) for c in per_log)) for _, per_log in columns]
+    return np.array([1.0 / s if s > 0 else 0.0 for s in sizes])
+
+
+def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]]) -> Rows:
+    """The rows with the accepted parameters' columns behind the nuisance, scaled to the wide prior."""
+    if not columns:
+        return rows
+    widened = Rows(rows.models)
+    scale = _scales(columns) * WIDE
+    for j in range(rows.n):
+        extra = [rows.take(j, [c[:, j] for c in per_log]) for _, per_log in columns]
+        widened.x[j] = np.concatenate([rows.x[j], np.stack(extra, axis=1) * scale], axis=1)
+    return widened
+
+
+def _moved(hypothesis: Hypothesis, change: np.ndarray) -> Hypothesis:
+    """The hypothesis with its accepted parameters moved by `change` (k,) in fitting units, kept inside their bounds."""
+    accepted = list(hypothesis.accepted)
+    for (i, p), by in zip(parameters_of(hypothesis.accepted), change, strict=True):
+        accepted[i] = _changed(accepted[i], p, float(by))
+    try:
+        return hypothesis.with_effects(tuple(accepted), hypothesis.event_log)
+    except ConfigError:
+        return hypothesis
