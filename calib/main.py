@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "record": "record",
     "identify": "identify",
     "validate": "validate",
+    "diagnose": "diagnose",
     "export": "export",
     "import": "import_",
     "replay": "replay",

@@ -47,12 +47,12 @@ class PriorTable(StrictTable):
     mass, com (relative to the link's size), inertia, coulomb, viscous, rotor.
     """
 
-    mass: Positive = 0.02
-    com: Positive = 0.02
-    inertia: Positive = 0.05
-    coulomb: Positive = 0.05
-    viscous: Positive = 0.05
-    rotor: Positive = 0.05
+    mass: Positive = 0.015
+    com: Positive = 0.015
+    inertia: Positive = 0.03
+    coulomb: Positive = 0.04
+    viscous: Positive = 0.04
+    rotor: Positive = 0.1
 
 
 Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max", "sensors"]

@@ -10,7 +10,6 @@ import numpy as np
 from calib.diagnosis.model import LogModel
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Effect, Stage
-from sim.effects.effect import Values
 
 Combine = Callable[[np.ndarray], dict[str, float]]
 
@@ -174,12 +173,12 @@ def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
 
 
-CONTACT_STEP = 0.2
+CONTACT_STEP = 0.4
 CONTACT_DURATIONS = (0.4, 0.8, 1.6)
 
 
 def _contact(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    """A push of three durations at every fifth of a second; every log has its own."""
+    """A push of three durations at every 0.4 s; every log has its own."""
     for which, model in enumerate(models):
         rows = model.rows(force_columns(model))
         at = model.link.t[model.measurement.row_samples]
@@ -211,5 +210,3 @@ _WHOLE: dict[str, Callable[[list[LogModel], Arm], Iterator[Candidate]]] = {
     "time_delay": _delay,
     "external_contact": _contact,
 }
-
-Point = Values

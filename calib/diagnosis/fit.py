@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel, recentred
 from calib.diagnosis.rows import Noise, Rows, Solved, noise_of, solve
 from calib.preprocessing import Measurement
-from sim.arm import ArmEffect
+from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named, with_effect
 from sim.effects.effect import Parameter
 from sim.errors import ConfigError
@@ -166,10 +166,10 @@ def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffe
     return _predicted(model, hypothesis, arm, hypothesis.event(log)) - model.tau_hat
 
 
-def _predicted(model: LogModel, hypothesis: Hypothesis, arm: object, event: ArmEffect | None) -> np.ndarray:
-    effects = arm.effects if event is None else (*arm.effects, event)  # type: ignore[attr-defined]
-    stages = by_stage(effects, arm)  # type: ignore[arg-type]
-    state = link_side(arm, model.measurement.trajectory, stages)  # type: ignore[arg-type]
+def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffect | None) -> np.ndarray:
+    effects = arm.effects if event is None else (*arm.effects, event)
+    stages = by_stage(effects, arm)
+    state = link_side(arm, model.measurement.trajectory, stages)
     motor_side(state, stages, hypothesis.width, hypothesis.lead)
     return state.tau - hypothesis.delay * model._gradient(state.tau)
 

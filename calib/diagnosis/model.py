@@ -18,6 +18,8 @@ WIDTH_SPREAD = 0.7
 LEAD_SPREAD = 4e-3
 # A drive that holds its torque between control instants leads its own reading by half a control period (1 ms at 500 Hz).
 DELAY_MEAN, DELAY_SPREAD = -0.75e-3, 0.3e-3
+# The dynamics of drives that nobody models act like a rotor inertia that is off by one factor on all joints.
+ROTOR_TOGETHER = 0.3
 CONTACT = "external_contact"
 # Motors warm up; that much of all friction may go with every ten degrees.
 WARMTH_SPREAD = 0.015
@@ -112,7 +114,7 @@ class LogModel:
 
     def _nuisance(self) -> tuple[np.ndarray, list[str]]:
         """(N, n, p) N m per prior standard deviation."""
-        arm, prior, tree, n = self.arm, self.arm.prior, self.arm.tree, self.arm.n
+        prior, tree, n = self.arm.prior, self.arm.tree, self.arm.n
         samples = len(self.link.t)
         columns: list[np.ndarray] = []
         names: list[str] = []
@@ -151,6 +153,12 @@ class LogModel:
                 whole[:, j] = column
                 columns.append(whole)
                 names.append(f"{name}_{j + 1}")
+        together = np.zeros((samples, n))
+        for j in range(n):
+            rotor = sum((e.parameters["inertia"] for e in self.own_effects(j) if e.effect == "rotor_inertia"), 0.0)
+            together[:, j] = ROTOR_TOGETHER * rotor * self.state.ddq_motor[:, j]
+        columns.append(together)
+        names.append("Ia_all")
         columns.append(-DELAY_SPREAD * self.rate_of_change)
         names.append("delay")
         return np.stack(columns, axis=2), names

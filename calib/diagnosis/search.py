@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,9 +14,10 @@ from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 
 MOST_EFFECTS = 4
-TRIED = 6
+TRIED = 3
 # Fall of -2 log likelihood that a name must bring: 1 % family-wise over about 150 candidates asks for some 20; what the model's form
 # leaves on clean recordings asks for more (docs: how the threshold was calibrated).
+LEAST_GAP = 3e-4  # rad; less than that is what dry friction's own width looks like
 THRESHOLD = 30.0
 PER_PARAMETER = 4.0
 
@@ -56,12 +57,12 @@ def cost(f: Fit) -> float:
     return f.objective + penalty(f.accepted)
 
 
-def scored(f: Fit, skip: Callable[[tuple[str, str | None]], bool] = lambda key: False) -> list[Scored]:
+def scored(f: Fit, skip: Collection[tuple[str, str | None]] = ()) -> list[Scored]:
     """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out."""
     best: dict[tuple[str, str | None], Scored] = {}
     rows, noise = f.solved.rows, f.solved.noise
     for c in candidates(f.models):
-        if skip(c.key):
+        if c.key in skip:
             continue
         columns = {j: noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
         gain, coefficients, _ = f.solved.gain(columns)
@@ -82,8 +83,7 @@ def search(
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:
         told(f"looking for effect {len(best.accepted) + 1}")
-        here = {(e.effect, e.joint) for e in best.accepted}
-        ranked = scored(best, lambda key: key in here)
+        ranked = scored(best, {(e.effect, e.joint) for e in best.accepted})
         found.ladder.append(ranked[:12])
         tried = [add(measurements, best, s) for s in ranked[:TRIED] if s.gain > 0.5 * THRESHOLD]
         if not tried:
@@ -141,6 +141,8 @@ def _sensible(item: ArmEffect) -> bool:
         return bool(np.linalg.norm([p["com_x"], p["com_y"], p["com_z"]]) < 0.6)
     if item.effect in ("joint_elasticity", "presliding_friction"):
         return p["stiffness"] < 1e6
+    if item.effect == "backlash":
+        return p["half_gap"] > LEAST_GAP
     if item.effect == CONTACT:
         return bool(np.linalg.norm([p["force_x"], p["force_y"], p["force_z"]]) < 2e3)
     return True

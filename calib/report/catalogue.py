@@ -115,7 +115,7 @@ def _law(effect: Effect) -> str:
 
 
 def _values(effect: Effect) -> dict[str, float]:
-    return SHOWN.get(effect.name) or {p.name: p.start for p in effect.parameters}
+    return SHOWN.get(effect.name) or {p.name: p.grid[0] for p in effect.parameters}
 
 
 def _on_top(arm: Arm, instance: ArmEffect) -> ArmEffect:

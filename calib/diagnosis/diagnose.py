@@ -1,0 +1,143 @@
+"""From logs to a verdict: the missing effects by name, the corrected arm, and the gap before and after on logs kept apart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.motion import measured
+from calib.diagnosis.rows import Rows, noise_of
+from calib.diagnosis.search import THRESHOLD, Found, search
+from calib.preprocessing import Measurement
+from logs.log import Log
+from sim.arm import Arm, ArmEffect
+from sim.arm_folder import write_arm
+from sim.effects import effect_named
+
+# A joint whose noise stays this much over the others', each relative to its own high-frequency noise, holds something unnamed.
+UNEXPLAINED_RATIO = 1.5
+
+
+@dataclass
+class Diagnosis:
+    """The answer as data (`diagnosis.json`) and the corrected arm's effects."""
+
+    answer: dict[str, Any]
+    accepted: tuple[ArmEffect, ...]
+    found: Found
+
+    def write(self, folder: Path, arm: Arm) -> None:
+        """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
+        stay = [e for e in self.accepted if e.effect != CONTACT]
+        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
+        write_arm(folder / "arm", arm, effects=stay, provenance=why)
+        (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
+
+
+def diagnose(
+    arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), told: Callable[[str], None] = lambda text: None
+) -> Diagnosis:
+    """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
+    told("preparing")
+    fitted = [measured(log, arm) for log in logs]
+    apart = [measured(log, arm) for log in holdout] or fitted[-1:]
+    found = search(fitted, Hypothesis.nominal(arm), told)
+    odd = unexplained(found.best)
+    # A name beside structure that no name explains is worth little: withhold names at that joint.
+    kept = tuple(e for e in found.best.accepted if e.joint is None or e.joint not in {u["joint"] for u in odd})
+    stds = dict(zip([id(e) for e in found.best.accepted], found.best.std(), strict=True))
+    gap = _gaps(found, apart)
+    entries = [_entry(arm, e, stds[id(e)], found) for e in kept]
+    entries.sort(key=lambda x: -x["gap_share"])
+    verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
+    answer = {
+        "schema": "diagnosis/1",
+        "arm": arm.name,
+        "verdict": verdict,
+        "effects": entries,
+        "unexplained": odd,
+        "gap": {"unit": "N*m", "log": apart[0].name, "joints": list(arm.joint_names), **gap},
+        "data_checks": [{"check": "readable", "ok": True, "detail": m.name} for m in (*fitted, *apart)],
+        "arm_out": "arm",
+    }
+    return Diagnosis(answer, kept, found)
+
+
+def unexplained(f: Fit) -> list[dict[str, Any]]:
+    """Joints whose rest stays well over what their own fast noise and the other joints lead one to expect."""
+    slow, phi = f.solved.noise.sigma, f.solved.noise.phi
+    fast = np.array([_fast_noise(f.models, j) for j in range(f.hypothesis.arm.n)])
+    ratio = slow / np.maximum(fast, 1e-12)
+    usual = np.median(ratio)
+    joints = f.hypothesis.arm.joint_names
+    odd = (ratio > UNEXPLAINED_RATIO * usual) | (phi > np.median(phi) + 0.25)
+    return [{"joint": joints[j], "depends_on": [], "rms": float(slow[j]), "unit": "N*m"} for j in np.flatnonzero(odd)]
+
+
+def _fast_noise(models: list[LogModel], j: int) -> float:
+    """Noise of torque from sample to sample, N m: second differences, robust against reversals."""
+    parts = [
+        np.abs(np.diff(m.measurement.tau[m.measurement.usable[:, j], j] - m.tau_hat[m.measurement.usable[:, j], j], 2))
+        for m in models
+    ]
+    return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
+
+
+def _gaps(found: Found, apart: list[Measurement]) -> dict[str, list[float]]:
+    """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise floor."""
+    nominal = found.baseline.hypothesis.with_effects(())
+    named = found.best.hypothesis
+    before, refit, after, floor = [], [], [], []
+    for m in apart:
+        plain, full = Rows([LogModel(m, nominal)]), Rows([LogModel(m, named)])
+        theta = found.baseline.solved.theta
+        before.append([_rms(r) for r in plain.r])
+        refit.append([_rms(r - x @ theta) for r, x in zip(plain.r, plain.x, strict=True)])
+        after.append([_rms(r) for r in full.r])
+        rest = [r - x @ found.best.solved.theta for r, x in zip(full.r, full.x, strict=True)]
+        floor.append(list(noise_of(rest, full.joined, np.zeros(len(rest))).sigma))
+    return {
+        key: [float(v) for v in np.sqrt(np.mean(np.square(np.array(rows)), axis=0))]
+        for key, rows in (("noise_floor", floor), ("before", before), ("refit", refit), ("after", after))
+    }
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
+
+
+def _entry(arm: Arm, item: ArmEffect, std: dict[str, float], found: Found) -> dict[str, Any]:
+    """One effect as diagnosis.json has it."""
+    effect = effect_named(item.effect)
+    own = arm.effect(item.effect, item.joint)
+    nominal: dict[str, float] = dict(own.parameters) if own else effect.none()
+    if item.effect == "link_inertia" and item.joint is not None:
+        j = arm.joint_index(item.joint)
+        nominal = dict(zip(("mass", "com_x", "com_y", "com_z"), (arm.tree.mass[j], *arm.tree.com[j]), strict=True))
+    gain = max((s.gain for step in found.ladder for s in step if s.key == (item.effect, item.joint)), default=THRESHOLD)
+    total = max(found.baseline.objective - found.best.objective, 1e-9)
+    rivals = [s for step in found.ladder[:1] for s in step if s.key != (item.effect, item.joint) and s.gain > 0.9 * gain]
+    return {
+        "effect": item.effect,
+        "joint": item.joint,
+        "parameters": {
+            p.name: {
+                "value": float(item.parameters[p.name]),
+                "std": float(np.nan_to_num(std[p.name], posinf=0.0)),
+                "nominal": float(nominal[p.name]),
+                "unit": p.unit,
+            }
+            for p in effect.parameters
+        },
+        "confidence": float(1.0 / (1.0 + np.exp(-(gain - THRESHOLD) / 10.0))),
+        "gap_share": float(min(1.0, gain / total)),
+        "indistinguishable_from": [{"effect": s.effect.effect, "joint": s.effect.joint} for s in rivals[:3]],
+        "experiment": effect.experiment or None if rivals else None,
+    }
