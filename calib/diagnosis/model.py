@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,7 +110,7 @@ class LogModel:
 
     def _gradient(self, x: np.ndarray) -> np.ndarray:
         t, starts = self.link.t, self.measurement.starts
-        parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in zip(starts[:-1], starts[1:], strict=True)]
+        parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)]
         return np.concatenate(parts)
 
     def _nuisance(self) -> tuple[np.ndarray, list[str]]:
