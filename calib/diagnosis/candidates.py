@@ -190,12 +190,12 @@ def _contact(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
                 for k, other in enumerate(models):
                     shape = (len(other.residual), 3)
                     columns.append({j: rows[:, j] * window[:, None] if k == which else np.zeros(shape) for j in range(model.n)})
-                force = _named("force_x", "force_y", "force_z")
+                yield Candidate("external_contact", None, columns, _pushed(float(start), duration))
 
-                def combine(c: np.ndarray, start: float = float(start), duration: float = duration) -> dict[str, float]:
-                    return {"start": start, "duration": duration} | force(c)
 
-                yield Candidate("external_contact", None, columns, combine)
+def _pushed(start: float, duration: float) -> Combine:
+    force = _named("force_x", "force_y", "force_z")
+    return lambda c: {"start": start, "duration": duration} | force(c)
 
 
 def _named(*names: str) -> Combine:
