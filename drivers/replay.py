@@ -31,6 +31,7 @@ class ReplayDriver(Driver):
         self._order = [log.joint_names.index(n) for n in arm.joint_names]
         self.rate = float(1.0 / np.median(np.diff(log.t))) if len(log) > 1 else arm.sensors.rate
         self.clock = SimulatedClock()
+        self._t_host = log.t_host if np.isfinite(log.t_host).all() else log.t  # ur_rtde CSV files have no host clock
         self._next: int | None = None
 
     @classmethod
@@ -42,7 +43,7 @@ class ReplayDriver(Driver):
     def connect(self) -> DeviceInfo:
         """Stand before the first sample."""
         self._next = 0
-        self.clock = SimulatedClock(float(self.log.t_host[0]) if len(self.log) else 0.0)
+        self.clock = SimulatedClock(float(self._t_host[0]) if len(self.log) else 0.0)
         about = self.log.metadata
         return DeviceInfo(
             model=str(about.get("arm", self.arm.name)), serial=str(about.get("serial", "replay")),
@@ -57,7 +58,7 @@ class ReplayDriver(Driver):
                 f"replay: {Status.DISCONNECTED.value if k is None else 'the log has ended'}; nothing more to read"
             )
         self._next = k + 1
-        self.clock.sleep_until(float(self.log.t_host[k]))
+        self.clock.sleep_until(float(self._t_host[k]))
         columns = (x[k, self._order] for x in (self.log.q, self.log.dq, self.log.tau, self.log.current, self.log.temperature))
         q, dq, tau, current, temperature = columns
         return JointState(self.clock.now(), float(self.log.t[k]), q, dq, tau, current, temperature)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -233,7 +234,10 @@ class Guard:
         state = self._driver.read()
         self._samples.add(state)
         if self._record is not None:
-            self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
+            with suppress(
+                CalibError
+            ):  # a disk that fails cannot hold up the stop; the recording keeps its failure and closes with it
+                self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
         if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
             raise SafetyStop("a reading during the stop is not complete")
         return state
