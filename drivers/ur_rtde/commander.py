@@ -51,8 +51,11 @@ class Commander:
                 elif time.monotonic() - last < self.patience:
                     self.servo(self.target[0])
                 else:
+                    # where the last setpoint was one at rest, the motion is over, and nothing was missed
+                    moving = any(self.target[1])
                     self.rest()
-                    tell(self.channel, b"T")
+                    if moving:
+                        tell(self.channel, b"T")
                 continue
             messages = self.waiting()
             setpoint = next((m for m in reversed(messages) if m[:1] == b"Q"), None)
@@ -84,7 +87,7 @@ class Commander:
             raise Lost("servoJ")
 
     def rest(self) -> None:
-        """Bring the target to rest along its direction, then end servo mode.
+        """Bring every joint of the target to rest with the same deceleration, then end servo mode.
 
         Streamed rather than left to servoStop: its deceleration blocks, and nothing would feed the watchdog meanwhile.
         """
@@ -92,13 +95,11 @@ class Commander:
             return
         q, dq = self.target
         self.target = None
-        fastest = max(abs(x) for x in dq)
-        unit = [x / fastest for x in dq] if fastest > 0 else dq
         due = time.monotonic()
-        while fastest > 0:
-            left = max(0.0, fastest - self.deceleration * self.period)
-            q = [x + 0.5 * (fastest + left) * u * self.period for x, u in zip(q, unit, strict=True)]
-            fastest = left
+        while any(dq):
+            slower = [math.copysign(max(0.0, abs(v) - self.deceleration * self.period), v) for v in dq]
+            q = [x + 0.5 * (v + w) * self.period for x, v, w in zip(q, dq, slower, strict=True)]
+            dq = slower
             self.servo(q)
             due += self.period
             time.sleep(max(0.0, due - time.monotonic()))

@@ -22,8 +22,6 @@ from sim.strict import validated
 
 JOINTS = 6
 PERIODS = 3.0
-# rad/s^2 when the watchdog ends the program: an assumption, Universal Robots publishes no figure and none was measured
-PROGRAM_END_DECELERATION = 4.0
 TORQUE = "actual_current_as_torque"
 
 
@@ -39,15 +37,12 @@ class UrDriver(Driver):
         self.arm, self.options = arm, options
         self.clock = MonotonicClock()
         self.rate = arm.sensors.rate
-        # on a lost link the controller's watchdog passes first; the arm follows its target by about the lookahead time
-        self.device_stop = DeviceStop(
-            reaction=max(1.0 / options.watchdog, options.setpoint_timeout) + options.lookahead,
-            deceleration=min(options.stop_deceleration, PROGRAM_END_DECELERATION),
-            proportional=True,
-        )
+        # Where nothing new comes, servoj holds its last target, so the arm travels no further than it was told to, however late
+        # the command process or the watchdog is; the stop itself goes on from that target.
+        self.device_stop = DeviceStop(reaction=PERIODS / self.rate, deceleration=options.stop_deceleration)
         self._receiver = receiver or Receiver(options.host)
         self._commands: CommandProcess | None = None
-        self._streaming = False
+        self._commanding = self._moving = False
         self._last: Frame | None = None
         self._facts = DashboardFacts("")
 
@@ -104,22 +99,23 @@ class UrDriver(Driver):
             raise DeviceError(f"{self.options.host}: servoj takes no torque, {tau} N m was asked for; nothing was sent")
         if self._commands is None:
             raise DeviceError(f"{self.options.host}: there is no connection; connect first")
-        if not self._streaming:
-            # a motion starts on the newest reading: one that waited would be answered at once, and the next, in a burst
-            self._receiver.flush()
-            self._streaming, self._last = True, None
         self._commands.send(q, dq)
+        self._commanding = True
+        moving = bool(np.any(dq != 0.0))
+        if moving and not self._moving:
+            self._last = None
+        self._moving = moving
         return q
 
     def stop(self) -> None:
         """Decelerate the target at stop_deceleration in the command process, whatever happens to this one meanwhile."""
-        self._streaming = False
+        self._commanding = self._moving = False
         if self._commands is not None:
             self._commands.stop()
 
     def close(self) -> None:
         """Stop the arm, end the control program, close every connection."""
-        self._streaming = False
+        self._commanding = self._moving = False
         if self._commands is not None:
             self._commands.end()
             self._commands = None
@@ -138,8 +134,8 @@ class UrDriver(Driver):
         return self.options.frame_timeout or PERIODS / self.rate
 
     def _next(self) -> Frame:
-        """The next frame in order. While streaming an old one is an error; at rest those that waited for nobody are passed over."""
-        if self._commands is not None and self._streaming:
+        """The next frame in order. In motion an old one is an error; at rest those that waited for nobody are passed over."""
+        if self._commands is not None and self._commanding:
             self._commands.look()
         deadline = time.monotonic() + self._timeout
         while True:
@@ -150,14 +146,14 @@ class UrDriver(Driver):
                     "cable is in; on a busy computer raise frame_timeout in the cell's [options]"
                 )
             waited = time.monotonic() - frame.t
-            if not self._streaming and waited > PERIODS / self.rate and self._receiver.waiting:
+            if not self._moving and waited > PERIODS / self.rate and self._receiver.waiting:
                 continue
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
             self._last = frame
             age = frame.age + waited
-            if age <= self._timeout and (gap <= self._timeout or not self._streaming):
+            if age <= self._timeout and (gap <= self._timeout or not self._moving):
                 return frame
-            if self._streaming:
+            if self._moving:
                 raise DeviceError(
                     f"{self.options.host}: the reading of {frame.t_device:.3f} s is {1e3 * age:.0f} ms old, {1e3 * gap:.0f} ms after "
                     f"the one before; at most {1e3 * self._timeout:.0f} ms are allowed: use a wired connection of its own and stop "

@@ -15,9 +15,9 @@ class UrOptions(StrictTable):
     host               name or address of the controller
     lookahead          s, servoj smoothing; ur_rtde accepts 0.03 to 0.2
     gain               1, servoj proportional gain; ur_rtde accepts 100 to 2000
-    stop_deceleration  rad/s^2 of the fastest joint in the driver's own stop
+    stop_deceleration  rad/s^2 of every joint in the driver's own stop
     watchdog           Hz; the controller ends the program where the command process is silent for longer: 10 Hz is 0.1 s
-    setpoint_timeout   s without a command after which the command process stops the arm by itself
+    setpoint_timeout   s without a command, in motion, after which the command process stops the arm by itself
     frame_timeout      s; a reading older than this is an error. Three periods where it is not given; an emulated controller on a
                        busy computer needs more
     priority           real-time (FIFO) priority of the command process, 0 for none

@@ -110,11 +110,6 @@ class Receiver:
         """How many frames wait."""
         return len(self._frames)
 
-    def flush(self) -> None:
-        """Pass over the frames that wait."""
-        with self._arrived:
-            self._frames.clear()
-
     def close(self) -> None:
         """Close the socket and end the thread."""
         self._closing = True

@@ -59,7 +59,7 @@ def test_only_the_newest_of_waiting_setpoints_is_sent(channel: tuple[socket.sock
     assert NUMBER.unpack(ours.recv(64)[1:]) == (4,)
 
 
-def test_the_stop_comes_to_rest_along_the_path_within_its_deceleration(channel: tuple[socket.socket, socket.socket]) -> None:
+def test_the_stop_brings_every_joint_to_rest_within_its_deceleration(channel: tuple[socket.socket, socket.socket]) -> None:
     control = Remembers()
     commander = Commander(control, channel[1], SETTINGS)
     commander.follow(b"Q" + SETPOINT.pack(1, *[0.0] * 6, 1.0, -0.5, 0.0, 0.0, 0.0, 0.0))
@@ -69,7 +69,7 @@ def test_the_stop_comes_to_rest_along_the_path_within_its_deceleration(channel: 
     assert max(speed) <= 1.0
     assert max(a - b for a, b in itertools.pairwise(speed)) <= 10.0 * 0.002 + 1e-9
     assert path[-1][0] == pytest.approx(1.0 / (2 * 10.0), rel=1e-6), "v^2 / 2a"
-    assert path[-1][1] == pytest.approx(-0.5 * path[-1][0])
+    assert path[-1][1] == pytest.approx(-(0.5**2) / (2 * 10.0), rel=1e-6)
     assert path[-1] == path[-2]
     assert control.stopped == 1
 

@@ -1,0 +1,71 @@
+"""A cleared motion, driven by the guard over the wire: it arrives, or ends in a bounded stop with a sentence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.ur_rtde.driver import UrDriver
+from safety.approach import move
+from safety.clear import ClearedTrajectory, clear
+from safety.collision import Clearance
+from safety.guard import Cycle, Guard
+from safety.trip import MotionStopped
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.emulated.ur.emulator import UrEmulator
+
+Pair = Callable[..., tuple[UrEmulator, UrDriver]]
+BUSY = 0.25  # s that the computer of these tests may be late
+
+
+def prepared(
+    driver: UrDriver, arm: Arm, cell: Cell, watch: Callable[[Cycle], None]
+) -> tuple[Guard, ClearedTrajectory, np.ndarray]:
+    clearance = Clearance(arm, cell)
+    guard = Guard(driver, arm, cell, clearance, watch=watch, latency=BUSY)
+    target = guard.q + np.array([0.25, 0.1, -0.1, 0.0, 0.2, 0.0])
+    way = move(guard.q, target, arm, driver.rate, 0.25)
+    return guard, clear(way, arm, cell, driver.rate, driver.device_stop, BUSY, clearance), target
+
+
+def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
+    _, driver = pair()
+    with driver:
+        guard, motion, target = prepared(driver, arm, cell(), lambda cycle: None)
+        time.sleep(0.3)  # an operator thinks
+        guard.run(motion, "the move")
+        guard.hold(0.5, "the end")
+        assert driver.read().q == pytest.approx(target, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("protective_stop", "protective stop|not taken"),
+        ("emergency_stop", "emergency|not taken"),
+        ("slider_moved", "slider"),
+        ("program_stopped", "control program|not taken"),
+        ("second_client", "control program|not taken"),
+        ("cable_pulled", "no new reading|not taken|device time"),
+        ("freeze", "stands still|no new reading|device time"),
+    ],
+)
+def test_a_fault_ends_the_motion_in_a_bounded_stop(
+    pair: Pair, arm: Arm, cell: Callable[..., Cell], fault: str, word: str
+) -> None:
+    emulator, driver = pair(frame_timeout=0.2)
+    with driver:
+        guard, motion, _ = prepared(
+            driver, arm, cell(), lambda cycle: emulator.inject(fault) if cycle.k == cycle.count // 2 else None
+        )
+        with pytest.raises(MotionStopped, match=word) as stopped:
+            guard.run(motion, "the move")
+        assert stopped.value.exit_code == 3
+    end = time.monotonic() + 20.0
+    while np.max(np.abs(emulator.robot.target_qd)) > 1e-3:
+        assert time.monotonic() < end
+        time.sleep(0.01)
