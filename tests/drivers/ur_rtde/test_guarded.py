@@ -26,17 +26,16 @@ def prepared(
     driver: UrDriver, arm: Arm, cell: Cell, watch: Callable[[Cycle], None]
 ) -> tuple[Guard, ClearedTrajectory, np.ndarray]:
     clearance = Clearance(arm, cell)
-    guard = Guard(driver, arm, cell, clearance, watch=watch, latency=BUSY)
-    target = guard.q + np.array([0.25, 0.1, -0.1, 0.0, 0.2, 0.0])
-    way = move(guard.q, target, arm, driver.rate, 0.25)
-    return guard, clear(way, arm, cell, driver.rate, driver.device_stop, BUSY, clearance), target
+    q = driver.read().q
+    target = q + np.array([0.25, 0.1, -0.1, 0.0, 0.2, 0.0])
+    motion = clear(move(q, target, arm, driver.rate, 0.25), arm, cell, driver.rate, driver.device_stop, BUSY, clearance)
+    return Guard(driver, arm, cell, clearance, watch=watch, latency=BUSY), motion, target
 
 
 def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
     _, driver = pair()
     with driver:
         guard, motion, target = prepared(driver, arm, cell(), lambda cycle: None)
-        time.sleep(0.3)  # an operator thinks
         guard.run(motion, "the move")
         guard.hold(0.5, "the end")
         assert driver.read().q == pytest.approx(target, abs=0.01)
