@@ -115,12 +115,14 @@ def write_cost(count: int = 50_000) -> list[dict[str, Any]]:
     return out
 
 
+# VmHWM starts anew with the program; ru_maxrss would be inherited from this process
 READER = """
-import resource, sys, time
+import sys, time
+from pathlib import Path
 from logs import read_log
 begin = time.perf_counter()
 log = read_log(sys.argv[1], accept_partial=True)
-print(time.perf_counter() - begin, len(log), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(time.perf_counter() - begin, len(log), int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024)
 """
 
 
