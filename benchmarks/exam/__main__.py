@@ -1,0 +1,71 @@
+"""Make cases, or sit the exam.
+
+    python -m benchmarks.exam generate --count 40 --seed 7 --out build/cases     cases and truths, in the layout of practice cases
+    python -m benchmarks.exam run --count 300 --seed 1 --out build/exam          make what is missing, ask, score, print
+    python -m benchmarks.exam run --kinds clean --arms servo6 ...                a part
+
+Every case is a pure function of the seed and its number; a longer exam begins with the shorter one of the same seed. `run` exits
+with 0 whatever the score: it is a measurement.
+"""
+
+from __future__ import annotations
+
+import argparse
+import concurrent.futures
+import sys
+from pathlib import Path
+
+from benchmarks.exam.cases import ARMS, KINDS, Case, listed, make
+from benchmarks.exam.run import Exam, sit
+
+
+def main(arguments: list[str] | None = None) -> None:
+    given = _parser().parse_args(arguments)
+    cases = [c for c in listed(given.count, given.seed) if _wanted(c, given)]
+    if not cases:
+        sys.exit("no case of this exam fits the options; give other --kinds, --arms, --effects or a larger --count")
+    if given.verb == "generate":
+        with concurrent.futures.ProcessPoolExecutor(given.jobs) as pool:
+            waiting = {pool.submit(make, case, given.out / case.name): case for case in cases}
+            for done in concurrent.futures.as_completed(waiting):
+                done.result()
+                print(given.out / waiting[done].name, flush=True)
+        return
+    sit(cases, Exam(given.out, given.seed, given.calib, given.timeout, given.keep, given.final), given.jobs)
+
+
+def _wanted(case: Case, given: argparse.Namespace) -> bool:
+    return (
+        case.kind in given.kinds
+        and case.arm in given.arms
+        and (not given.effects or any(name in given.effects for name, _ in case.chosen))
+        and (not given.only or case.name in given.only)
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.exam", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    for verb, told in (("generate", "write cases with their truths"), ("run", "have `calib diagnose` answer them, and score")):
+        part = verbs.add_parser(verb, help=told)
+        part.add_argument("--count", type=int, default=300, help="length of the exam before a part of it is chosen (300)")
+        part.add_argument("--seed", type=int, default=1)
+        part.add_argument("--out", type=Path, default=Path("build/exam"))
+        part.add_argument("--jobs", type=int, default=1)
+        part.add_argument("--kinds", nargs="+", choices=sorted(KINDS.values()), default=sorted(KINDS.values()))
+        part.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
+        part.add_argument("--effects", nargs="+", help="only cases with one of these hidden")
+        part.add_argument("--only", nargs="+", help="only these cases, by name")
+        if verb == "run":
+            part.add_argument("--calib", default=f"{sys.executable} -m calib", help="the command to examine")
+            part.add_argument("--timeout", type=float, default=300, help="s for one answer")
+            part.add_argument("--keep", action="store_true", help="score the answers that are there, ask for the missing ones")
+            part.add_argument(
+                "--final", action="store_true", help="validate the corrected arms on a log the diagnosis never saw"
+            )
+    return parser
+
+
+main()

@@ -1,0 +1,249 @@
+"""The true arm in motion: own forward dynamics, LuGre friction, motors behind soft gears, and a drive that knows the nominal arm only.
+
+Friction is C. Canudas de Wit et al. (1995), doi:10.1109/9.376053, with the bristle stepped implicitly. The drive closes its loop
+on the motor's encoder at its control instants and holds its torque between them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numba
+import numpy as np
+
+from benchmarks.exam.dynamics import inertia_matrix, joint_torque, place, solve
+
+
+class Strange(IntEnum):
+    """What acts on a joint and is in no catalogue; parameters a b c d of the joint's record, states s0 s1."""
+
+    NOTHING = 0
+    HOSE = 1  # hysteretic pull: level a N m, width b rad, and a weak spring c N m/rad about d rad
+    SLOSH = 2  # a mass of inertia a kg m^2 on a spring, natural frequency b rad/s, damping ratio c
+    CREEP = 3  # spring a N m/rad whose rest angle follows the joint with time constant b s
+    CROSS_DRAG = 4  # drag a N m that another joint's speed (index b) brings, full at c rad/s
+    DENT = 5  # dry friction a N m more within b rad of angle c
+    ANGLE_DRAG = 6  # drag a N m s/rad that varies as sin(b q + c)
+    LAGGED_DRAG = 7  # drag a N m s/rad on the speed of b s ago
+
+
+HOSE, SLOSH, CREEP, CROSS_DRAG = int(Strange.HOSE), int(Strange.SLOSH), int(Strange.CREEP), int(Strange.CROSS_DRAG)
+DENT, ANGLE_DRAG, LAGGED_DRAG = int(Strange.DENT), int(Strange.ANGLE_DRAG), int(Strange.LAGGED_DRAG)
+
+POWER_LAW, GREASE, POLYNOMIAL = 0, 1, 2  # shapes of friction over speed
+EXPONENTIAL, HYPERBOLIC = 0, 1  # shapes of the Stribeck curve
+
+# One record a joint, SI units on the joint side. stiffness 0 is a rigid gear; limit is what the drive delivers.
+JOINT = np.dtype(
+    [
+        ("coulomb", "f8"), ("viscous", "f8"), ("rotor", "f8"), ("width", "f8"), ("bristle_damping", "f8"), ("bristle_power", "f8"),
+        ("asymmetry", "f8"), ("stiction", "f8"), ("stribeck_velocity", "f8"), ("stribeck_power", "f8"), ("stribeck_shape", "i8"),
+        ("speed_torque", "f8"), ("speed_power", "f8"), ("speed_knee", "f8"), ("speed_shape", "i8"),
+        ("load_share", "f8"), ("load_power", "f8"), ("load_scale", "f8"),
+        ("warm_drop", "f8"), ("warm_rise", "f8"), ("heating", "f8"), ("heat_time", "f8"),
+        ("spring", "f8"), ("spring_rest", "f8"), ("spring_hardening", "f8"),
+        ("ripple", "f8"), ("ripple_cycles", "f8"), ("ripple_phase", "f8"), ("ripple_second", "f8"),
+        ("mesh", "f8"), ("mesh_cycles", "f8"), ("mesh_phase", "f8"),
+        ("stiffness", "f8"), ("stiffening", "f8"), ("gear_damping", "f8"), ("gap", "f8"),
+        ("limit", "f8"), ("knee", "f8"),
+        ("encoder_offset", "f8"), ("wobble", "f8"), ("wobble_cycles", "f8"), ("wobble_phase", "f8"), ("wobble_second", "f8"),
+        ("strange", "i8"), ("a", "f8"), ("b", "f8"), ("c", "f8"), ("d", "f8"),
+        ("kp", "f8"), ("kd", "f8"), ("ki", "f8"),
+    ]
+)  # fmt: skip
+# A force on the last link's origin, base frame: a pull that is always there, and a touch that rises and falls
+FORCE = np.dtype(
+    [("pull", "f8", (3,)), ("touch", "f8", (3,)), ("start", "f8"), ("duration", "f8"), ("shape", "i8"), ("sway", "f8")]
+)
+HALF_SINE, TRAPEZOID, TRIANGLE = 0, 1, 2
+
+
+@numba.njit(cache=True)
+def reading(joint, angle):
+    """What the encoder says of an angle, rad."""
+    phase = joint.wobble_cycles * angle + joint.wobble_phase
+    return angle + joint.encoder_offset + joint.wobble * (np.sin(phase) + joint.wobble_second * np.sin(2.0 * phase))
+
+
+@numba.njit(cache=True)
+def speed_friction(joint, v):
+    """Friction of speed beside the proportional part, N m."""
+    if joint.speed_torque == 0.0:
+        return 0.0
+    s = abs(v)
+    if joint.speed_shape == POWER_LAW:
+        size = s**joint.speed_power
+    elif joint.speed_shape == GREASE:
+        size = np.arcsinh(s / joint.speed_knee) / np.arcsinh(1.0 / joint.speed_knee)
+    else:
+        size = (s * s + joint.speed_knee * s**3) / (1.0 + joint.speed_knee)
+    return np.sign(v) * joint.speed_torque * size
+
+
+@numba.njit(cache=True)
+def dry_level(joint, q, v, load):
+    """Level of dry friction, N m, before the joint's warmth."""
+    level = joint.coulomb + joint.asymmetry * np.tanh(v / 2e-3)
+    if joint.stiction != 0.0:
+        ratio = abs(v) / joint.stribeck_velocity
+        if joint.stribeck_shape == EXPONENTIAL:
+            level += joint.stiction * np.exp(-(ratio**joint.stribeck_power))
+        else:
+            level += joint.stiction / (1.0 + ratio**joint.stribeck_power)
+    if joint.load_share != 0.0:
+        level += joint.load_share * joint.load_scale * (abs(load) / joint.load_scale) ** joint.load_power
+    if joint.strange == DENT:
+        level += joint.a * np.exp(-(((q - joint.c) / joint.b) ** 2))
+    return max(level, 0.02 * joint.coulomb)
+
+
+@numba.njit(cache=True)
+def gear_torque(joint, twist, rate):
+    """Torque through a soft gear or one with a gap, N m; the gap's sides are sharp, a gear may stiffen with load."""
+    if joint.gap > 0.0:
+        if abs(twist) <= joint.gap:
+            return 0.0
+        twist -= np.sign(twist) * joint.gap
+    return joint.stiffness * twist * (1.0 + joint.stiffening * twist * twist) + joint.gear_damping * rate
+
+
+@numba.njit(cache=True)
+def on_joint(joint, q, v, acceleration, other_v, state, dt):
+    """Torque on the link beside the gear, N m; steps the memory `state` (2,) of what has one."""
+    out = 0.0
+    if joint.spring != 0.0:
+        x = q - joint.spring_rest
+        out -= joint.spring * x * (1.0 + joint.spring_hardening * x * x)
+    if joint.ripple != 0.0:
+        phase = joint.ripple_cycles * q + joint.ripple_phase
+        out += joint.ripple * (np.sin(phase) + joint.ripple_second * np.sin(2.0 * phase))
+    out += joint.mesh * np.sin(joint.mesh_cycles * q + joint.mesh_phase)
+    kind = joint.strange
+    if kind == HOSE:
+        state[0] = (state[0] + v * dt / joint.b) / (1.0 + abs(v) * dt / joint.b * abs(state[0]))
+        out -= joint.a * state[0] + joint.c * (q - joint.d)
+    elif kind == SLOSH:
+        state[1] += dt * (-acceleration - joint.b * (2.0 * joint.c * state[1] + joint.b * state[0]))
+        state[0] += dt * state[1]
+        out += joint.a * joint.b * joint.b * state[0]
+    elif kind == CREEP:
+        state[0] += dt * (q - joint.d - state[0]) / joint.b
+        out -= joint.a * (q - joint.d - state[0])
+    elif kind == CROSS_DRAG:
+        out -= joint.a * np.tanh(other_v / joint.c)
+    elif kind == ANGLE_DRAG:
+        out -= joint.a * v * np.sin(joint.b * q + joint.c)
+    elif kind == LAGGED_DRAG:
+        state[0] += dt * (v - state[0]) / joint.b
+        out -= joint.a * state[0]
+    return out
+
+
+@numba.njit(cache=True)
+def delivered(joint, wanted):
+    """What the drive makes of a wanted torque: a flat limit, reached over the share `knee` of it."""
+    size = abs(wanted)
+    start = joint.limit * (1.0 - joint.knee)
+    if size <= start:
+        return wanted
+    if joint.knee == 0.0:
+        return np.sign(wanted) * joint.limit
+    return np.sign(wanted) * (start + (joint.limit - start) * np.tanh((size - start) / (joint.limit - start)))
+
+
+@numba.njit(cache=True)
+def pushed(force, t, out):
+    """Force on the last link at t s into `out` (3,)."""
+    phase = (t - force.start) / force.duration
+    window = 0.0
+    if 0.0 < phase < 1.0:
+        if force.shape == HALF_SINE:
+            window = np.sin(np.pi * phase)
+        elif force.shape == TRAPEZOID:
+            window = min(1.0, 5.0 * min(phase, 1.0 - phase))
+        else:
+            window = 1.0 - abs(2.0 * phase - 1.0)
+    for a in range(3):
+        out[a] = force.pull[a] * (1.0 + force.sway * np.sin(0.7 * t)) + force.touch[a] * window
+
+
+@numba.njit(cache=True)
+def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff, hold, dt, t_begin):
+    """Follow q_ref dq_ref (K, n) with feed-forward tau_ff (K, n), each held for `hold` steps of dt s; the log's t = 0 is at t_begin.
+
+    Returns q dq (K hold, n) of the links, tau (K hold, n) delivered, temperature (K, n) degC from `warm` (n,) on.
+    """
+    count, n = q_ref.shape
+    total = count * hold
+    q_out, dq_out, tau_out = np.empty((total, n)), np.empty((total, n)), np.empty((total, n))
+    temperature = np.empty((count, n))
+    turn, inertia = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    origin, z, centre = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    m, factor, h, right, ddq = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n), np.zeros(n)
+    zero, push = np.zeros(n), np.empty(3)
+    q, dq = np.empty(n), np.zeros(n)
+    motor, d_motor = np.empty(n), np.zeros(n)
+    bristle, integral, memory = np.zeros(n), np.zeros(n), np.zeros((n, 2))
+    load, tau, heat, wanted = np.zeros(n), np.zeros(n), warm.copy(), 0.0
+    for j in range(n):
+        # the encoder stands at the reference; the offset is small, so one step of the fixed point is enough
+        q[j] = q_ref[0, j] - (reading(joints[j], q_ref[0, j]) - q_ref[0, j])
+        motor[j] = q[j]
+        memory[j, 0] = q[j] - joints[j].d if joints[j].strange == CREEP else 0.0
+        load[j] = tau_ff[0, j]
+    k = 0
+    for instant in range(count):
+        for j in range(n):
+            joint = joints[j]
+            seen = reading(joint, motor[j])
+            error = q_ref[instant, j] - seen
+            wanted = tau_ff[instant, j] + joint.kp * error + joint.kd * (dq_ref[instant, j] - d_motor[j]) + integral[j]
+            tau[j] = delivered(joint, wanted)
+            if abs(tau[j]) < 0.98 * joint.limit:
+                integral[j] += joint.ki * error * dt * hold
+            # friction's power grows with speed; `heating` is the rise at a steady 0.5 rad/s
+            heat[j] += dt * hold * (joint.heating * abs(d_motor[j]) / 0.5 + ambient - heat[j]) / joint.heat_time
+            temperature[instant, j] = heat[j]
+        for _ in range(hold):
+            place(chain, q, turn, origin, z, centre, inertia)
+            inertia_matrix(chain[3], origin, z, centre, inertia, m)
+            pushed(force, k * dt - t_begin, push)
+            joint_torque(gravity, push, chain[3], origin, z, centre, inertia, dq, zero, h)
+            for j in range(n):
+                joint = joints[j]
+                soft = joint.stiffness > 0.0
+                v = d_motor[j]
+                warmth = 1.0 - joint.warm_drop * (1.0 - np.exp(-(heat[j] - ambient) / joint.warm_rise))
+                level = warmth * dry_level(joint, q[j], v, load[j])
+                # bristle: ds = v dt - |v| dt s/s_max |s/s_max|^(p-1), implicit in s; s_max = level over the stiffness of the bristles
+                stiffness = joint.coulomb / joint.width
+                most = level / stiffness
+                ease = abs(bristle[j] / most) ** (joint.bristle_power - 1.0) if joint.bristle_power != 1.0 else 1.0
+                old = bristle[j]
+                bristle[j] = (old + v * dt) / (1.0 + abs(v) * dt / most * ease)
+                drag = stiffness * bristle[j] + joint.bristle_damping * (bristle[j] - old) / dt
+                drag += warmth * (joint.viscous * v + speed_friction(joint, v))
+                other = 0.0
+                if joint.strange == CROSS_DRAG:
+                    other = dq[int(joint.b)]
+                beside = on_joint(joint, q[j], dq[j], ddq[j], other, memory[j], dt)
+                if soft:
+                    through = gear_torque(joint, motor[j] - q[j], d_motor[j] - dq[j])
+                    d_motor[j] += dt * (tau[j] - drag - through) / joint.rotor
+                    motor[j] += dt * d_motor[j]
+                    right[j] = through + beside - h[j]
+                    load[j] = through
+                else:
+                    right[j] = tau[j] - drag + beside - h[j]
+                    load[j] = tau[j] - drag - joint.rotor * ddq[j]
+                    m[j, j] += joint.rotor
+            factor[:] = m
+            solve(factor, right, ddq)
+            for j in range(n):
+                q_out[k, j], dq_out[k, j], tau_out[k, j] = q[j], dq[j], tau[j]
+                dq[j] += dt * ddq[j]
+                q[j] += dt * dq[j]
+                if joints[j].stiffness == 0.0:
+                    motor[j], d_motor[j] = q[j], dq[j]
+            k += 1
+    return q_out, dq_out, tau_out, temperature

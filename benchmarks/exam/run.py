@@ -1,0 +1,126 @@
+"""Sit the exam: make the cases, let `calib diagnose` answer each, compare, print the confusion matrix and the figures, write JSON."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+import json
+import os
+import resource
+import shlex
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.exam.cases import Case, make
+from benchmarks.exam.gap import after_over_before
+from benchmarks.exam.scoring import Row, compared, confusion, figures
+
+
+@dataclass(frozen=True)
+class Exam:
+    """Where the cases stand, the command to ask, s for an answer; keep: score answers that are there; final: validate too."""
+
+    out: Path
+    seed: int
+    calib: str
+    timeout: float
+    keep: bool
+    final: bool
+
+
+def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
+    """Examine all cases, a line each, then `report`."""
+    rows: list[Row] = []
+    with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
+        for done in concurrent.futures.as_completed(pool.submit(examine, case, exam) for case in cases):
+            row = done.result()
+            rows.append(row)
+            mark = "ok" if row.exact else "  "
+            took = f"{row.seconds:.0f} s" if row.seconds is not None else "kept"
+            hidden = f"{told(row.truth)}{' ' + row.form if row.form else ''}"
+            print(f"{mark} {row.case} {row.arm:7s} severity {row.severity}  {hidden}", end="")
+            print(f"  ->  {row.verdict}: {told(row.answer)}  [{took}]", flush=True)
+    rows.sort(key=lambda r: r.case)
+    report(rows, exam)
+
+
+def examine(case: Case, exam: Exam) -> Row:
+    """Make one case if it is not there, have it answered, compare."""
+    folder, answer = exam.out / f"seed{exam.seed}" / case.name, exam.out / f"seed{exam.seed}-answers" / case.name
+    if not (folder / "truth.json").exists():
+        make(case, folder)
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    seconds, code = None, None
+    if not (exam.keep and (answer / "diagnosis.json").exists()):
+        answer.mkdir(parents=True, exist_ok=True)
+        (answer / "diagnosis.json").unlink(missing_ok=True)
+        before, begin = _cpu(), time.monotonic()
+        code = run_calib(
+            exam, answer / "exam.log", "diagnose", folder / "arm.xml", folder / "friction.mcap", folder / "excitation.mcap",
+            "--holdout", folder / "validation.mcap", "--out", answer,
+        )  # fmt: skip
+        seconds, used = time.monotonic() - begin, _cpu() - before
+        (answer / "seconds.json").write_text(json.dumps({"wall": seconds, "cpu": used}) + "\n", encoding="utf-8")
+    row = compared(case.name, truth, answer / "diagnosis.json")
+    row.seconds, row.exit = seconds, code
+    if (answer / "seconds.json").exists():
+        row.cpu = json.loads((answer / "seconds.json").read_text(encoding="utf-8"))["cpu"]
+    if exam.final and row.truth and row.answer:
+        for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", answer / "arm")):
+            if not (exam.keep and (answer / tag / "prediction.csv").exists()):
+                run_calib(exam, answer / "exam.log", "validate", arm, folder / "final.mcap", "--out", answer / tag)
+        row.ratio = after_over_before(answer / "nominal" / "prediction.csv", answer / "corrected" / "prediction.csv")
+    return row
+
+
+def run_calib(exam: Exam, log: Path, *words: object) -> int:
+    """Exit code of a command, its output appended to `log`; -9 where it took longer than is allowed."""
+    command = [*shlex.split(exam.calib), *map(str, words)]
+    with log.open("a", encoding="utf-8") as file:
+        file.write("$ " + shlex.join(command) + "\n")
+        file.flush()
+        try:
+            alone = os.environ | {"OMP_NUM_THREADS": "1"}
+            return subprocess.run(command, stdout=file, stderr=subprocess.STDOUT, timeout=exam.timeout, env=alone).returncode
+        except subprocess.TimeoutExpired:
+            return -9
+
+
+def report(rows: list[Row], exam: Exam) -> None:
+    """Print the confusion matrix and the figures; write exam.json."""
+    truths, answers, counts = confusion(rows)
+    width = max(map(len, answers))
+    print(f"\nrows: what was hidden; columns: the first name given\n{'':{width + 4}s}", end="")
+    print("".join(f"{k + 1:4d}" for k in range(len(answers))))
+    for truth in truths:
+        cells = "".join(f"{counts.get((truth, a), 0) or '.':>4}" for a in answers)
+        print(f"{truth:>{width}s} {answers.index(truth) + 1:3d}{cells}")
+    for a in answers[len(truths) :]:
+        print(f"{'column':>{width}s} {answers.index(a) + 1:3d}  {a}")
+    found = figures(rows)
+    print()
+    for f in found:
+        print(f)
+    result = {
+        "schema": "exam/1",
+        "seed": exam.seed,
+        "figures": [dataclasses.asdict(f) for f in found],
+        "confusion": [{"truth": t, "answer": a, "count": n} for (t, a), n in sorted(counts.items())],
+        "rows": [dataclasses.asdict(r) | {"exact": r.exact} for r in rows],
+    }
+    path = exam.out / f"seed{exam.seed}.json"
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(f"\n{path}")
+
+
+def told(keys: list[tuple[str, str | None]]) -> str:
+    """Effects in a line."""
+    return ", ".join(f"{name} at {joint}" if joint else name for name, joint in keys) or "-"
+
+
+def _cpu() -> float:
+    """CPU seconds of the children of this process so far."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
