@@ -20,6 +20,8 @@ Q_OVER = 0.05
 DQ_OVER = 0.02
 SIGMAS = 6.0
 TEMPERATURE_MAX = 75.0
+# a sensor that reads colder is broken
+TEMPERATURE_MIN = -40.0
 RESIDUAL = 0.3
 RESIDUAL_STEP = 0.15
 SLOW = 0.5
@@ -105,7 +107,7 @@ class Monitor:
         if not -self._period <= age <= self._late:
             return Trip("age of the reading", float(age), self._late, "s", "this computer is late: stop other work on it")
         if self._has_temperature.any():
-            fine = (state.temperature <= TEMPERATURE_MAX) | ~self._has_temperature
+            fine = (state.temperature >= TEMPERATURE_MIN) & (state.temperature <= TEMPERATURE_MAX) | ~self._has_temperature
             if not fine.all():
                 return self._trip("temperature", ~fine, state.temperature, TEMPERATURE_MAX, "degC", "let the arm cool down")
         return None

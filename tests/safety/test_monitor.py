@@ -1,0 +1,243 @@
+"""Each rule of the monitor: just inside passes, just outside trips, and what is not a number trips always."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safety import monitor as rules
+from safety.collision import Clearance
+from safety.monitor import Monitor
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.joint_state import JointState, Status
+from tests.safety.conftest import HOME
+
+PERIOD = 0.002
+
+
+def state_at(k: int = 0, **changes: object) -> JointState:
+    t = k * PERIOD
+    known = {"q": HOME, "dq": np.zeros(6), "tau": np.zeros(6), "current": np.full(6, np.nan), "temperature": np.full(6, 30.0)}
+    return JointState(**({"t": t, "t_device": t} | known | changes))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def monitor(arm: Arm, cell: Cell) -> Monitor:
+    return Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at())
+
+
+def ask(monitor: Monitor, state: JointState, now: float | None = None, tau_hat: np.ndarray | None = None) -> str | None:
+    doubt = None if tau_hat is None else np.zeros(6)
+    trip = monitor.check(state, state.t if now is None else now, HOME, tau_hat, doubt)
+    return None if trip is None else trip.quantity
+
+
+def test_a_good_reading_passes(monitor: Monitor) -> None:
+    for k in range(1, 60):
+        assert ask(monitor, state_at(k), tau_hat=np.zeros(6)) is None
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s is not Status.RUNNING])
+def test_any_status_but_running_trips(monitor: Monitor, status: Status) -> None:
+    assert ask(monitor, state_at(1, status=status, detail="x")) == "device status"
+
+
+@pytest.mark.parametrize("name", ["q", "dq"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_readings_that_are_not_finite_trip(monitor: Monitor, name: str, bad: float) -> None:
+    for j in range(6):
+        values = np.array(HOME if name == "q" else np.zeros(6))
+        values[j] = bad
+        assert ask(monitor, state_at(1, **{name: values})) == "reading"
+
+
+def test_a_reading_of_another_length_trips(monitor: Monitor) -> None:
+    five = {name: np.zeros(5) for name in ("q", "dq", "tau", "current", "temperature")}
+    assert ask(monitor, state_at(1, **five)) == "reading"
+
+
+@pytest.mark.parametrize(
+    ("step", "trips"), [(1, False), (3.49, False), (3.51, True), (0, True), (-1, True), (np.nan, True), (np.inf, True)]
+)
+def test_device_time_must_go_on(monitor: Monitor, step: float, trips: bool) -> None:
+    found = ask(monitor, replace(state_at(1), t_device=step * PERIOD))
+    assert found == ("device time between readings" if trips else None)
+
+
+@pytest.mark.parametrize(
+    ("late", "trips"), [(0, False), (3.49, False), (3.51, True), (-0.9, False), (-1.1, True), (np.nan, True)]
+)
+def test_an_old_reading_trips(monitor: Monitor, late: float, trips: bool) -> None:
+    found = ask(monitor, state_at(1), now=(1 + late) * PERIOD)
+    assert found == ("age of the reading" if trips else None)
+
+
+def test_a_slow_computer_may_be_as_late_as_was_proved(arm: Arm, cell: Cell) -> None:
+    slow = Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at(), latency=0.05)
+    assert ask(slow, state_at(1), now=PERIOD + 0.051) is None
+    assert ask(slow, state_at(2), now=2 * PERIOD + 0.053) == "age of the reading"
+
+
+@pytest.mark.parametrize(
+    ("value", "trips"), [(75.0, False), (75.001, True), (-40.0, False), (-40.001, True), (np.nan, True), (np.inf, True)]
+)
+def test_temperature(monitor: Monitor, value: float, trips: bool) -> None:
+    hot = np.full(6, 30.0)
+    hot[4] = value
+    assert ask(monitor, state_at(1, temperature=hot)) == ("temperature" if trips else None)
+
+
+def test_what_was_never_reported_is_not_asked_for(arm: Arm, cell: Cell) -> None:
+    nothing = np.full(6, np.nan)
+    silent = Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at(tau=nothing, temperature=nothing))
+    assert ask(silent, state_at(1, tau=nothing, temperature=nothing), tau_hat=np.zeros(6)) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "trips"),
+    [
+        (0.006, None),
+        (0.012, "jump of the position between two readings"),
+        (2 * np.pi, "jump of the position between two readings"),
+    ],
+)
+def test_a_jump_of_the_encoder_trips(monitor: Monitor, change: float, trips: str | None) -> None:
+    q = HOME.copy()
+    q[2] += change
+    assert ask(monitor, state_at(1, q=q)) == trips
+
+
+@pytest.mark.parametrize(("beyond", "trips"), [(-1e-6, None), (1e-6, "position")])
+@pytest.mark.parametrize("side", ["q_min", "q_max"])
+def test_position_beyond_the_limit(arm: Arm, cell: Cell, side: str, beyond: float, trips: str | None) -> None:
+    sign = 1 if side == "q_max" else -1
+    tight = replace(arm, **{side: HOME - sign * (rules.Q_OVER + beyond)})  # type: ignore[arg-type]
+    found = Monitor(tight, cell, 500.0, Clearance(arm, cell), state_at()).check(state_at(1), PERIOD, HOME)
+    assert (found.quantity if found else None) == trips
+
+
+@pytest.mark.parametrize(("beyond", "trips"), [(-1e-6, None), (1e-6, "speed")])
+def test_speed_beyond_the_limit(monitor: Monitor, arm: Arm, beyond: float, trips: str | None) -> None:
+    dq = np.zeros(6)
+    dq[3] = -(arm.dq_max[3] + rules.DQ_OVER + rules.SIGMAS * arm.sensors.velocity_noise[3] + beyond)
+    assert ask(monitor, state_at(1, dq=dq)) == trips
+
+
+@pytest.mark.parametrize(("error", "trips"), [(0.0999, None), (0.1001, "following error"), (-0.1001, "following error")])
+def test_following_error(monitor: Monitor, error: float, trips: str | None) -> None:
+    command = HOME.copy()
+    command[1] += error
+    found = None
+    for k in range(1, 70):
+        found = monitor.check(state_at(k), k * PERIOD, command)
+        if found:
+            break
+    assert (found.quantity if found else None) == trips
+    if found:
+        assert found.joint == "j2"
+        assert k >= 50
+    else:
+        assert monitor.worst["following error"][1] == pytest.approx(error)
+
+
+def test_a_frozen_encoder_at_speed_trips_within_ten_readings(monitor: Monitor) -> None:
+    moving = np.zeros(6)
+    moving[0] = 0.1
+    found = [ask(monitor, state_at(k, dq=moving)) for k in range(1, 12)]
+    assert found.index("readings with the same position at speed") == 9
+
+
+def moved(k: int, speed: float, reported: float) -> JointState:
+    q, dq = HOME.copy(), np.zeros(6)
+    q[5] += speed * k * PERIOD
+    dq[5] = reported
+    return state_at(k, q=q, dq=dq)
+
+
+@pytest.mark.parametrize(
+    ("reported", "trips"),
+    [(1.0, None), (-1.0, "speed against change of position"), (57.3 / 20, "speed against change of position"), (0.0, None)],
+)
+def test_sign_and_unit_of_the_speed(monitor: Monitor, reported: float, trips: str | None) -> None:
+    found = None
+    for k in range(1, 12):
+        found = found or monitor.check(moved(k, 1.0, reported), k * PERIOD, HOME)
+    assert (found.quantity if found else None) == trips
+
+
+def torque(value: float, joint: int = 1) -> np.ndarray:
+    tau = np.zeros(6)
+    tau[joint] = value
+    return tau
+
+
+@pytest.mark.parametrize(
+    ("share", "trips"), [(0.999, "sudden change of torque beside expectation"), (1.001, "torque beside expectation")]
+)
+def test_torque_beside_expectation(monitor: Monitor, arm: Arm, share: float, trips: str) -> None:
+    band = rules.RESIDUAL * arm.tau_max[1] + rules.SIGMAS * arm.sensors.torque_noise[1]
+    assert ask(monitor, state_at(1), tau_hat=np.zeros(6)) is None
+    assert ask(monitor, state_at(2, tau=torque(share * band)), tau_hat=np.zeros(6)) == trips
+
+
+@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, "sudden change of torque beside expectation")])
+def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
+    step = rules.RESIDUAL_STEP * arm.tau_max[1] + 2 * rules.SIGMAS * arm.sensors.torque_noise[1]
+    ask(monitor, state_at(1), tau_hat=np.zeros(6))
+    value = share * step / (1 - PERIOD / rules.SLOW)
+    assert ask(monitor, state_at(2, tau=torque(value)), tau_hat=np.zeros(6)) == trips
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_torque_that_stops_being_reported_trips(monitor: Monitor, bad: float) -> None:
+    assert ask(monitor, state_at(1, tau=torque(bad)), tau_hat=np.zeros(6)) == "torque beside expectation"
+
+
+def test_current_stands_for_torque_where_only_that_is_reported(arm: Arm, cell: Cell) -> None:
+    with_constant = replace(arm, torque_constant=np.full(6, 10.0))
+    nothing = np.full(6, np.nan)
+    only_current = Monitor(with_constant, cell, 500.0, Clearance(arm, cell), state_at(tau=nothing, current=np.zeros(6)))
+    found = only_current.check(state_at(1, tau=nothing, current=torque(30.0)), PERIOD, HOME, np.zeros(6), np.zeros(6))
+    assert found is not None
+    assert found.value == pytest.approx(300.0)
+
+
+def test_the_arm_where_it_was_not_sent_is_seen_by_its_clearance(arm: Arm, cell: Cell) -> None:
+    near_table = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    near_table[1] = 0.42
+    free = cell.table.motion.model_copy(update={"following_error_max": 9.0})
+    loose = replace(cell, table=cell.table.model_copy(update={"motion": free}))
+    first = state_at(q=near_table)
+    found = Monitor(arm, loose, 500.0, Clearance(arm, cell), first).check(state_at(1, q=near_table), PERIOD, near_table)
+    assert found is not None
+    assert found.quantity.startswith("clearance of")
+    assert "table" in found.quantity
+
+
+def test_a_trip_tells_joint_quantity_value_limit_unit_and_remedy(monitor: Monitor) -> None:
+    hot = np.full(6, 30.0)
+    hot[2] = 81.5
+    trip = monitor.check(state_at(1, temperature=hot), PERIOD, HOME)
+    assert str(trip) == "j3: temperature 81.5 degC, limit 75 degC; let the arm cool down"
+
+
+def test_no_reading_with_a_number_that_is_not_one_passes(arm: Arm, cell: Cell) -> None:
+    """Every number of a reading, one by one, by every value that is none: 0 survivors."""
+    survivors = []
+    base = state_at(1)
+    clearance = Clearance(arm, cell)
+    for name in ("t", "t_device", "q", "dq", "tau", "temperature"):
+        for j in range(6 if name not in ("t", "t_device") else 1):
+            for bad in (np.nan, np.inf, -np.inf, 1e308, -1e308):
+                value = bad
+                if name not in ("t", "t_device"):
+                    value = np.array(getattr(base, name))
+                    value[j] = bad
+                found = Monitor(arm, cell, 500.0, clearance, state_at()).check(
+                    replace(base, **{name: value}), PERIOD, HOME, np.zeros(6), np.zeros(6)
+                )
+                survivors += [] if found else [(name, j, bad)]
+    assert survivors == []
