@@ -135,7 +135,8 @@ def _fresh(now: datetime, name: str, verb: str) -> Path:
 def _own(out: Path) -> Path:
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a folder, new or of an earlier run")
-    if out.is_dir() and any(out.iterdir()) and not (out / FILE).is_file():
+    # a *.log is the caller's record of the call, often begun before it: nothing here writes or overwrites one
+    if out.is_dir() and not (out / FILE).is_file() and any(f.suffix != ".log" for f in out.iterdir()):
         raise ConfigError(
             f"--out {out}: holds files that are not those of a run; name a new folder, so that nothing is overwritten"
         )

@@ -61,6 +61,13 @@ def test_out_never_overwrites_what_is_not_a_run(tmp_path: Path) -> None:
     assert new_run("ur10e", "plan", out=again) == again
 
 
+def test_out_may_hold_the_callers_own_record_of_the_call(tmp_path: Path) -> None:
+    begun = tmp_path / "score.log"
+    begun.write_text("$ calib diagnose ...")
+    assert new_run("ur10e", "diagnose", out=tmp_path) == tmp_path
+    assert begun.read_text() == "$ calib diagnose ..."
+
+
 @pytest.mark.parametrize(
     "text", ["not = = toml", 'schema = "run/1"', "end = 3\nverb = 'a'\narm = 'b'\nstarted = ''\narguments = []\ndirectory = ''"]
 )
