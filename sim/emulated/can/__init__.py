@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import threading
 import time
 
@@ -17,10 +15,10 @@ from sim.emulated.can.port import Port
 from sim.emulated.can.slcan import SlcanPort
 from sim.emulated.can.socketcand import SocketcandPort
 from sim.emulated.can.virtual import VirtualPort
+from sim.emulated.promptness import answer_promptly
 from sim.errors import ConfigError
 
 TICK = 0.001  # s, the longest wait for the host
-PRIORITY = 30  # of the real-time scheduler, where one may use it
 EARLY = 0.002  # s; answers leave this much before their time on the wire rather than late
 
 
@@ -64,9 +62,7 @@ class CanEmulator:
         ]  # fmt: skip
 
     def _run(self) -> None:
-        # Drives answer within microseconds whatever this computer is busy with; as near to that as the system allows.
-        with contextlib.suppress(OSError, AttributeError):
-            os.sched_setscheduler(threading.get_native_id(), os.SCHED_FIFO, os.sched_param(PRIORITY))
+        answer_promptly()
         plugged = True
         while self._running:
             with self._lock:

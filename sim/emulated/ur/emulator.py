@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from sim.emulated.promptness import answer_promptly
 from sim.emulated.ur import line
 from sim.emulated.ur.dashboard import GREETING, respond
 from sim.emulated.ur.frames import Malformed
@@ -147,6 +148,7 @@ class UrEmulator:
             self._drop(client)
 
     def _serve(self) -> None:
+        answer_promptly()
         due = time.monotonic()
         while not self._ending.is_set():
             wait = max(0.0, due - time.monotonic())

@@ -1,0 +1,206 @@
+"""A servo arm over CAN: codecs against the DBC files, cycles and losses over two transports, reactions to faults.
+
+The drives are emulated and share this computer with the driver: the figures of the wire are of driver, python-can, emulated drives
+and scheduler together, not of a bus. Reactions are measured on the simulated clock, where they are exact and repeatable: they are of
+the driver's rules. `python -m benchmarks can` prints them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import gc
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import cantools
+import numpy as np
+
+from drivers.can_servo import frames
+from drivers.can_servo.driver import CanServo
+from drivers.can_servo.link import Link
+from drivers.can_servo.scaling import Field
+from sim.arm import Arm, load_arm
+from sim.can_wiring import can_options
+from sim.cell import Cell, load_cell
+from sim.clock import SimulatedClock
+from sim.emulated import open_emulator
+from sim.emulated.can.bus import build_bus
+from sim.emulated.can.stepped import SteppedBus
+from sim.errors import DeviceError
+from sim.resources import shipped_configs
+
+FRAMES = 100_000
+RATE = 200.0
+PRIORITY = 40
+JOINT = "elbow_joint"
+# fault -> bar in periods, from the fault to the DeviceError
+FAULTS = {
+    f"silent:{JOINT}": 4, f"over-temperature:{JOINT}": 2, f"restarted:{JOINT}": 2, f"twin:{JOINT}": 3, "second-host": 2, "babble": 11,
+    "error-frames": 3, "error-passive": 2, "bus-off": 2, "tx-full": 2, "unplugged": 2,
+}  # fmt: skip
+
+
+def run(seconds: float = 60.0, repeats: int = 50) -> list[dict[str, Any]]:
+    """Rows of what, value, unit, bar, note."""
+    rows = _codec()
+    for transport in ("slcan", "socketcand"):
+        rows += _cycles(transport, seconds)
+    return rows + _reactions(repeats)
+
+
+def _codec() -> list[dict[str, Any]]:
+    message = cantools.database.load_file(shipped_configs() / "can" / "damiao.dbc").get_message_by_name("MitCommand")
+    fields = (
+        Field("Position", -12.5, 12.5, 16, "rad"), Field("Velocity", -30.0, 30.0, 12, "rad/s"), Field("Kp", 0.0, 500.0, 12, ""),
+        Field("Kd", 0.0, 5.0, 12, ""), Field("Torque", -10.0, 10.0, 12, "N*m"),
+    )  # fmt: skip
+    low, high = np.array([[f.low, f.high] for f in fields]).T
+    values = np.random.default_rng(0).uniform(low, high, (FRAMES, 5)).tolist()
+    start = time.perf_counter()
+    ours = [frames.mit_command(*(f.raw(v) for f, v in zip(fields, x, strict=True))) for x in values]
+    own = (time.perf_counter() - start) / FRAMES
+    start = time.perf_counter()
+    theirs = [message.encode({f.name: v for f, v in zip(fields, x, strict=True)}) for x in values]
+    peer = (time.perf_counter() - start) / FRAMES
+    differ = sum(a != b for a, b in zip(ours, theirs, strict=True))
+    return [
+        {"what": f"Damiao commands that differ from cantools, of {FRAMES}", "value": differ, "unit": "", "bar": "0"},
+        {"what": "one command encoded", "value": round(1e6 * own, 2), "unit": "us", "note": f"cantools {1e6 * peer:.1f} us"},
+    ]  # fmt: skip
+
+
+def _cycles(transport: str, seconds: float) -> list[dict[str, Any]]:
+    """Time from the first frame of a cycle to the last answer, six drives, and what was lost on the way."""
+    with _wired(transport) as driver:
+        took, late = _stream(driver, seconds)
+        asked_again, link = driver.joints.lost, driver._link
+        assert link is not None
+        sent, answered = link.sent, link.received
+    load = f"{len(took)} cycles at {RATE:g} Hz, load {os.getloadavg()[0]:.1f}"
+    p50, p99 = (round(1e6 * np.quantile(took, x)) for x in (0.5, 0.99))
+    return [
+        {"what": f"cycle of 12 frames over {transport}, p50 / p99", "value": f"{p50} / {p99}", "unit": "us", "note": load},
+        {"what": f"cycles late by more than half a period, {transport}", "value": int(np.sum(late > 0.5 / RATE)), "unit": "cycles", "note": load},
+        {"what": f"joints asked again a period later, {transport}", "value": asked_again, "unit": "", "note": load},
+        {
+            "what": f"frames lost in {seconds:g} s over {transport}", "value": sent - answered, "unit": "frames", "bar": "0",
+            "note": f"{sent} sent, {answered} answers came, {load}",
+        },
+    ]  # fmt: skip
+
+
+def _stream(driver: CanServo, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Swing all joints; time from sending to the last answer, and lateness of each cycle, s."""
+    rest = driver.read().q
+    driver.engage()
+    rest, w, took, at = driver.read().q, 2 * np.pi * 0.25, [], []
+    for k in range(round(seconds * RATE)):
+        t = k / RATE
+        q, dq = rest + 0.1 * (1 - np.cos(w * t)), np.full(6, 0.1 * w * np.sin(w * t))
+        driver.send(q, dq, np.zeros(6))
+        state = driver.read()
+        took.append(state.t - state.t_device)
+        at.append(state.t_device)
+    return np.array(took), np.diff(at) - 1 / RATE
+
+
+@contextlib.contextmanager
+def _wired(transport: str) -> Iterator[CanServo]:
+    """A connected driver, its drives in a process of their own; both at real-time priority where one may."""
+    shipped = load_cell("emulated-servo6")
+    with tempfile.TemporaryDirectory() as folder:
+        where: dict[str, Any] = {
+            "slcan": {"interface": "slcan", "channel": str(Path(folder) / "adapter.tty")},
+            "socketcand": {
+                "interface": "socketcand",
+                "channel": "can0",
+                "bus": {"host": "127.0.0.1", "port": 29536, "tcp_tune": True},
+            },
+        }[transport]
+        options = {**shipped.table.options, **where, "rate": RATE, "watchdog": 0.5}
+        cell = dataclasses.replace(shipped, table=shipped.table.model_copy(update={"options": options}))
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_emulate, args=(cell, there))
+        process.start()
+        try:
+            here.recv()
+            with _real_time():
+                driver = CanServo.from_cell(cell, load_arm("servo6"))
+                driver.connect()
+                yield driver
+                driver.release()
+        finally:
+            here.send("stop")
+            process.join(10.0)
+
+
+@contextlib.contextmanager
+def _real_time() -> Iterator[None]:
+    """What `calib record` asks for too: no garbage collection, real-time priority where it is granted."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    before = os.sched_getscheduler(0)
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, before, os.sched_param(0))
+        gc.enable()
+
+
+def _emulate(cell: Cell, pipe: Connection) -> None:
+    emulator = open_emulator(cell, load_arm("servo6"))
+    emulator.start()
+    pipe.send("ready")
+    pipe.recv()
+    emulator.stop()
+
+
+def _reactions(repeats: int) -> list[dict[str, Any]]:
+    """From the fault to the DeviceError, in periods, at random instants of the period."""
+    cell, arm = load_cell("emulated-servo6"), load_arm("servo6")
+    taken = {fault: [_reaction(cell, arm, fault, seed) for seed in range(repeats)] for fault in FAULTS}
+    return [
+        {
+            "what": f"reaction to {fault}, greatest of {repeats}", "value": round(max(taken[fault]), 2), "unit": "periods",
+            "bar": f"<= {bar}", "note": f"median {np.median(taken[fault]):.2f}; {1e3 / RATE:g} ms each, simulated clock",
+        }
+        for fault, bar in FAULTS.items()
+    ]  # fmt: skip
+
+
+def _reaction(cell: Cell, arm: Arm, fault: str, seed: int) -> float:
+    rest = np.array(cell.table.rest)
+    options = can_options(cell, arm)
+    bus, clock = build_bus(cell, arm, options, rest.tolist()), SimulatedClock()
+    driver = CanServo(
+        arm, options, rest, clock, lambda: Link(SteppedBus(bus, clock), clock, "stepped"), hold_in_background=False
+    )
+    driver.connect()
+    wait = np.random.default_rng(seed).uniform(0, 0.7 / RATE)  # between an answer and the next command
+    start = None
+    with contextlib.suppress(DeviceError):
+        for k in range(200):
+            t = k / RATE
+            driver.send(rest + 0.1 * (1 - np.cos(3 * t)), np.full(6, 0.3 * np.sin(3 * t)), np.zeros(6))
+            driver.read()
+            if k == 20:
+                clock.sleep_until(clock.now() + wait)
+                bus.inject(fault)
+                start = clock.now()
+        raise AssertionError(f"{fault} was not noticed within a second")
+    bus.inject("restore")
+    with contextlib.suppress(DeviceError):
+        driver.release()
+    assert start is not None
+    return (clock.now() - start) * RATE
