@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: player docs demo test test-slow check bench exam format clean
+.PHONY: player docs demo test test-docs test-slow check bench exam format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -15,6 +15,9 @@ demo: $(VENV)/ready  ## the whole story on the mock arm
 
 test: $(VENV)/ready  ## the tests that CI runs
 	$(BIN)/python -m pytest
+
+test-docs: $(VENV)/ready  ## every command block of README and docs, in the order of a reader
+	$(BIN)/python -m pytest -m slow tests/test_docs.py
 
 test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 	$(BIN)/python -m pytest -m slow

@@ -48,7 +48,8 @@ class MockDriver(Driver):
         self._stopping: np.ndarray | None = None
         self._connected = False
         self._q_cmd = self._start.copy()
-        self._dq_cmd = np.zeros(arm.n)
+        self._dq_cmd, self._tau_cmd = np.zeros(arm.n), np.zeros(arm.n)
+        self._commanded = False
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> MockDriver:
@@ -68,7 +69,7 @@ class MockDriver(Driver):
         self._next = self.clock.now()
         self._origin = self._next
         self._q_cmd, self._dq_cmd, self._stopping = self._start.copy(), np.zeros(self.arm.n), None
-        self.plant.command(self._q_cmd, self._dq_cmd, np.zeros(self.arm.n))
+        self._tau_cmd, self._commanded = np.zeros(self.arm.n), False
         self._connected = True
         gravity = self.arm.gravity
         return DeviceInfo(
@@ -82,6 +83,10 @@ class MockDriver(Driver):
         while True:
             if self._stopping is not None:
                 self._decelerate()
+            elif not self._commanded:
+                # a drive closes its loop, told something new or not
+                self.plant.command(self._q_cmd, self._dq_cmd, self._tau_cmd)
+            self._commanded = False
             self.plant.advance(period)
             self._next += period
             if self.clock.now() - self._next < period:
@@ -99,7 +104,8 @@ class MockDriver(Driver):
         if not all(x.shape == (self.arm.n,) and bool(np.all(np.isfinite(x))) for x in arrays):
             raise DeviceError(f"mock: command {q!r}: needs {self.arm.n} finite numbers; nothing was sent")
         self._stopping = None
-        self._q_cmd, self._dq_cmd = arrays[0], arrays[1]
+        self._q_cmd, self._dq_cmd, self._tau_cmd = arrays
+        self._commanded = True
         self.plant.command(*arrays)
         return arrays[0].copy()
 
