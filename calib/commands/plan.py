@@ -17,7 +17,7 @@ def command(
     cell: Annotated[
         str | None, typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane and nothing else.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer tries, short sweeps, no probes.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="The best of a few random motions, short sweeps, no probes.")] = False,
     period: Annotated[float, typer.Option(help="Seconds of one period of the Fourier motions.")] = 20.0,
     periods: Annotated[
         int | None, typer.Option(help="Whole periods of the excitation; 2 if not given, 1 with --quick.")
@@ -28,6 +28,7 @@ def command(
         bool, typer.Option("--progressive", help="First bring-up: unlock the joints one after another.")
     ] = False,
     home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
+    starts: Annotated[int, typer.Option(min=0, help="Starts of the optimiser; 0 keeps the best random motion.")] = 8,
     seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
     out: console.Out = None,
     as_json: console.Json = False,
@@ -51,7 +52,7 @@ def command(
     nominal = load_arm(arm, configs)
     where = load_cell(cell, configs) if cell else None
     asked = replace(
-        QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed,
+        QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
         progressive=progressive, home=None if home is None else posture(home, nominal),
     )  # fmt: skip
     if periods is not None:
@@ -59,7 +60,7 @@ def command(
     folder = new_run(nominal, "plan", out, where)
     stands = where or open_cell(nominal)
     with console.progress("plan") as advance:
-        designed = design(nominal, stands, asked, lambda stage, share: advance(0, stage))
+        designed = design(nominal, stands, asked, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage))
         sealed = write_plan(folder / "sealed", nominal, designed.motions, where, designed.summary)
         for file in sorted(sealed.folder.iterdir()):
             shutil.move(file, folder / file.name)

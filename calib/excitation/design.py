@@ -60,16 +60,20 @@ def noise_of(model: TorqueModel) -> np.ndarray:
     return np.where(sigma > 0, sigma, 0.01 * torque_scale(model.arm))
 
 
-def fitted_to_room(room: Room, motion: Fourier) -> Fourier | None:
-    """The motion with the largest amplitude that fits: each joint to its own limits, then all together to torque, speed and clearance."""
-    limits = _own_scale(room, motion)
-    motion = motion.scaled(limits)
-    low, high = 0.0, 1.0
-    if room.use(_coarse(motion)).fits:
-        return motion
+def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | None:
+    """The motion with the largest amplitude that fits: each joint to its own limits, then all together to torque, speed and clearance.
+
+    Without `grow` no joint gets more amplitude than it has. None where a sixth of the amplitude does not fit either.
+    """
+    own = _own_scale(room, motion)
+    motion = motion.scaled(own if grow else np.minimum(own, 1.0))
+    for slightly in (1.0, 0.99, 0.97, 0.94):
+        if room.use(coarse(motion.scaled(slightly))).fits:
+            return motion.scaled(slightly)
+    low, high = 0.0, 0.94
     for _ in range(7):
         middle = (low + high) / 2
-        low, high = (middle, high) if room.use(_coarse(motion.scaled(middle))).fits else (low, middle)
+        low, high = (middle, high) if room.use(coarse(motion.scaled(middle))).fits else (low, middle)
     return motion.scaled(low) if low > 0.15 else None
 
 
@@ -82,7 +86,7 @@ def random_start(
         found = fitted_to_room(room, random_fourier(basis, home, rng))
         if found is None:
             continue
-        worth = information.worth(_coarse(found))
+        worth = information.worth(coarse(found))
         if best is None or worth.log_det > best[1].log_det:
             best = (found, worth)
     if best is None:
@@ -107,7 +111,7 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
             "start with --home, or correct the limit"
         )
     trial = random_fourier(basis, home, np.random.default_rng(0))
-    use = room.use(_coarse(trial.scaled(0.2 * _own_scale(room, trial))))
+    use = room.use(coarse(trial.scaled(0.2 * _own_scale(room, trial))))
     name, share = use.worst
     what = f"{name} ({share:.0%} of what a plan may use)" if share > 1 else f"the distance of {use.pair[0]} and {use.pair[1]}"
     return (
@@ -129,5 +133,6 @@ def _own_scale(room: Room, motion: Fourier) -> np.ndarray:
     return np.maximum(factor, 0.0)
 
 
-def _coarse(motion: Fourier) -> Trajectory:
+def coarse(motion: Fourier) -> Trajectory:
+    """One period at SAMPLES samples: enough for the highest harmonics, and what information is compared on."""
     return motion.sampled(SAMPLES / motion.basis.period)

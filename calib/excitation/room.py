@@ -6,6 +6,7 @@ Everything is a share: 1 is the limit. What is planned here is proved afterwards
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -48,24 +49,31 @@ class Room:
     def __init__(self, arm: Arm, cell: Cell) -> None:
         require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
         self.arm, self.cell = arm, cell
-        self.shapes = [s for s in arm.tree.shapes if s.link >= 0]
-        self._ends = [_segment(s) for s in arm.tree.shapes]
-        self._links = [s.link for s in arm.tree.shapes]
-        self._names = [s.name for s in arm.tree.shapes]
+        pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in _capsules(s)]
+        self._ends = [(ends, radius) for _, ends, radius in pieces]
+        self._links = [s.link for s, _, _ in pieces]
+        self._names = [s.name for s, _, _ in pieces]
         self.pairs = [
             (a, b)
             for a in range(len(self._links))
             for b in range(a)
             if not _near(arm.tree.parent, self._links[a], self._links[b])
         ]
+        self.pairs = self._changing()
 
-        # (pair, cylinder, other): a flat cylinder, such as a base, is far smaller than the capsule about it
-        kinds = [s.kind for s in arm.tree.shapes]
-        self._flat = [
-            (k, a, b) if kinds[a] == "cylinder" else (k, b, a)
-            for k, (a, b) in enumerate(self.pairs)
-            if (kinds[a] == "cylinder") != (kinds[b] == "cylinder")
-        ]
+    def _changing(self) -> list[tuple[int, int]]:
+        """The pairs of shapes whose distance depends on the posture; the others, such as a base and the shoulder, are as they were built."""
+        if not self.pairs:
+            return []
+        ends, _ = self.segments(np.random.default_rng(0).uniform(-1, 1, (6, self.arm.n)))
+        a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
+        distance, *_ = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
+        nearest: dict[tuple[str, str], np.ndarray] = {}
+        for k, (i, j) in enumerate(self.pairs):
+            key = (self._names[i], self._names[j])
+            nearest[key] = np.minimum(nearest.get(key, np.inf), distance[:, k])
+        fixed = {key for key, value in nearest.items() if np.ptp(value) < 0.002}
+        return [(i, j) for i, j in self.pairs if (self._names[i], self._names[j]) not in fixed]
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base, q (N, n)."""
@@ -86,39 +94,137 @@ class Room:
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends (N, shapes, 2, 3) m of every shape's enclosing capsule in the base, and radii (shapes,) m."""
-        rotation, origin = self.frames(q)
-        out = np.empty((len(q), len(self._ends), 2, 3))
+        return self.segments_at(*self.frames(q))
+
+    def segments_at(self, rotation: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`segments` from frames that are known."""
+        out = np.empty((len(rotation), len(self._ends), 2, 3))
         for k, (ends, _) in enumerate(self._ends):
             link = self._links[k]
-            out[:, k] = ends if link < 0 else np.einsum("kab,eb->kea", rotation[:, link], ends) + origin[:, link, None]
+            out[:, k] = ends if link < 0 else ends @ rotation[:, link].transpose(0, 2, 1) + origin[:, link, None]
         return out, np.array([r for _, r in self._ends])
 
+    def onto_joints(self, pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+        """Slopes (N, n) by q of a value whose slopes by the ends of the capsules are pull (N, shapes, 2, 3): J^T pull."""
+        tree = self.arm.tree
+        out = np.zeros((len(ends), tree.n))
+        for j in range(tree.n):
+            axis = rotation[:, j] @ tree.axis[j]
+            carried = [k for k, link in enumerate(self._links) if self._carries(j, link)]
+            if not carried:
+                continue
+            force = pull[:, carried]
+            if tree.prismatic[j]:
+                out[:, j] = np.einsum("ka,ksea->k", axis, force)
+            else:
+                arm = ends[:, carried] - origin[:, None, None, j]
+                out[:, j] = np.einsum("ka,ka->k", axis, np.cross(arm, force).sum(axis=(1, 2)))
+        return out
+
+    def turning(self, rotation: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes (N, n, 3) of the hinges in the base, zero for a slide, and angular velocity (N, n, 3) rad/s of every link."""
+        tree = self.arm.tree
+        axes = np.stack([rotation[:, j] @ (tree.axis[j] * (not tree.prismatic[j])) for j in range(tree.n)], axis=1)
+        return axes, np.einsum("lj,kj,kja->kla", self._moved_by, dq, axes)
+
+    def onto_turning(
+        self, pull: np.ndarray, axes: np.ndarray, omega: np.ndarray, dq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes (N, n) by q and by dq of a value whose slopes by the rates |omega| of the links are pull (N, n)."""
+        force = (pull / np.maximum(np.linalg.norm(omega, axis=-1), 1e-9))[..., None] * omega
+        by_q = np.zeros_like(dq)
+        for i in range(self.arm.n):
+            # a hinge before link l turns what the hinges between them add to its rate
+            later = omega - omega[:, i : i + 1]
+            swept = np.cross(axes[:, i : i + 1], later)
+            by_q[:, i] = np.einsum("l,kla,kla->k", self._moved_by[:, i], force, swept)
+        return by_q, np.einsum("lj,kla,kja->kj", self._moved_by, force, axes)
+
+    @cached_property
+    def on_link(self) -> np.ndarray:
+        """(n, shapes): 1 where a shape is carried by that link; a column of zeros for what stands still."""
+        links = np.array(self._links)
+        return (links == np.arange(self.arm.n)[:, None]).astype(float)
+
+    @cached_property
+    def _moved_by(self) -> np.ndarray:
+        """(n, n): 1 where joint j moves link l."""
+        n = self.arm.n
+        return np.array([[float(self._carries(j, link)) for j in range(n)] for link in range(n)])
+
+    def nearness(self, ends: np.ndarray, wanted: float) -> tuple[float, np.ndarray]:
+        """Sum of squares (m^2) of what every clearance lacks to `wanted` m, and its slopes by the ends of the capsules."""
+        pull = np.zeros_like(ends)
+        value = 0.0
+        if self.pairs:
+            a, b, margin = self._pair_arrays
+            distance, s, t, apart = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
+            lack = np.maximum(wanted - (distance - self._radius[a] - self._radius[b] - margin), 0.0)
+            value += float(np.sum(lack**2))
+            for k in np.flatnonzero(lack.any(axis=0)):
+                push = (-2 * lack[:, k] / np.maximum(distance[:, k], 1e-9))[:, None] * apart[:, k]
+                for shape, share, sign in ((a[k], s[:, k], 1.0), (b[k], t[:, k], -1.0)):
+                    pull[:, shape, 0] += sign * (1 - share)[:, None] * push
+                    pull[:, shape, 1] += sign * share[:, None] * push
+        motion = self.cell.table.motion
+        for obstacle in self.cell.table.obstacles:
+            if obstacle.kind != "plane":
+                continue
+            normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
+            turning = self._above(normal)
+            height = (
+                (ends[:, turning] - np.array(obstacle.position)) @ normal
+                - self._radius[turning][:, None]
+                - motion.clearance_obstacle
+            )
+            lack = np.maximum(wanted - height, 0.0)
+            value += float(np.sum(lack**2))
+            pull[:, turning] += -2 * lack[..., None] * normal
+        return value, pull
+
+    @cached_property
+    def _radius(self) -> np.ndarray:
+        return np.array([r for _, r in self._ends])
+
+    @cached_property
+    def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Indices of both shapes of every pair, and the margin that the pair keeps beyond CLEARANCE_MARGIN, m.
+
+        What is left is for gaps between samples and for stops: less among the arm's own links, which stop together, and least
+        between links two joints apart, which are close by construction.
+        """
+        a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
+        near = np.array([_kin(self.arm.tree.parent, self._links[i], self._links[j]) for i, j in self.pairs])
+        own = np.where(near, KIN_MARGIN, self.cell.table.motion.clearance_self + SELF_MARGIN)
+        return a, b, own - CLEARANCE_MARGIN
+
+    def _carries(self, joint: int, link: int) -> bool:
+        while link >= 0:
+            if link == joint:
+                return True
+            link = int(self.arm.tree.parent[link])
+        return False
+
+    def _above(self, normal: np.ndarray) -> list[int]:
+        """Shapes that can approach a plane: not those that only turn about its normal."""
+        return [k for k, link in enumerate(self._links) if link > 0 or (link == 0 and abs(self._axis_along(normal)) < 1 - 1e-9)]
+
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
-        """(N, pairs) m between capsules less the cell's margin, self and planes; boxes as the sphere about them or their faces."""
+        """(N, pairs) m between capsules less the margin, self and obstacles; boxes by the distance of points along the capsule."""
         ends, radius = self.segments(q)
         columns, names = [], []
         motion = self.cell.table.motion
         if self.pairs:
-            a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
-            near = np.array([_kin(self.arm.tree.parent, self._links[i], self._links[j]) for i, j in self.pairs])
-            # what is left for gaps between samples and for stops: less among the arm's own links, which stop together, and least
-            # between links two joints apart, which are close by construction
-            spare = np.where(near, KIN_MARGIN, SELF_MARGIN)
-            margin = np.where(near, 0.0, motion.clearance_self) + spare - CLEARANCE_MARGIN
-            distance = segment_distance(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1]) - radius[a] - radius[b]
-            for pair, cylinder, other in self._flat:
-                axis = ends[:, cylinder, 0], ends[:, cylinder, 1]
-                distance[:, pair] = (
-                    cylinder_distance(*axis, radius[cylinder], ends[:, other, 0], ends[:, other, 1]) - radius[other]
-                )
-            columns.append(distance - margin)
+            a, b, margin = self._pair_arrays
+            distance, *_ = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
+            columns.append(distance - radius[a] - radius[b] - margin)
             names += [(self._names[i], self._names[j]) for i, j in self.pairs]
         moving = [k for k, link in enumerate(self._links) if link >= 0]
         for obstacle in self.cell.table.obstacles:
             position = np.array(obstacle.position)
             if obstacle.kind == "plane":
                 normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-                turning = [k for k in moving if not (self._links[k] == 0 and abs(self._axis_along(normal)) > 1 - 1e-9)]
+                turning = self._above(normal)
                 height = ((ends[:, turning] - position) @ normal).min(axis=2)
                 columns.append(height - radius[turning] - motion.clearance_obstacle)
                 names += [(self._names[k], obstacle.name) for k in turning]
@@ -139,8 +245,13 @@ class Room:
         arm = self.arm
         middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
         step = np.diff(motion.t)[:, None]
-        ends, _ = self.segments(motion.q)
-        speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1) / step[:, :, None]
+        rotation, origin = self.frames(motion.q)
+        ends, radius = self.segments_at(rotation, origin)
+        _, omega = self.turning(rotation, motion.dq)
+        moving = [k for k, link in enumerate(self._links) if link >= 0]
+        speed = np.linalg.norm(np.diff(ends[:, moving], axis=0), axis=-1) / step[:, :, None]
+        rate = np.linalg.norm(omega, axis=-1)[:, [self._links[k] for k in moving]]
+        speed += (radius[moving] * np.maximum(rate[1:], rate[:-1]))[:, :, None]
         torque = torque_interval(motion, arm, self.cell)
         shares = {
             "q": np.abs(motion.q - middle).max(axis=0) / half,
@@ -148,7 +259,7 @@ class Room:
             "ddq": np.abs(motion.ddq).max(axis=0) / arm.ddq_max,
             "jerk": np.abs(np.diff(motion.ddq, axis=0) / step).max(axis=0) / arm.jerk_max,
             "torque": (np.abs(torque.tau_hat) + torque.doubt).max(axis=0) / arm.tau_max,
-            "point speed": np.array([1.05 * speed.max() / self.cell.table.motion.point_speed_max]),
+            "point speed": np.array([speed.max(initial=0.0) / self.cell.table.motion.point_speed_max]),
         }
         distance, names = self.clearances(motion.q)
         worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
@@ -159,8 +270,13 @@ class Room:
         return float(normal @ (tree.rotation[0] @ tree.axis[0]))
 
 
-def segment_distance(a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndarray) -> np.ndarray:
-    """Distance between segments a0-a1 and b0-b1, arrays (..., 3) (C. Ericson, Real-Time Collision Detection, section 5.1.9)."""
+def segment_closest(
+    a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of segments a0-a1 and b0-b1, shares s and t along them of the nearest points, and a(s) - b(t); arrays (..., 3).
+
+    C. Ericson, Real-Time Collision Detection, section 5.1.9.
+    """
     d1, d2, r = a1 - a0, b1 - b0, a0 - b0
     a, e, f = np.sum(d1 * d1, -1), np.sum(d2 * d2, -1), np.sum(d2 * r, -1)
     b, c = np.sum(d1 * d2, -1), np.sum(d1 * r, -1)
@@ -172,44 +288,33 @@ def segment_distance(a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndar
     s = np.where(t == clipped, s, np.clip((b * clipped - c) / np.maximum(a, tiny), 0.0, 1.0))
     s = np.where(a <= tiny, 0.0, s)
     clipped = np.where(e <= tiny, 0.0, clipped)
-    return np.linalg.norm(r + d1 * s[..., None] - d2 * clipped[..., None], axis=-1)
+    apart = r + d1 * s[..., None] - d2 * clipped[..., None]
+    return np.linalg.norm(apart, axis=-1), s, clipped, apart
 
 
-def cylinder_distance(c0: np.ndarray, c1: np.ndarray, radius: float, p0: np.ndarray, p1: np.ndarray) -> np.ndarray:
-    """Distance (N,) m between solid cylinders with axis c0-c1 and segments p0-p1, arrays (N, 3); 0 where they overlap.
+def _capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
+    """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
 
-    The distance to a convex body is convex along a segment, so golden sections find its minimum (J. Kiefer 1953,
-    doi:10.1090/S0002-9939-1953-0055639-3), here to 2e-4 of the segment's length.
+    A cylinder, whose flat ends no capsule has, becomes one of its own length where it is long, else a ring of six.
     """
-    middle, axis = (c0 + c1) / 2, c1 - c0
-    half = np.linalg.norm(axis, axis=-1) / 2
-    axis = axis / (2 * half[:, None])
-
-    def at(share: np.ndarray) -> np.ndarray:
-        offset = p0 + share[:, None] * (p1 - p0) - middle
-        along = np.sum(offset * axis, axis=-1)
-        across = np.linalg.norm(offset - along[:, None] * axis, axis=-1)
-        return np.hypot(np.maximum(np.abs(along) - half, 0.0), np.maximum(across - radius, 0.0))
-
-    golden = (np.sqrt(5.0) - 1.0) / 2.0
-    low, high = np.zeros(len(p0)), np.ones(len(p0))
-    for _ in range(18):
-        left, right = high - golden * (high - low), low + golden * (high - low)
-        nearer = at(left) < at(right)
-        low, high = np.where(nearer, low, left), np.where(nearer, right, high)
-    return np.minimum(at((low + high) / 2), np.minimum(at(np.zeros_like(low)), at(np.ones_like(low))))
-
-
-def _segment(shape: Shape) -> tuple[np.ndarray, float]:
-    """Ends (2, 3) m and radius m of a capsule about the shape, in its link's frame."""
+    if shape.kind == "cylinder":
+        radius, half = shape.size[0], shape.size[1]
+        if half >= radius:
+            ends = np.array([[0, 0, radius / 2 - half], [0, 0, half - radius / 2]])
+            return [(ends @ shape.rotation.T + shape.position, float(radius))]
+        angle = np.arange(7) * np.pi / 3
+        ring = (radius - half) * np.stack(
+            [np.cos(angle), np.sin(angle), np.zeros(7)], axis=1
+        ) @ shape.rotation.T + shape.position
+        return [(ring[k : k + 2], float(half)) for k in range(6)]
     points, radius = spine(shape)
     if len(points) <= 2:
-        return np.stack([points[0], points[-1]]), radius
+        return [(np.stack([points[0], points[-1]]), radius)]
     centre = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
     along = (points - centre) @ axes[0]
     across = np.linalg.norm((points - centre) - along[:, None] * axes[0], axis=1).max()
-    return centre + np.array([[along.min()], [along.max()]]) * axes[0], float(across + radius)
+    return [(centre + np.array([[along.min()], [along.max()]]) * axes[0], float(across + radius))]
 
 
 def _near(parent: np.ndarray, a: int, b: int) -> bool:

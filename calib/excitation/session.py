@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.excitation.design import Information, Worth, binding, fitted_to_room, noise_of, random_start
+from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.optimise import optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
 from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
@@ -30,13 +31,15 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
+SHARES = (1.0, 0.98, 0.95, 0.9, 0.82, 0.7, 0.55, 0.4)
 POSTURES = 1000
 LOOKED_AT = 15
 
 
 @dataclass(frozen=True)
 class Session:
-    """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
+    """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, starts of the optimiser (none: the best
+    random motion), probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
     motions for a first bring-up come first.
     """
 
@@ -44,6 +47,7 @@ class Session:
     harmonics: int = 6
     periods: int = 2
     tries: int = 100
+    starts: int = 8
     probes: bool = True
     speeds: tuple[float, ...] = (0.03, 0.1, 0.25)
     cruise: float = 3.0
@@ -53,7 +57,7 @@ class Session:
     seed: int = 0
 
 
-QUICK = Session(periods=1, tries=40, probes=False, speeds=(0.06, 0.2), cruise=1.2, chirp=10.0)
+QUICK = Session(periods=1, tries=40, starts=0, probes=False, speeds=(0.06, 0.2), cruise=1.2, chirp=10.0)
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,9 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     rate = min(arm.sensors.rate, 500.0)
     progress("excitation", 0.0)
     best, _ = random_start(room, information, basis, home, rng, session.tries)
+    if session.starts:
+        found = optimised(arm, cell, best, session.starts, session.seed, progress)[0]
+        best = max((best, found.motion), key=lambda m: preference(information.worth(coarse(m))))
     progress("checking the excitation", 0.0)
     excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods)
     motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
@@ -115,6 +122,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "harmonics": session.harmonics,
         "period_s": float(session.period),
         "periods": session.periods,
+        "starts": session.starts,
         "seed": session.seed,
     }
     return Designed(tuple(motions), worth, home, summary)
@@ -197,15 +205,15 @@ def _amplitude(room: Room, motion: Fourier) -> float:
 
 def cleared_fourier(motion: Fourier, arm: Arm, cell: Cell, rate: float, periods: int) -> tuple[Trajectory, Fourier]:
     """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
-    for attempt in range(ATTEMPTS):
+    for k, share in enumerate(SHARES):
+        smaller = motion.scaled(share)
         try:
-            clear(motion.sampled(rate), arm, cell)
-            return motion.sampled(rate, periods), motion
+            clear(smaller.sampled(rate), arm, cell)
+            return smaller.sampled(rate, periods), smaller
         except SafetyStop:
-            if attempt == ATTEMPTS - 1:
+            if k == len(SHARES) - 1:
                 raise
-            motion = motion.scaled(SHRINK)
-    raise AssertionError("unreachable")
+    raise AssertionError("SHARES is not empty")
 
 
 def _friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:

@@ -12,7 +12,7 @@ import pytest
 from calib import main as program
 from calib.excitation.design import Information, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, random_fourier
-from calib.excitation.room import Room, cylinder_distance, segment_distance
+from calib.excitation.room import Room, segment_closest
 from calib.excitation.session import home_of, open_cell, posture
 from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
 from calib.identification.model import TorqueModel
@@ -49,18 +49,22 @@ def test_capsules_agree_with_the_geometry_that_decides() -> None:
     for q in HOME + 0.5 * rng.uniform(-1, 1, (20, 6)):
         found, names = room.clearances(q[None])
         exact = {frozenset(p): d - m for p, d, m in zip(clearance.pairs, clearance.distances(q), clearance.margin, strict=True)}
-        shared = [(d, exact[frozenset(p)]) for d, p in zip(found[0], names, strict=True) if frozenset(p) in exact]
+        nearest: dict[frozenset[str], float] = {}
+        for distance, pair in zip(found[0], names, strict=True):
+            nearest[frozenset(pair)] = min(distance, nearest.get(frozenset(pair), np.inf))
+        shared = [(d, exact[p]) for p, d in nearest.items() if p in exact]
         assert len(shared) > 15
-        assert max(abs(a - b) for a, b in shared if b > 0.05) < 0.03
+        # a plan keeps up to 18 mm more than its margin says, and a base's edge is rounder than it is: 25 mm
+        assert max(abs(a - b) for a, b in shared if b > 0.05) < 0.045
 
 
 def test_distances_of_segments() -> None:
     z = np.zeros(3)
     x, y, up = np.eye(3)
-    assert segment_distance(z, x, y, x + y) == pytest.approx(1.0)
-    assert segment_distance(-x, x, -y + up, y + up) == pytest.approx(1.0)
-    assert segment_distance(z, z, 3 * x, 4 * x) == pytest.approx(3.0)
-    assert segment_distance(z, x, 2 * x, 5 * x) == pytest.approx(1.0)
+    assert segment_closest(z, x, y, x + y)[0] == pytest.approx(1.0)
+    assert segment_closest(-x, x, -y + up, y + up)[0] == pytest.approx(1.0)
+    assert segment_closest(z, z, 3 * x, 4 * x)[0] == pytest.approx(3.0)
+    assert segment_closest(z, x, 2 * x, 5 * x)[0] == pytest.approx(1.0)
 
 
 def test_a_random_motion_fitted_to_its_room_is_cleared() -> None:
@@ -128,7 +132,9 @@ def test_a_home_that_is_no_posture(text: str) -> None:
         posture(text, ARM)
 
 
-@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6"])
+@pytest.mark.parametrize(
+    "name", ["ur5e", *(pytest.param(a, marks=pytest.mark.slow) for a in ("ur3e", "ur10e", "ur16e", "ur20", "servo6"))]
+)
 def test_every_arm_has_a_home_with_room(name: str) -> None:
     arm = load_arm(name)
     cell = open_cell(arm)
@@ -147,11 +153,3 @@ def test_every_arm_has_a_quick_plan(name: str, tmp_path: Path, capsys: pytest.Ca
     assert [m.name for m in plan.motions] == ["friction", "excitation", "validation"]
     assert told["condition_number"] == pytest.approx(plan.summary["condition_number"])
     assert told["identifiable"]
-
-
-def test_distance_to_a_flat_cylinder() -> None:
-    bottom, top = np.zeros((4, 3)), np.tile([0.0, 0.0, 0.1], (4, 1))
-    start = np.array([[0.5, 0.0, 0.05], [0.0, 0.0, 0.4], [0.5, 0.0, 0.4], [-1.0, 0.05, 0.05]])
-    end = np.array([[0.5, 0.0, 0.9], [0.1, 0.1, 0.3], [0.5, 0.3, 0.4], [1.0, 0.05, 0.05]])
-    found = cylinder_distance(bottom, top, 0.2, start, end)
-    assert found == pytest.approx([0.3, 0.2, np.hypot(0.3, 0.3), 0.0], abs=1e-3)

@@ -1,0 +1,196 @@
+"""-log det of the whitened information of a Fourier motion, plus what it uses beyond its limits, with the exact gradient.
+
+M = sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j; d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2. The chain to the coefficients
+goes through differences of the regressor along q, dq and ddq, and from there through the Fourier basis, which is exact. Torque is linear in
+the same regressor, so its limits cost nothing more; speeds of points and distances of capsules go through the Jacobians of their ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.excitation.fourier import Fourier
+from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
+from calib.identification.model import FRICTION, TorqueModel
+from safety.torque import parameter_box
+
+STEP = 1e-5
+CONDITION_AIM = 36.0
+CONDITION_WEIGHT = 400.0
+RIDGE = 1e-8
+# A descent aims a little inside what the room asks for, so that its end needs no shrinking
+TIGHTER = 0.985
+FARTHER = 0.004
+# 3 cm too near count like a limit that is passed by its own size
+PER_METRE = 1000.0
+
+
+class Objective:
+    """Value and gradient in the free coefficients x (n, f) of motions about one home posture.
+
+    Columns: base combinations, friction, and candidates of a diagnosis that are linear: a spring and a quadratic speed law at every joint,
+    and the two tilts of the base, so that the motion tells them apart from the rest.
+    """
+
+    def __init__(
+        self, room: Room, model: TorqueModel, sigma: np.ndarray, start: Fourier, samples: int = 120, weight: float = 300.0
+    ) -> None:
+        self.room, self.model, self.weight = room, model, weight
+        self.start, n = start, model.arm.n
+        self.inverse_variance = 1 / sigma**2
+        t = np.arange(samples) * (start.basis.period / samples)
+        self._basis = [start.basis.matrix(t, order) for order in range(4)]
+        self._dt = start.basis.period / samples
+        arm = model.arm
+        self._sign_width = 0.02 * arm.dq_max
+        pi, delta = parameter_box(arm, room.cell)
+        effects = {k: [arm.effect(e, j) for j in arm.joint_names] for k, e in _OWN.items()}
+        own = {k: np.array([e.parameters[_PARAMETER[k]] if e else 0.0 for e in items]) for k, items in effects.items()}
+        self._pi = np.concatenate([pi, own["rotor"]])
+        self._viscous, self._coulomb = own["viscous"], own["coulomb"]
+        self._delta = delta
+        self._doubt = 2 * arm.prior.coulomb * own["coulomb"]
+        self._doubt_rotor, self._doubt_viscous = 2 * arm.prior.rotor * own["rotor"], 2 * arm.prior.viscous * own["viscous"]
+        self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
+        self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
+        self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient (n, f)."""
+        q, dq, ddq, jerk = (b @ x.T for b in self._basis)
+        q = q + self.start.home
+        full = self._full(q, dq, ddq)
+        columns = self._columns(full, q, dq)
+        value, z = self._information(columns)
+        more, cond_z = self._condition(columns)
+        value += more
+        z[:, :, : len(self.model.base)] += cond_z
+        torque_value, w = self._torque(full, dq, ddq)
+        value += torque_value
+        grads = self._through_regressor(z, w, q, dq, ddq)
+        for k, (order, quantity) in enumerate((("q", q - self._middle), ("dq", dq), ("ddq", ddq), ("jerk", jerk))):
+            limit = TIGHTER * MARGIN[order] * (self._half if order == "q" else getattr(self.room.arm, f"{order}_max"))
+            over = np.maximum(np.abs(quantity) / limit - 1, 0.0)
+            value += self.weight * float(np.sum(over**2))
+            grads[k] = grads[k] + 2 * self.weight * over * np.sign(quantity) / limit
+        geometry_value, by_q, by_dq = self._geometry(q, dq)
+        grads[0], grads[1] = grads[0] + by_q, grads[1] + by_dq
+        gradient = sum((g.T @ b for g, b in zip(grads, self._basis, strict=True)), np.zeros_like(x))
+        return value + geometry_value, gradient
+
+    def _full(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        return self.model.body.full_regressor(q, dq, ddq)
+
+    def _columns(self, full: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        n, b = self.model.arm.n, len(self.model.base)
+        out = np.zeros((len(q), n, self.p))
+        out[:, :, :b] = full[:, :, self.model.base.columns]
+        j = np.arange(n)
+        at = b + len(FRICTION) * j
+        out[:, j, at] = dq
+        out[:, j, at + 1] = np.tanh(dq / self._sign_width)
+        out[:, j, at + 2] = 1.0
+        candidates = b + len(FRICTION) * n
+        out[:, j, candidates + j] = q - self.start.home
+        out[:, j, candidates + n + j] = dq * np.abs(dq)
+        zero = np.zeros_like(q)
+        for k, gravity in enumerate(self._tilt):
+            out[:, :, candidates + 2 * n + k] = self.model.body.inverse_dynamics(q, zero, zero, gravity)
+        return out
+
+    def _information(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        weighted = columns * self.inverse_variance[:, None]
+        m = np.einsum("kjp,kjr->pr", weighted, columns, optimize=True)
+        scale = 1 / np.sqrt(np.diag(m) + 1e-300)
+        scaled = m * np.outer(scale, scale) + RIDGE * np.eye(len(m))
+        _, log_det = np.linalg.slogdet(scaled)
+        value = -(log_det - 2 * np.sum(np.log(scale)))
+        inverse = np.linalg.inv(scaled) * np.outer(scale, scale)
+        return float(value), -2 * weighted @ inverse
+
+    def _condition(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        """(log cond - log aim)^2 above the aim, of the base regressor in raw SI units, times a weight."""
+        base = columns[:, :, : len(self.model.base)]
+        eigen, vectors = np.linalg.eigh(np.einsum("kjp,kjr->pr", base, base, optimize=True))
+        low = max(float(eigen[0]), 1e-12 * float(eigen[-1]))
+        over = 0.5 * np.log(eigen[-1] / low) - np.log(CONDITION_AIM)
+        if over <= 0:
+            return 0.0, np.zeros_like(base)
+        weight = CONDITION_WEIGHT
+        factor = 2 * weight * over
+        first, last = vectors[:, 0], vectors[:, -1]
+        slope = (base @ last)[..., None] * last / eigen[-1] - (base @ first)[..., None] * first / low
+        return weight * over**2, factor * slope
+
+    def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray]:
+        """Penalty of torque beyond its limit, doubt included, and its slope (K, n) by torque."""
+        n = self.model.arm.n
+        smooth = np.tanh(dq / self._sign_width)
+        tau = full @ self._pi + self._viscous * dq + self._coulomb * smooth
+        doubt = (
+            np.abs(full[:, :, : 10 * n]) @ self._delta
+            + self._doubt
+            + self._doubt_rotor * np.abs(ddq)
+            + self._doubt_viscous * np.abs(dq)
+        )
+        limit = TIGHTER * MARGIN["torque"] * self.room.arm.tau_max
+        over = np.maximum((np.abs(tau) + doubt) / limit - 1, 0.0)
+        return self.weight * float(np.sum(over**2)), 2 * self.weight * over * np.sign(tau) / limit
+
+    def _through_regressor(
+        self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> list[np.ndarray]:
+        """Slopes (K, n) by q, dq, ddq and jerk of sum z . columns + w . torque, central differences along each coordinate."""
+        n = self.model.arm.n
+        weights = np.einsum("kj,p->kjp", w, self._pi)
+        weights[:, :, self.model.base.columns] += z[:, :, : len(self.model.base)]
+        tilts = z[:, :, -2:]
+        zero = np.zeros_like(q)
+
+        def contracted(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+            return np.einsum("kjp,kjp->k", self._full(a, b, c), weights)
+
+        slopes = [np.zeros_like(q) for _ in range(4)]
+        for i in range(n):
+            for k in range(3):
+                plus, minus = [q, dq, ddq], [q, dq, ddq]
+                plus[k], minus[k] = plus[k].copy(), minus[k].copy()
+                plus[k][:, i] += STEP
+                minus[k][:, i] -= STEP
+                slopes[k][:, i] = (contracted(*plus) - contracted(*minus)) / (2 * STEP)
+                if k == 0:
+                    for tilt, gravity in enumerate(self._tilt):
+                        rise = self.model.body.inverse_dynamics(plus[0], zero, zero, gravity)
+                        rise = rise - self.model.body.inverse_dynamics(minus[0], zero, zero, gravity)
+                        slopes[0][:, i] += np.sum(rise * tilts[:, :, tilt], axis=1) / (2 * STEP)
+        b, j = len(self.model.base), np.arange(n)
+        at, candidates = b + len(FRICTION) * j, b + len(FRICTION) * n
+        bend = (1 - np.tanh(dq / self._sign_width) ** 2) / self._sign_width
+        slopes[1] += z[:, j, at] + z[:, j, at + 1] * bend + z[:, j, candidates + n + j] * 2 * np.abs(dq)
+        slopes[1] += w * (self._viscous + self._coulomb * bend)
+        slopes[0] += z[:, j, candidates + j]
+        return slopes
+
+    def _geometry(self, q: np.ndarray, dq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Penalty of capsules nearer than the margin and points faster than the cell allows, and its slopes (K, n) by q and dq."""
+        room = self.room
+        rotation, origin = room.frames(q)
+        ends, radius = room.segments_at(rotation, origin)
+        value, slope = room.nearness(ends, CLEARANCE_MARGIN + FARTHER)
+        value, slope = self.weight * PER_METRE * value, self.weight * PER_METRE * slope
+        step = (np.roll(ends, -1, axis=0) - ends) / self._dt
+        along = np.linalg.norm(step, axis=-1)
+        axes, omega = room.turning(rotation, dq)
+        rate = np.linalg.norm(omega, axis=-1) @ room.on_link
+        limit = TIGHTER * MARGIN["point speed"] * room.cell.table.motion.point_speed_max
+        over = np.maximum((along + (radius * rate)[..., None]) / limit - 1, 0.0)
+        value += self.weight * float(np.sum(over**2))
+        weighted = 2 * self.weight * over / limit
+        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / self._dt
+        slope += np.roll(pull, 1, axis=0) - pull
+        by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
+        return value, room.onto_joints(slope, ends, rotation, origin) + by_q, by_dq
+
+
+_OWN = {"rotor": "rotor_inertia", "viscous": "viscous_friction", "coulomb": "coulomb_friction"}
+_PARAMETER = {"rotor": "inertia", "viscous": "viscous", "coulomb": "coulomb"}

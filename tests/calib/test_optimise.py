@@ -1,0 +1,62 @@
+"""The optimiser: its gradient is the slope of its value, its motions fit, and none is worse than where it began."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.objective import Objective
+from calib.excitation.optimise import CONDITION_CAP, adam, optimised, preference
+from calib.excitation.room import Room
+from calib.excitation.session import cleared_fourier, open_cell
+from calib.identification.model import TorqueModel
+from sim.arm import load_arm
+
+ARM = load_arm("ur10e")
+CELL = open_cell(ARM)
+MODEL = TorqueModel.of_arm(ARM)
+HOME = np.array([0.173, -1.69, 0.605, -1.521, -1.485, -0.367])
+
+
+@pytest.mark.parametrize("name", ["ur10e", "servo6"])
+def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
+    arm = load_arm(name)
+    model = TorqueModel.of_arm(arm)
+    # large enough that every limit, the clearance and the condition number are passed and take part
+    motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0)).scaled(1.2)
+    objective = Objective(Room(arm, open_cell(arm)), model, noise_of(model), motion, samples=40)
+    _, gradient = objective(motion.x)
+    for seed in range(3):
+        along = np.random.default_rng(seed).standard_normal(motion.x.shape)
+        rise = (objective(motion.x + 1e-6 * along)[0] - objective(motion.x - 1e-6 * along)[0]) / 2e-6
+        assert rise == pytest.approx(np.sum(gradient * along), rel=1e-5)
+
+
+def test_a_short_descent_already_tells_more() -> None:
+    room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
+    start, before = random_start(room, information, Basis(4, 10.0), HOME, np.random.default_rng(1), 1)
+    objective = Objective(room, MODEL, noise_of(MODEL), start, samples=60)
+    ended = fitted_to_room(room, Fourier(start.basis, HOME, adam(objective, start.x, iterations=60)), grow=False)
+    assert ended is not None
+    assert information.worth(coarse(ended)).log_det > before.log_det + 10
+
+
+def test_what_keeps_the_cap_is_preferred() -> None:
+    well, better, wild = (Worth(d, c, 10.0, ()) for d, c in ((300.0, 30.0), (310.0, 39.0), (400.0, CONDITION_CAP + 1)))
+    assert sorted([wild, well, better], key=preference) == [wild, well, better]
+
+
+@pytest.mark.slow
+def test_eight_starts_reach_the_cap_and_are_never_worse_than_the_best_random_motion() -> None:
+    room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
+    best, before = random_start(room, information, Basis(6, 20.0), HOME, np.random.default_rng(0), 20)
+    told: list[float] = []
+    found = optimised(ARM, CELL, best, 8, 0, lambda stage, share: told.append(share))
+    assert len(found) == 8
+    assert told[-1] == 1.0
+    assert preference(found[0].worth) >= preference(before)
+    assert found[0].worth.condition <= CONDITION_CAP
+    _, kept = cleared_fourier(found[0].motion, ARM, CELL, 500.0, 1)
+    assert information.worth(coarse(kept)).condition <= CONDITION_CAP
