@@ -24,6 +24,14 @@ SLOTS = 8192  # 16 s at 500 Hz: longer than a disk usually stalls
 SAMPLE, EVENT = 1, 2
 START_TIME = 30.0  # s
 CLOSE_TIME = 600.0  # s
+# a control loop's real-time priority is not for writing files: given up before anything else is loaded
+PROGRAM = """
+import os, sys
+if hasattr(os, "sched_setscheduler"):
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+from logs.recorder_process import serve
+serve(sys.argv[1])
+"""
 _SAMPLE = struct.Struct("<BBBxxxxxdd")  # kind, status, whether a command is there, host clock, device clock
 _STATUSES = tuple(Status)
 
@@ -60,7 +68,7 @@ class RecorderProcess(Recording):
             }  # fmt: skip
             root = str(Path(__file__).resolve().parent.parent)
             self._process = subprocess.Popen(
-                [sys.executable, "-c", "import sys; from logs.recorder_process import serve; serve(sys.argv[1])", json.dumps(task)],
+                [sys.executable, "-c", PROGRAM, json.dumps(task)],
                 pass_fds=(fd,), start_new_session=True, stdin=subprocess.DEVNULL,
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))},
             )  # fmt: skip

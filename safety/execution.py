@@ -22,6 +22,7 @@ from safety.collision import Clearance
 from safety.guard import Cycle, Guard, Window
 from safety.latency import worst_latency
 from safety.plan import Plan, check_plan, hashes_of
+from safety.realtime import unhurried
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
 from safety.trip import MotionStopped
@@ -84,7 +85,7 @@ def execute(
 ) -> Recorded:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
-    stages: speeds to drive at, those that are due by default; only a mock cell may skip any. stop_asked: asked every cycle, a
+    stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_asked: asked every cycle, a
     reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
     way; whatever was recorded then is closed as aborted.
     """
@@ -144,7 +145,8 @@ class _Run:
         failed = [f"{c.name}: {c.detail} ({c.remedy})" for c in preflight(self.driver, self.cell) if c.ok is False]
         if failed:
             raise SafetyStop(f"{self.cell.name} is not ready: {'; '.join(failed)}")
-        legs = self._legs(self.driver.read().q, speeds)
+        with unhurried():
+            legs = self._legs(self.driver.read().q, speeds)
         logs: dict[str, Path] = {}
         rehearsals: list[Path] = []
         results: list[StageResult] = []

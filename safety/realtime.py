@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 PRIORITY = 50
 MCL_CURRENT_AND_FUTURE = 3
@@ -16,6 +18,20 @@ def prepare() -> dict[str, bool]:
     gc.freeze()
     gc.disable()
     return {"no garbage collection": True, "memory locked": _lock_memory(), "real-time priority": _real_time()}
+
+
+@contextmanager
+def unhurried() -> Iterator[None]:
+    """Ordinary priority for this thread's long work that nothing waits for, such as proofs; what it had before comes back."""
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, parameters)
 
 
 def _lock_memory() -> bool:
