@@ -94,7 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     invocation = Invocation(arguments)
     token = INVOCATION.set(invocation)
     try:
-        code, sentence = _run(arguments)
+        code, sentence = _run(arguments, invocation)
         for folder in invocation.folders:
             end_run(folder, code, sentence)
         return code
@@ -102,11 +102,11 @@ def main(arguments: list[str] | None = None) -> int:
         INVOCATION.reset(token)
 
 
-def _run(arguments: list[str]) -> tuple[int, str]:
+def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
     try:
         result = app(args=arguments or ["--help"], prog_name="calib", standalone_mode=False)
         code = result if isinstance(result, int) else 0
-        return code, "done" if code == 0 else f"ended with exit code {code}"
+        return code, invocation.outcome or ("done" if code == 0 else f"ended with exit code {code}")
     except CalibError as error:
         console.warn(str(error))
         return error.exit_code, str(error)

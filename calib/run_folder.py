@@ -28,10 +28,11 @@ RUNS = Path("runs")
 
 @dataclass
 class Invocation:
-    """One start of the program: its arguments, and the run folders that it made."""
+    """One start of the program: its arguments, the run folders that it made, and what it found, as a sentence."""
 
     arguments: list[str]
     folders: list[Path] = field(default_factory=list)
+    outcome: str = ""
 
 
 INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=None)
@@ -78,6 +79,13 @@ def new_run(arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | Non
     if invocation:
         invocation.folders.append(folder)
     return folder
+
+
+def conclude(sentence: str) -> None:
+    """Say what this start of the program found; `calib runs` shows it beside the run."""
+    invocation = INVOCATION.get()
+    if invocation:
+        invocation.outcome = sentence
 
 
 def end_run(folder: Path, exit_code: int, sentence: str) -> None:

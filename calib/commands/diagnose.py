@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 LIST_OPTIONS = ("--holdout",)
 
@@ -23,17 +23,20 @@ def command(
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
-) -> None:
+) -> int:
     """Compare an arm's model with recordings and name the physical effects that it lacks.
 
-    Writes diagnosis.json and the corrected arm folder arm/.
+    Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0 where no effect is missing, 1 where one is found or
+    something stays unexplained, 2 where the data cannot be used.
 
     Example:
 
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
+    from calib import evidence
     from calib.diagnosis.diagnose import diagnose
     from calib.recordings import read_logs
+    from calib.report import diagnosis as page
     from sim.arm import load_arm
 
     subject = load_arm(arm, configs)
@@ -43,26 +46,31 @@ def command(
         apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
         found = diagnose(subject, logs, apart, lambda text: advance(0, text))
         found.write(folder, subject)
+        advance(0, "comparing before and after")
+        shown = evidence.of_diagnosis(subject, load_arm(str(folder / "arm")), [*apart[:1], *logs][0 if apart else -1], found)
+        page.write(folder / "report.html", found.answer, shown)
+    answer = found.answer
+    conclude(page.sentence(answer))
+    code = {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)
     if as_json:
-        console.print_json(found.answer)
-        return
+        console.print_json(answer)
+        return code
     rows = [
-        [e["effect"], e["joint"] or "-", name, p["value"], p["std"], p["nominal"], p["unit"]]
-        for e in found.answer["effects"]
+        [e["effect"], e["joint"] or "whole arm", name, p["value"], p["std"], p["nominal"], p["unit"], f"{e['confidence']:.0%}"]
+        for e in answer["effects"]
         for name, p in e["parameters"].items()
     ]
     if rows:
-        console.table(["effect", "joint", "parameter", "value", "std", "nominal", "unit"], rows, "missing effects")
-    gap = found.answer["gap"]
+        console.table(
+            ["effect", "joint", "parameter", "value", "std", "nominal", "unit", "confidence"], rows, "missing effects"
+        )
+    gap = answer["gap"]
     columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)
     console.table(
-        ["joint", "before", "refit", "after", "noise floor"], [list(c) for c in columns], f"gap [N m] on {gap['log']}"
+        ["joint", "before", "refitted only", "after", "noise floor"], [list(c) for c in columns], f"gap [N m] on {gap['log']}"
     )
-    for item in found.answer["unexplained"]:
-        console.say(f"{item['joint']}: {item['rms']:.3g} N m that no effect of the catalogue explains.")
-    console.say(
-        {"effects_found": "Effects found.", "no_missing_effect": "No missing effect."}.get(
-            found.answer["verdict"], "Unexplained."
-        )
-    )
-    console.say(f"{folder}: diagnosis.json, arm/")
+    console.say(f"{page.sentence(answer)}.")
+    for step in page.next_steps(answer):
+        console.say(f"- {step}")
+    console.say(f"{folder}: diagnosis.json, arm/, report.html")
+    return code

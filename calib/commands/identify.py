@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 LIST_OPTIONS = ("--holdout",)
 
@@ -54,6 +54,7 @@ def command(
         write_calibrated(folder / "arm", nominal, found.arm)
         found.result.write(folder / "result.json")
         page.write(folder / "report.html", found.result.as_dict(), evidence(found))
+    conclude(found.result.outcome)
     if as_json:
         console.print_json(found.result.as_dict())
         return

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 
 def command(
@@ -72,6 +72,7 @@ def command(
         f"condition number {designed.worth.condition:.3g}; {known} of {known + weak} parameters will be known better than the arm's file "
         f"states them; {designed.duration / 60:.1f} minutes of motion at full speed"
     )
+    conclude(sentence)
     if as_json:
         motions = [{"name": m.name, "kind": m.kind, "duration": m.trajectory.duration} for m in designed.motions]
         console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary, "outcome": sentence})

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 
 def command(
@@ -23,13 +23,15 @@ def command(
 ) -> None:
     """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
 
-    Writes validation.json and prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted).
+    Writes validation.json, report.html and prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted).
 
     Example:
 
         calib validate runs/first/arm validation.mcap
     """
+    from calib import evidence
     from calib.recordings import read_logs
+    from calib.report import validation as page
     from calib.validation import HORIZON, validate
     from sim.arm import load_arm
 
@@ -39,6 +41,8 @@ def command(
         logs = read_logs(log, subject, accept_partial)
         found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"))
         found.write(folder)
+        page.write(folder / "report.html", found.as_dict(), [evidence.of_check(check) for check in found.checks])
+    conclude(found.outcome)
     if as_json:
         console.print_json(found.as_dict())
         return
@@ -57,4 +61,4 @@ def command(
             rows.append(row)
         console.table(headers, rows, check.log)
     console.say(f"{found.outcome}.")
-    console.say(f"{folder}: validation.json, prediction.csv")
+    console.say(f"{folder}: validation.json, prediction.csv, report.html")

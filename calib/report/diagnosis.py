@@ -23,9 +23,9 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
     """Write the page of a diagnosis; returns its path.
 
     diagnosis  the content of diagnosis.json (design.md section 7)
-    evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `refit`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
-               (effect, joint, score, gap_share) of the runners-up; `forward`: joint -> (rms before, rms after) rad.
-               Without arrays (bad data) the page has no pictures.
+    evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
+               (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `forward`: joint ->
+               (rms before, rms after) rad. Without arrays (bad data) the page has no pictures.
     """
     page = Page(str(diagnosis["arm"]), sentence(diagnosis), _VERDICTS[diagnosis["verdict"]], _facts(diagnosis), "diagnosis")
     page.aside("What to do next", next_steps(diagnosis))
@@ -52,17 +52,15 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
         return "The data cannot be used: " + ("; ".join(failed) if failed else "see the checks below")
     if verdict == "no_missing_effect":
         return f"No effect is missing: the model of {diagnosis['arm']} agrees with the log within noise and its own uncertainty"
-    found = "; ".join(_found(e) for e in effects)
+    found = _found(effects[0]) if len(effects) == 1 else _and([words(e["effect"], e.get("joint")) for e in effects])
     if verdict == "unexplained":
         parts = [
-            f"{u['joint']} is off by {u['rms']:.3g} {_unit(u['unit'])} depending on {_and([_variable(v) for v in u['depends_on']])}"
+            f"{u['joint']} is off by {u['rms']:.3g} {_unit(u['unit'])}" + _depending(u["depends_on"])
             for u in diagnosis.get("unexplained", [])
         ]
         text = "There is a gap that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
         return text + (f". Found beside it: {found}" if found else "")
-    if len(effects) == 1:
-        return f"The model lacks {found}"
-    return f"The model lacks {len(effects)} effects: {found}"
+    return f"The model lacks {found}" if len(effects) == 1 else f"The model lacks {len(effects)} effects: {found}"
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
@@ -114,9 +112,10 @@ def quantity(parameter: Mapping[str, Any]) -> str:
 
 def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
     facts: list[tuple[str, Any]] = []
-    for effect in diagnosis.get("effects", [])[:1]:
-        facts.append(("explains", f"{effect['gap_share']:.0%} of the gap"))
-        facts.append(("confidence in the name", f"{effect['confidence']:.0%}"))
+    effects = diagnosis.get("effects", [])
+    if effects:
+        least = min(float(e["confidence"]) for e in effects)
+        facts.append(("confidence in the name" if len(effects) == 1 else "confidence in the least sure name", f"{least:.0%}"))
     gap = diagnosis.get("gap") or {}
     noise = np.asarray(gap.get("noise_floor", []), float)
     if len(noise):
@@ -136,21 +135,32 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     unit = _unit(diagnosis.get("gap", {}).get("unit", "N*m"))
     tau = np.asarray(evidence["tau"])
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
-    j = _joint_in_question(diagnosis, names)
     page.section("Where the gap is")
     gap = diagnosis.get("gap") or {}
     if len(gap.get("noise_floor", [])) == len(gap.get("joints", [])) > 0:
         levels = {role: np.asarray(gap[role], float) for role in ("before", "refit", "after")}
+        noise = np.asarray(gap["noise_floor"], float)
         page.figure(
-            pictures.gaps(gap["joints"], np.asarray(gap["noise_floor"], float), levels),
-            f"Gap on the held-out log {gap['log']}, each joint against its own noise floor.",
+            pictures.gaps(gap["joints"], noise, levels),
+            f"Gap on the held-out log {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
         )
-    residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
-    load = predicted["before"][:, j]
-    page.figure(
-        pictures.where(names[j], np.asarray(evidence["t"]), np.asarray(evidence["q"])[:, j], np.asarray(evidence["dq"])[:, j], load, residuals, unit),
-        f"What the model leaves at {names[j]}, before and after: over time, speed, position and load. A slope, a step or a wave is structure; a flat band is noise.",
-    )  # fmt: skip
+    for j in _joints_in_question(diagnosis, names):
+        residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
+        q, dq = (np.asarray(evidence[key])[:, j] for key in ("q", "dq"))
+        page.figure(
+            pictures.where(names[j], np.asarray(evidence["t"]), q, dq, predicted["before"][:, j], residuals, unit),
+            f"What the model leaves at {names[j]}, before and after: over time, speed, position and load. A slope, a step or a wave is "
+            "structure; a flat band is noise.",
+        )
+
+
+def gained(diagnosis: Mapping[str, Any]) -> str:
+    """What naming gained beyond an ordinary refit, at the joint where the refit leaves most."""
+    gap = diagnosis["gap"]
+    noise, refit, after = (np.asarray(gap[key], float) for key in ("noise_floor", "refit", "after"))
+    j = int(np.argmax(refit / noise))
+    text = f"Refitting only the ordinary parameters leaves {refit[j] / noise[j]:.1f} times the noise at {gap['joints'][j]}"
+    return text + (f"; with the names it is {after[j] / noise[j]:.1f}." if diagnosis.get("effects") else ".")
 
 
 def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -164,13 +174,15 @@ def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
     )
 
 
-def _joint_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> int:
-    for entry in [*diagnosis.get("effects", [])[:1], *diagnosis.get("unexplained", [])[:1]]:
-        if entry.get("joint") in names:
-            return names.index(entry["joint"])
+def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> list[int]:
+    """Joints that the answer names, at most three; where it names none, the one with the greatest gap."""
+    named = [e.get("joint") for e in [*diagnosis.get("effects", []), *diagnosis.get("unexplained", [])]]
+    found = [names.index(joint) for joint in dict.fromkeys(named) if joint in names]
+    if found:
+        return found[:3]
     gap = diagnosis.get("gap") or {}
     before, noise = np.asarray(gap.get("before", []), float), np.asarray(gap.get("noise_floor", []), float)
-    return names.index(gap["joints"][int(np.argmax(before / noise))]) if len(before) and len(before) == len(noise) else 0
+    return [names.index(gap["joints"][int(np.argmax(before / noise))])] if 0 < len(before) == len(noise) else [0]
 
 
 def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -185,25 +197,26 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
         page.table(
             ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "share of the gap", "confidence"], rows
         )
-    candidates = sorted(evidence.get("candidates") or [], key=lambda c: -float(c[3]))[:12]
+    candidates = evidence.get("candidates") or []
     if candidates:
         chosen = {(e["effect"], e.get("joint")) for e in effects}
-        page.section("Why this name, and what else it could be").figure(
-            pictures.bars(
-                [words(effect, joint) for effect, joint, _, _ in candidates],
-                [100 * float(share) for _, _, _, share in candidates],
-                [(effect, joint) in chosen for effect, joint, _, _ in candidates],
-                "share of the gap that the effect alone would explain [%]",
+        page.section("Why this name, and what else it could be" if effects else "What was looked for").figure(
+            pictures.evidence(
+                [words(effect, joint) for effect, joint, _ in candidates],
+                [float(score) for _, _, score in candidates],
+                [(effect, joint) in chosen for effect, joint, _ in candidates],
+                float(evidence["threshold"]),
             ),
-            "Every candidate was fitted in place of the others; the filled ones were chosen. What explains nearly as much is a runner-up.",
+            "Every effect of the catalogue was tried at every joint; these came nearest, the filled ones were chosen. What stands close "
+            "to a filled one is a runner-up; often it is the same gap seen through another name, and falls once the right one is in.",
         )
         page.table(
-            ["effect", "joint", "score", "share of the gap"],
+            ["effect", "joint", "evidence", "chosen"],
             [
-                [words(effect, None), joint or "whole arm", float(score), float(share)]
-                for effect, joint, score, share in candidates
+                [words(effect, None), joint or "whole arm", float(score), (effect, joint) in chosen]
+                for effect, joint, score in candidates
             ],
-            "Candidates; the score is evidence in favour, greater is better",
+            "Candidates and their evidence in numbers",
             fold=True,
         )
     if diagnosis.get("unexplained"):
@@ -231,8 +244,12 @@ def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) 
         page.table(
             ["joint", "before [rad]", "after [rad]"],
             [[joint, *pair] for joint, pair in forward.items()],
-            "RMS error of position in forward simulation: the model is driven by the measured torque and must go where the arm went",
+            "RMS error of position in forward simulation: the model is driven by the measured torque for a moment and must go where the arm went",
         )
+
+
+def _depending(variables: Sequence[str]) -> str:
+    return f" depending on {_and([_variable(v) for v in variables])}" if variables else ""
 
 
 def _variable(text: str) -> str:

@@ -119,15 +119,24 @@ def gaps(joint_names: Sequence[str], noise: np.ndarray, levels: Mapping[str, np.
     return figure
 
 
-def bars(labels: Sequence[str], values: Sequence[float], chosen: Sequence[bool], x: str) -> Figure:
-    """Horizontal bars from the greatest to the least; the chosen ones are filled, the others hollow."""
-    figure, grid = axes(1, 1, height=0.28 * len(labels) + 0.6)
+def evidence(labels: Sequence[str], scores: Sequence[float], chosen: Sequence[bool], threshold: float) -> Figure:
+    """Scores on a logarithmic axis from the greatest to the least; the dashed line is what a name must reach; the chosen are filled."""
+    figure, grid = axes(1, 1, height=0.28 * len(labels) + 0.7)
     ax = grid[0, 0]
-    for k, (value, mark) in enumerate(zip(values, chosen, strict=True)):
-        ax.barh(k, value, height=0.6, color=ROLES["after"] if mark else "none", edgecolor=ROLES["after"], linewidth=1.0)
+    least = 0.3 * threshold
+    for k, (score, mark) in enumerate(zip(scores, chosen, strict=True)):
+        ax.hlines(k, least, max(score, least), color=ROLES["grid"], linewidth=3)
+        ax.plot(max(score, least), k, "o", color=ROLES["after"], markersize=7, markerfacecolor=None if mark else "none")
+    ax.axvline(threshold, color=ROLES["muted"], linewidth=1.2, linestyle=(0, (2, 2)))
+    ax.set_xscale("log")
+    most = 1.5 * max([*scores, 3 * threshold])
+    ax.set_xlim(least, most)
+    decades = [10.0**k for k in range(9) if least <= 10.0**k <= most]
+    ax.set_xticks(decades, labels=[f"{tick:,.0f}".replace(",", " ") for tick in decades])
+    ax.minorticks_off()
     ax.set_yticks(range(len(labels)), labels=list(labels))
-    ax.invert_yaxis()
-    name(ax, x=x)
+    ax.set_ylim(len(labels) - 0.5, -0.5)
+    name(ax, x="evidence: fall of −2 log likelihood; dashed: what a name must bring")
     return figure
 
 

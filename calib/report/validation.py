@@ -2,31 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calib.report import pictures
-from calib.report.page import Page, Verdict
+from calib.report.page import Page
 
 _WORDS = {"after": "predicted"}
 
 
-def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, Any], verdict: Verdict | None = None) -> Path:
+def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mapping[str, Any]]) -> Path:
     """Write the page of a validation; returns its path.
 
-    result    `arm`, `outcome` (a sentence), `joints`, and `logs`: for each `log`, `rms`, `signal` (n,) N m of torque and, where the
-              model was simulated forward, `forward_rms` (n,) rad and `forward_seconds` s
-    evidence  `log`; `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n); where simulated forward `t_forward` (M,), `q_forward`,
-              `q_hat_forward` (M, n) rad
+    result    `Validation.as_dict()`: the content of validation.json
+    evidence  for each log `log`; `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)
     """
     names = list(result["joints"])
-    t, tau, tau_hat, q, dq = (np.asarray(evidence[k], float) for k in ("t", "tau", "tau_hat", "q", "dq"))
-    page = Page(str(result["arm"]), str(result["outcome"]), verdict, _facts(result), "validation")
-    page.section("Torque, measured and predicted").figure(
-        pictures.torques(names, t, tau, {"after": tau_hat}, words=_WORDS), f"On {evidence['log']}."
+    page = Page(str(result["arm"]), str(result["outcome"]), None, _facts(result), "validation")
+    for curves in evidence:
+        _curves(page, names, curves)
+    page.section("Joint by joint")
+    for entry in result["logs"]:
+        forward = entry.get("forward")
+        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque [N m]", "left"]
+        if forward:
+            headers += [f"off after {forward['horizon_s']:g} s [mrad]", "travel [mrad]"]
+        rows = []
+        for k, joint in enumerate(names):
+            row = [joint, entry["residual"][k], entry["residual_unfiltered"][k], entry["signal"][k], _percent(entry, k)]
+            rows.append(row + ([_milli(forward["rms"][k]), _milli(forward["travel"][k])] if forward else []))
+        told = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
+        page.table(headers, rows, f"RMS on {entry['log']}{told}")
+    left_out = [[entry["log"], *item] for entry in result["logs"] for item in entry["excluded"]]
+    if left_out:
+        page.section("What was left out, and why").table(["log", "joint", "reason", "seconds"], left_out)
+    return page.write(path)
+
+
+def _curves(page: Page, names: Sequence[str], curves: Mapping[str, Any]) -> None:
+    t, tau, tau_hat, q, dq = (np.asarray(curves[k], float) for k in ("t", "tau", "tau_hat", "q", "dq"))
+    page.section(f"Torque, measured and predicted: {curves['log']}").figure(
+        pictures.torques(names, t, tau, {"after": tau_hat}, words=_WORDS), f"On {curves['log']}."
     )
     left = tau - tau_hat
     worst = int(np.argmax(np.sqrt(np.mean(left**2, axis=0)) / (np.std(tau, axis=0) + 1e-12)))
@@ -34,31 +53,28 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
         pictures.where(names[worst], t, q[:, worst], dq[:, worst], tau_hat[:, worst], {"after": left[:, worst]}),
         f"What is left at {names[worst]}, the joint with most left; a slope, a step or a wave has a cause that calib diagnose can name.",
     )
-    if evidence.get("t_forward") is not None:
-        page.section("Position in forward simulation").figure(
-            pictures.torques(
-                names, np.asarray(evidence["t_forward"]), np.asarray(evidence["q_forward"]),
-                {"after": np.asarray(evidence["q_hat_forward"])}, "rad", {"after": "simulated"},
-            ),
-            "The model is driven as the arm was; it must go where the arm went.",
-        )  # fmt: skip
-    page.section("Joint by joint")
-    for entry in result["logs"]:
-        forward = entry.get("forward_rms")
-        headers = ["joint", "residual [N m]", "torque [N m]", "left", *(["forward [mrad]"] if forward is not None else [])]
-        rows = [
-            [joint, entry["rms"][k], entry["signal"][k], f"{entry['rms'][k] / entry['signal'][k]:.1%}"]
-            + ([1000 * forward[k]] if forward is not None else [])
-            for k, joint in enumerate(names)
-        ]
-        page.table(headers, rows, f"RMS on {entry['log']}")
-    return page.write(path)
 
 
 def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    share = np.array([np.asarray(e["rms"], float) / np.asarray(e["signal"], float) for e in result["logs"]])
-    j = int(np.argmax(share.max(axis=0)))
-    return [
-        ("logs", ", ".join(e["log"] for e in result["logs"])),
-        ("left of the torque, worst joint", f"{share.max():.1%} ({result['joints'][j]})"),
-    ]
+    facts: list[tuple[str, Any]] = [("logs", ", ".join(e["log"] for e in result["logs"]))]
+    shares = [(_share(e, k), joint) for e in result["logs"] for k, joint in enumerate(result["joints"])]
+    known = [(share, joint) for share, joint in shares if share is not None]
+    if known:
+        share, joint = max(known)
+        facts.append(("left of the torque, worst joint", f"{share:.1%} ({joint})"))
+    return facts
+
+
+def _share(entry: Mapping[str, Any], k: int) -> float | None:
+    """Residual over signal; None where the joint did not move or nothing of it was usable."""
+    left, signal = entry["residual"][k], entry["signal"][k]
+    return left / signal if left is not None and signal else None
+
+
+def _percent(entry: Mapping[str, Any], k: int) -> str | None:
+    share = _share(entry, k)
+    return None if share is None else f"{share:.1%}"
+
+
+def _milli(value: float | None) -> float | None:
+    return None if value is None else 1000 * value

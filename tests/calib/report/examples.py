@@ -47,10 +47,11 @@ def diagnosis(verdict: str = "effects_found") -> tuple[dict[str, Any], dict[str,
         "arm_out": "arm",
     }
     evidence["candidates"] = [
-        ("coulomb_friction", "elbow_joint", 410.0, 0.93),
-        ("asymmetric_friction", "elbow_joint", 12.0, 0.05),
-        ("payload", None, 3.0, 0.02),
+        ("coulomb_friction", "elbow_joint", 4100.0),
+        ("asymmetric_friction", "elbow_joint", 120.0),
+        ("payload", None, 3.0),
     ]
+    evidence["threshold"] = 30.0
     evidence["forward"] = dict.fromkeys(JOINTS, (0.02, 0.002))
     if verdict == "unexplained":
         data["unexplained"] = [

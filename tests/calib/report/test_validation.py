@@ -1,4 +1,4 @@
-"""The page of a validation opens in a real browser and says what is left."""
+"""The page of a validation is made from what a validation returns, opens in a real browser and says what is left."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,15 +12,21 @@ from tests.calib.report.browser import Visit
 
 def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     data = examples.motion(1500)
-    rms = np.sqrt(np.mean((data["tau"] - data["before"]) ** 2, axis=0))
-    entry = {"log": "validation<b>.mcap", "rms": rms, "signal": np.std(data["tau"], axis=0), "forward_rms": np.full(6, 0.004)}
-    result = {"arm": "ur10e", "outcome": "The model leaves 3 N m at elbow_joint", "joints": examples.JOINTS, "logs": [entry]}
-    evidence = {
-        "log": "validation<b>.mcap", "t": data["t"], "tau": data["tau"], "tau_hat": data["before"], "q": data["q"], "dq": data["dq"],
-        "t_forward": data["t"], "q_forward": data["q"], "q_hat_forward": data["q"] + 0.004,
+    rms = np.sqrt(np.mean((data["tau"] - data["before"]) ** 2, axis=0)).tolist()
+    signal = np.std(data["tau"], axis=0).tolist()
+    signal[5] = 0.0
+    forward = {"horizon_s": 0.25, "windows": 40, "unit": "rad", "rms": [0.004] * 6, "travel": [0.2] * 6}
+    entry = {
+        "log": "validation<b>.mcap", "residual": rms, "residual_unfiltered": rms, "signal": signal, "forward": forward,
+        "excluded": [["elbow_joint", "saturated", 0.4]],
     }  # fmt: skip
-    seen = visit(validation.write(tmp_path / "validation.html", result, evidence, "bad"))
+    result = {"arm": "ur10e", "outcome": "The model leaves 3 N m at elbow_joint", "joints": examples.JOINTS, "logs": [entry]}
+    curves = {"log": "validation<b>.mcap", "tau_hat": data["before"], **{k: data[k] for k in ("t", "tau", "q", "dq")}}
+    seen = visit(validation.write(tmp_path / "validation.html", result, [curves]))
     assert seen.complaints == []
+    assert seen.requests == []
     text = seen.page.inner_text("body")
     assert "What is left at elbow_joint" in text
     assert "validation<b>.mcap" in text
+    assert "off after 0.25 s [mrad]" in text
+    assert "saturated" in text

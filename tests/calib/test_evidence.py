@@ -1,0 +1,42 @@
+"""What the pages draw agrees with the arm it is drawn of: a right name brings the predicted torque to the measured one."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from calib import evidence
+from calib.validation import validate
+from sim.arm import Arm, ArmEffect
+from sim.effects import with_effect
+from tests.calib.conftest import fourier_motion, recorded
+
+SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.0})
+
+
+def found(verdict: str = "effects_found") -> Any:
+    """As much of a diagnosis as the pages ask for: its answer, what was accepted, and the steps of the search."""
+    steps = [
+        [SimpleNamespace(key=("joint_spring", "elbow_joint"), gain=900.0), SimpleNamespace(key=("payload", None), gain=40.0)],
+        [SimpleNamespace(key=("payload", None), gain=12.0)],
+    ]
+    return SimpleNamespace(answer={"verdict": verdict}, accepted=(SPRING,), found=SimpleNamespace(ladder=steps))
+
+
+def test_the_right_name_brings_torque_and_motion_to_what_was_measured(ur5e: Arm) -> None:
+    truth = with_effect(ur5e, SPRING)
+    log = recorded(truth, fourier_motion(ur5e, 1, seconds=8.0))
+    shown = evidence.of_diagnosis(ur5e, truth, log, found())
+    elbow = ur5e.joint_index("elbow_joint")
+    before, after = (np.sqrt(np.mean((shown["tau"] - shown[k]) ** 2, axis=0)) for k in ("before", "after"))
+    assert before[elbow] > 5 * after[elbow]
+    assert shown["forward"]["elbow_joint"][0] > 3 * shown["forward"]["elbow_joint"][1]
+    assert shown["candidates"] == [("joint_spring", "elbow_joint", 900.0), ("payload", None, 40.0)]
+    assert {shown[k].shape for k in ("tau", "before", "after", "q", "dq")} == {(len(shown["t"]), ur5e.n)}
+
+
+def test_bad_data_is_not_drawn(ur5e: Arm) -> None:
+    log = recorded(ur5e, fourier_motion(ur5e, 1, seconds=8.0))
+    assert evidence.of_diagnosis(ur5e, ur5e, log, found("bad_data")) == {}
+    check = validate(ur5e, [log], forward=False).checks[0]
+    assert evidence.of_check(check)["log"] == check.log
