@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from calib import console
-from logs import Log, read_log
+from logs import Log, Pieces, open_pieces, read_log
 from sim.arm import Arm
 
 
@@ -22,3 +22,14 @@ def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> 
             console.warn(f"{path}: {finding}")
         logs.append(log)
     return logs
+
+
+def read_pieces(paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: bool = False) -> Pieces:
+    """The logs in pieces that are read when they are needed, large files unpacked below `scratch`; otherwise as `read_logs`."""
+    parts = []
+    for k, path in enumerate(paths):
+        pieces = open_pieces(path, arm.joint_names, scratch / str(k), accept_partial)
+        for finding in pieces.findings:
+            console.warn(f"{path}: {finding}")
+        parts.append(pieces)
+    return Pieces.joined(parts)

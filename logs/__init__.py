@@ -1,8 +1,20 @@
 """Recorded data: recorder, reader, importers."""
 
 from logs.log import Event, Log, State
+from logs.pieces import Pieces, open_pieces
 from logs.read import read_log
 from logs.recorder import COMPLETED, Recorder, Recording
 from logs.recorder_process import RecorderProcess
 
-__all__ = ["COMPLETED", "Event", "Log", "Recorder", "RecorderProcess", "Recording", "State", "read_log"]
+__all__ = [
+    "COMPLETED",
+    "Event",
+    "Log",
+    "Pieces",
+    "Recorder",
+    "RecorderProcess",
+    "Recording",
+    "State",
+    "open_pieces",
+    "read_log",
+]

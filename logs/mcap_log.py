@@ -39,22 +39,22 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         ended &= stream.ended
         unsealed += stream.unsealed
         journal |= stream.journal
-    _check_count(topics, metadata.get(RECORDING, {}), damage)
-    state = _state(metadata.get(RECORDING, {}), ended, journal, damage)
+    topic = topics.get(STATES)
+    check_count(metadata.get(RECORDING, {}), sum(map(len, topic.stamp)) + topic.others if topic else 0, damage)
+    state = recording_state(metadata.get(RECORDING, {}), ended, journal, damage)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     return _assembled(topics, events, metadata, state, joint_names, damage)
 
 
-def _check_count(topics: dict[str, JointTopic], recording: dict[str, str], damage: Damage) -> None:
-    """A finished recording says how many samples it holds."""
-    said, topic = recording.get("samples"), topics.get(STATES)
-    found = sum(map(len, topic.stamp)) + topic.others if topic else 0
+def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
+    """A finished recording says how many samples it holds; `found` of them are there."""
+    said = recording.get("samples")
     if said is not None and said != str(found):
         damage.report("metadata record 'recording'", f"the recording says {said} samples, {found} survive")
 
 
-def _state(recording: dict[str, str], ended: bool, journal: bool, damage: Damage) -> State:
+def recording_state(recording: dict[str, str], ended: bool, journal: bool, damage: Damage) -> State:
     """How the recording ended; anything but a clean end is refused unless a partial file is accepted."""
     if not journal:
         if not ended:
@@ -92,7 +92,7 @@ def _take(
         mine = heads["channel"] == number
         if kind in FIELDS:
             if channel.topic not in topics:
-                _check_schema(channel, kind, damage)
+                check_schema(channel, kind, damage)
                 topics[channel.topic] = JointTopic(channel.topic, FIELDS[kind], joint_names, damage)
             topics[channel.topic].take(batch, batch.starts[mine], heads[mine])
         elif kind == "rcl_interfaces/msg/Log" and channel.topic == EVENTS:
@@ -111,7 +111,7 @@ def _take_events(
             damage.report(f"{batch.where}, message on {EVENTS} at byte {start} in it", str(error))
 
 
-def _check_schema(channel: Channel, kind: str, damage: Damage) -> None:
+def check_schema(channel: Channel, kind: str, damage: Damage) -> None:
     """The fields must be those of the type that is read here: a name alone does not say how bytes are laid out."""
     if channel.encoding != "cdr" or channel.schema_encoding != "ros2msg":
         raise damage.refuse(
@@ -163,8 +163,8 @@ def _assembled(
     q, dq, tau = (states.joined(k) for k in range(3))
     t, clock = checked_times(t, t_host, damage)
     n = len(names)
-    q_cmd, dq_cmd, tau_cmd = _held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
-    current, temperature = _held(_named(topics, DIAGNOSTICS, names, damage), stamp, t, n, 2, damage, between=(0,))
+    q_cmd, dq_cmd, tau_cmd = held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
+    current, temperature = held(_named(topics, DIAGNOSTICS, names, damage), stamp, t, n, 2, damage, between=(0,))
     measured = {"q": q, "dq": dq, "tau": tau, "current": current, "temperature": temperature}
     arrays = {"t": t, "t_host": t_host, **measured, "q_cmd": q_cmd, "dq_cmd": dq_cmd, "tau_cmd": tau_cmd}
     fault = first_fault(t, measured)
@@ -203,7 +203,7 @@ def _named(topics: dict[str, JointTopic], name: str, joints: tuple[str, ...], da
     return topic
 
 
-def _held(
+def held(
     topic: JointTopic | None,
     stamp: np.ndarray,
     t: np.ndarray,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -38,14 +39,14 @@ def command(
     from calib.identification.calibrated import write_calibrated
     from calib.identification.identify import Options, identify
     from calib.identification.outcome import evidence, gap_table, parameter_table
-    from calib.recordings import read_logs
+    from calib.recordings import read_logs, read_pieces
     from calib.report import identification as page
     from sim.arm import load_arm
 
     nominal = load_arm(arm, configs)
     folder = new_run(nominal, "identify", out)
-    with console.progress("identify") as advance:
-        logs = read_logs(log, nominal, accept_partial)
+    with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
+        logs = read_pieces(log, nominal, Path(scratch), accept_partial)
         held = read_logs(holdout or [], nominal, accept_partial)
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
         found = identify(

@@ -11,17 +11,21 @@ from calib.identification.calibrated import calibrated_arm
 from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.estimates import base_estimates, full_estimates
 from calib.identification.friction import Sweep, as_prior, pre_estimate
-from calib.identification.least_squares import Solution, solve
+from calib.identification.information import Information
+from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
+from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
 from calib.identification.rows import Rows
+from calib.identification.sums import plain
 from calib.preprocessing import Measurement, motion_cutoff, prepare
 from calib.result import Conditioning, FitResult, Gap
-from logs.log import Log
+from logs import Log, Pieces
 from sim.arm import Arm
 from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
+SURVEY_SECONDS = 600.0
 LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset", "presliding_friction")
 
 
@@ -57,57 +61,90 @@ def _silent(stage: str, share: float) -> None:
 
 
 def identify(
-    arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), options: Options | None = None, progress: Progress = _silent
+    arm: Arm,
+    logs: Sequence[Log],
+    holdout: Sequence[Log] = (),
+    options: Options | None = None,
+    progress: Progress = _silent,
+    kept: Kept | None = None,
 ) -> Identification:
     """Parameters of `arm` from `logs`, checked on `holdout`; the arm that is returned can exist.
 
+    Of more than SURVEY_SECONDS of log, a part that is spread over all of it says how rows are weighed and what its dry friction is
+    like; then every log is read once and only its sums stay (in `kept`, if given), so that memory does not grow with the logs.
     BadLog and ConfigError for logs that cannot serve; AnswerIsNo where a joint hardly moves.
     """
     options = options or Options()
-    cutoff = options.cutoff or max(motion_cutoff(log) for log in logs)
-    measured = []
-    for k, log in enumerate(logs):
-        progress("reading motion", k / len(logs))
-        measured.append(measure(log, arm, cutoff))
-    kept = [measure(log, arm, cutoff) for log in holdout]
+    surveyed = {k: logs[k] for k in survey(logs)}
+    cutoff = options.cutoff or max(motion_cutoff(log) for log in surveyed.values())
+    measured: dict[int, Measurement] = {}
+    for k, log in surveyed.items():
+        progress("reading motion", len(measured) / len(surveyed))
+        measured[k] = measure(log, arm, cutoff)
+    held = [measure(log, arm, cutoff) for log in holdout]
     model = TorqueModel.of_arm(arm)
-    model = model.with_slip_width(
-        np.full(arm.n, options.slip_width) if options.slip_width else fitted_slip_width(model, measured)
-    )
-    sweeps, leave_out = pre_estimate(measured, model)
-    rows = Rows(model, measured, leave_out, lambda share: progress("regressor", share))
-    nominal = nominal_prior(arm, model)
+    few = list(measured.values())
+    model = model.with_slip_width(np.full(arm.n, options.slip_width) if options.slip_width else fitted_slip_width(model, few))
+    sweeps, leave_out = pre_estimate(few, model)
+    prior, nominal = as_prior(sweeps, model), nominal_prior(arm, model)
+    rows = Rows(model, few, leave_out, lambda share: progress("regressor", share))
+    weights = reference(rows, prior, nominal, options.robust)
+    own = {k: rows.part(i) for i, k in enumerate(measured)}
+    context = context_of(arm, cutoff, model.slip_width, weights)
+
+    def portion(k: int) -> Portion:
+        progress("sums", k / len(logs))
+        if k in own:
+            return Portion.of(own[k], weights, measured[k])
+        log = logs[k]
+        piece = digest_of(log) if kept else ""
+        found = kept.get(context, piece) if kept else None
+        if found is None:
+            m = measure(log, arm, cutoff)
+            found = Portion.of(Rows(model, [m]), weights, m)
+            if kept:
+                kept.put(context, piece, found)
+        return found
+
+    sums, names, excluded = joined(portion(k) for k in range(len(logs)))
     progress("solving", 0.0)
-    solution = solve(rows, as_prior(sweeps, model), nominal, options.robust)
+    solution = estimate(model, sums, prior, nominal)
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
-    sources = [log.path.name if log.path else "log" for log in logs]
-    found = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), sources)
-    training = gap(model, measured, model.nominal(), possible.theta)
-    held = gap(model, kept, model.nominal(), possible.theta) if kept else None
+    calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), names)
     verdict = Conditioning.of(solution.condition)
+    told = [*excluded, *[(m.name, e) for m in held for e in m.excluded]]
     result = FitResult(
         arm=arm.name,
         joint_names=arm.joint_names,
         estimates=base_estimates(model, solution, nominal),
         covariance=solution.covariance,
-        training=training,
-        holdout=held,
+        training=gap(model, sums.usable, names, possible.theta),
+        holdout=gap(model, plain(Rows(model, held)), [m.name for m in held], possible.theta) if held else None,
         condition=solution.condition,
         condition_scaled=solution.condition_scaled,
         verdict=verdict,
         outcome="",
         full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
-        findings=findings(arm, logs, solution, sweeps, model),
-        excluded=tuple((m.name, e.joint or "all joints", e.reason, e.seconds) for m in (*measured, *kept) for e in m.excluded),
+        findings=findings(arm, list(surveyed.values()), solution, sweeps, model),
+        excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in told),
         settings={
             "cutoff_hz": cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
-            "slip_width_rad": model.slip_width.tolist(), "rows_per_second": measured[0].decimator.row_rate,
+            "slip_width_rad": model.slip_width.tolist(), "rows_per_second": rows.row_rate,
         },
     )  # fmt: skip
     result = replace(result, outcome=outcome(result))
-    return Identification(found, result, model, solution, possible, tuple(measured), tuple(kept))
+    return Identification(calibrated, result, model, solution, possible, tuple(few), tuple(held))
+
+
+def survey(logs: Sequence[Log]) -> list[int]:
+    """Indices of logs that together last SURVEY_SECONDS at most, spread evenly over all; all of them where they last no longer."""
+    seconds = logs.seconds if isinstance(logs, Pieces) else [float(log.t[-1] - log.t[0]) for log in logs]
+    if sum(seconds) <= SURVEY_SECONDS:
+        return list(range(len(logs)))
+    count = max(1, int(SURVEY_SECONDS / max(seconds)))
+    return sorted({int((k + 0.5) * len(logs) / count) for k in range(count)})
 
 
 def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
@@ -150,8 +187,7 @@ def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: i
         first = 0
         for samples in m.blocks(20_000):
             tr = m.trajectory
-            fine = model.columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])
-            a = [m.decimator.rows(fine[:, j, u]) for j, u in enumerate(used)]
+            a = [m.decimator.rows(x) for x in model.joint_columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])]
             b = m.decimator.rows(m.tau[samples])
             out.append((m, (samples, a, b, m.row_usable[first : first + len(b)]), used))
             first += len(b)
@@ -169,31 +205,29 @@ def _left(gram: np.ndarray) -> float:
     return float(max(g[-1, -1] - x @ g[:-1, -1], 0.0) * norm[-1] ** 2)
 
 
-def gap(model: TorqueModel, measurements: Sequence[Measurement], before: np.ndarray, after: np.ndarray) -> Gap:
-    """RMS of the filtered torque that two sets of parameters (p,) leave, over every usable row of every measurement."""
+def gap(model: TorqueModel, rows: Sequence[Information], names: Sequence[str], after: np.ndarray) -> Gap:
+    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave; `rows`: per joint those of [A_j b_j]."""
     n = model.arm.n
-    squares, totals, sums, count = np.zeros((2, n)), np.zeros(n), np.zeros(n), np.zeros(n)
-    rows = Rows(model, measurements)
-    for block in rows:
-        for j, used in enumerate(rows.used):
-            keep = block.usable[:, j]
-            a, b = block.a[j][keep], block.b[keep, j]
-            for k, theta in enumerate((before, after)):
-                squares[k, j] += np.sum((b - a @ theta[used]) ** 2)
-            totals[j] += b @ b
-            sums[j] += b.sum()
-            count[j] += len(b)
+    used = [model.used_by(j) for j in range(n)]
+    count = np.array([r.rows for r in rows])
     safe = np.where(count > 0, count, np.nan)
-    rms = np.sqrt(squares / safe)
+
+    def rms(theta: np.ndarray) -> np.ndarray:
+        return np.sqrt([rows[j].squares(np.append(-theta[used[j]], 1.0)) for j in range(n)] / safe)
+
+    before, left = rms(model.nominal()), rms(after)
+    total, mean = (
+        np.array([r.gram[k, -1] for r in rows]) / safe for k in (-1, -2)
+    )  # the column before the torque is the constant
     constant = model.arm.torque_constant
     return Gap(
-        logs=tuple(m.name for m in measurements),
-        before=rms[0],
-        after=rms[1],
-        signal=np.sqrt(np.maximum(totals / safe - (sums / safe) ** 2, 0.0)),
-        rows=count.astype(int),
-        before_ampere=None if constant is None else rms[0] / constant,
-        after_ampere=None if constant is None else rms[1] / constant,
+        logs=tuple(names),
+        before=before,
+        after=left,
+        signal=np.sqrt(np.maximum(total - mean**2, 0.0)),
+        rows=count,
+        before_ampere=None if constant is None else before / constant,
+        after_ampere=None if constant is None else left / constant,
     )
 
 

@@ -12,6 +12,7 @@ from sim.rigid_body import BaseParameters, RigidBody
 
 FRICTION = ("viscous", "coulomb", "offset")
 FRICTION_UNITS = {"viscous": "N*m*s/rad", "coulomb": "N*m", "offset": "N*m"}
+AT_ONCE = 500
 SLIP_WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 
 
@@ -94,6 +95,27 @@ class TorqueModel:
             out[:, j, first] = dq[:, j]
             out[:, j, first + 1] = slip[:, j]
             out[:, j, first + 2] = 1.0
+        return out
+
+    def joint_columns(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
+        """Per joint Y_j (N, p_j): the columns `used_by(j)` of its row; q dq ddq (N, n).
+
+        In portions that a processor's cache holds, because the whole Y is mostly zeros that would only be moved about.
+        """
+        n, b = self.arm.n, len(self.base)
+        own = [u[u < b] for u in (self.used_by(j) for j in range(n))]
+        out = [np.empty((len(q), len(u) + len(FRICTION))) for u in own]
+        slip = self.slip(q)
+        for lo in range(0, len(q), AT_ONCE):
+            part = slice(lo, lo + AT_ONCE)
+            links = self.body.regressor(q[part], dq[part], ddq[part])
+            for j, u in enumerate(own):
+                source = self.base.columns[u]
+                rotor = source >= 10 * n
+                out[j][part, np.flatnonzero(~rotor)] = links[:, j, source[~rotor]]
+                out[j][part, np.flatnonzero(rotor)] = np.where(source[rotor] == 10 * n + j, ddq[part, j, None], 0.0)
+        for j in range(n):
+            out[j][:, -3:] = np.stack([dq[:, j], slip[:, j], np.ones(len(q))], axis=1)
         return out
 
     def slip(self, q: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ class Block:
 
     a       per joint (R, p_j), the columns `used[j]` only
     b       (R, n) N m
-    usable  (R, n)
+    usable  (R, n) rows of the fit; apart (R, n) rows that could serve and are left out of it
     joined  (R,) False where the row before is not the neighbour in time
     t       (R,) s
     """
@@ -28,6 +28,7 @@ class Block:
     a: list[np.ndarray]
     b: np.ndarray
     usable: np.ndarray
+    apart: np.ndarray
     joined: np.ndarray
     t: np.ndarray
 
@@ -50,9 +51,21 @@ class Rows:
         self.used = [self.model.used_by(j) for j in range(self.model.arm.n)]
 
     @property
+    def row_rate(self) -> float:
+        """Rows a second."""
+        return self.measurements[0].decimator.row_rate
+
+    @property
     def count(self) -> np.ndarray:
         """(n,) usable rows of every joint."""
         return sum((b.usable.sum(axis=0) for b in self), np.zeros(self.model.arm.n, dtype=int))
+
+    def part(self, k: int) -> Rows:
+        """The rows of measurement k alone."""
+        left = {0: self.leave_out[k]} if k in self.leave_out else {}
+        out = Rows(self.model, [self.measurements[k]], left)
+        out._kept = None if self._kept is None else [b for b in self._kept if b.log == k]
+        return out
 
     def __iter__(self) -> Iterator[Block]:
         if self._kept is not None:
@@ -72,16 +85,17 @@ class Rows:
         for k, m in enumerate(self.measurements):
             first = 0
             previous = -1
-            allowed = m.row_usable & ~self.leave_out[k] if k in self.leave_out else m.row_usable
+            left = self.leave_out.get(k, np.zeros_like(m.row_usable)) & m.row_usable
+            allowed = m.row_usable & ~left
             for samples in m.blocks(20_000):
                 tr = m.trajectory
-                fine = self.model.columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])
-                a = [m.decimator.rows(fine[:, j, used]) for j, used in enumerate(self.used)]
+                fine = self.model.joint_columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])
+                a = [m.decimator.rows(x) for x in fine]
                 b = m.decimator.rows(m.tau[samples])
                 rows = slice(first, first + len(b))
                 stretch = m.row_stretch[rows]
                 joined = np.concatenate([[stretch[0] == previous], np.diff(stretch) == 0])
-                yield Block(k, a, b, allowed[rows], joined, tr.t[m.row_samples[rows]])
+                yield Block(k, a, b, allowed[rows], left[rows], joined, tr.t[m.row_samples[rows]])
                 previous, first = int(stretch[-1]), rows.stop
                 done += len(b)
                 if self.progress:

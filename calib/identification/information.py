@@ -1,0 +1,62 @@
+"""R^T R = X^T X: everything that least squares asks of rows X (N, c), in c (c + 1) / 2 numbers and at the rows' own precision.
+
+Rows join by R' = qr([R; X]), and so do the factors of rows that were seen elsewhere: sums of this kind come out the same in whatever
+order and in whatever portions the rows are taken, and their memory does not grow with N. Unlike X^T X, the factor does not square
+the condition number (A. Bjorck, Numerical Methods for Least Squares Problems, 1996, chapters 2.4 and 3.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Information:
+    """R (c, c), upper triangular with a diagonal that is not negative, and the number of rows that it stands for."""
+
+    r: np.ndarray
+    rows: int
+
+    @staticmethod
+    def none(columns: int) -> Information:
+        """What no rows say."""
+        return Information(np.zeros((columns, columns)), 0)
+
+    @staticmethod
+    def of(x: np.ndarray) -> Information:
+        """The factor of rows x (N, c)."""
+        return Information(_triangle(x), len(x))
+
+    @staticmethod
+    def merged(parts: Iterable[Information]) -> Information:
+        """All parts as one; they have the same columns and share no row."""
+        parts = list(parts)
+        if len(parts) == 1:
+            return parts[0]
+        return Information(_triangle(np.concatenate([p.r for p in parts])), sum(p.rows for p in parts))
+
+    def with_rows(self, x: np.ndarray) -> Information:
+        """Joined by further rows x (N, c)."""
+        return Information(_triangle(np.concatenate([self.r, x])), self.rows + len(x)) if len(x) else self
+
+    @property
+    def gram(self) -> np.ndarray:
+        """X^T X (c, c)."""
+        return self.r.T @ self.r
+
+    def squares(self, z: np.ndarray) -> float:
+        """|X z|^2 for z (c,); with X = [A b] and z = [-theta, 1] the sum of squared residuals."""
+        return float(np.sum((self.r @ z) ** 2))
+
+
+def _triangle(x: np.ndarray) -> np.ndarray:
+    """R (c, c) of rows x (N, c); rows of zeros below where N < c."""
+    c = x.shape[1]
+    r = np.asarray(np.linalg.qr(x, mode="r"))
+    if len(r) < c:
+        r = np.concatenate([r, np.zeros((c - len(r), c))])
+    sign = np.where(np.diag(r) < 0, -1.0, 1.0)
+    return np.triu(sign[:, None] * r)

@@ -1,0 +1,144 @@
+"""Sums over rows whose weights are fixed beforehand, so that any rows, anywhere and in any order, add up to the same estimate.
+
+Residuals of a robot are correlated: over time, because friction and flexibility that the model lacks move slowly, and over joints. Phi_j
+is the autoregressive filter of joint j's own residual; the scores of neighbouring rows are summed as W. Newey and K. West do
+(Econometrica 55(3), 1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification.information import Information
+from calib.identification.rows import Block, Rows
+
+MEMORY_SECONDS = 1.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the weights of rows rest on: theta (p,) for their residuals, colour ar (n, k) and scale sigma (n,) N m of the innovations,
+    and the number of sigmas `huber` beyond which a row weighs less.
+    """
+
+    theta: np.ndarray
+    ar: np.ndarray
+    sigma: np.ndarray
+    huber: float
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What the rows said that were weighed by one reference.
+
+    plain    per joint the rows [A_j b_j] as they are; apart: usable rows that the fit leaves out
+    white    rows [A b] of all joints in the model's p columns and the torque, whitened and weighed
+    scores   (p, p) products of neighbouring scores with Bartlett's weights
+    touched  (n,) rows that weigh less because they stick out; counts (n,) all whitened rows
+    """
+
+    plain: tuple[Information, ...]
+    apart: tuple[Information, ...]
+    white: Information
+    scores: np.ndarray
+    touched: np.ndarray
+    counts: np.ndarray
+
+    @staticmethod
+    def merged(parts: Sequence[Sums]) -> Sums:
+        """The sums over the rows of all parts, which share no row."""
+        each = range(len(parts[0].plain))
+        return Sums(
+            tuple(Information.merged([s.plain[j] for s in parts]) for j in each),
+            tuple(Information.merged([s.apart[j] for s in parts]) for j in each),
+            Information.merged([s.white for s in parts]),
+            np.sum([s.scores for s in parts], axis=0),
+            np.sum([s.touched for s in parts], axis=0),
+            np.sum([s.counts for s in parts], axis=0),
+        )
+
+    @property
+    def usable(self) -> tuple[Information, ...]:
+        """Per joint every usable row, fitted or not."""
+        return tuple(Information.merged(pair) for pair in zip(self.plain, self.apart, strict=True))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything by name, to be kept in a file."""
+        out = {"scores": self.scores, "touched": self.touched, "counts": self.counts}
+        for name, items in (("plain", self.plain), ("apart", self.apart), ("white", (self.white,))):
+            out |= {f"{name}_{j}": item.r for j, item in enumerate(items)}
+            out[f"{name}_rows"] = np.array([item.rows for item in items])
+        return out
+
+    @staticmethod
+    def of_arrays(arrays: dict[str, np.ndarray]) -> Sums:
+        """The sums that `arrays` were made of."""
+
+        def items(name: str) -> tuple[Information, ...]:
+            return tuple(Information(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
+
+        return Sums(items("plain"), items("apart"), items("white")[0], arrays["scores"], arrays["touched"], arrays["counts"])
+
+
+def summed(rows: Rows, weights: Reference) -> Sums:
+    """One pass over the rows."""
+    white, scores, touched, counts = weighed(rows, weights)
+    return Sums(plain(rows), plain(rows, apart=True), white, scores, touched, counts)
+
+
+def plain(rows: Rows, apart: bool = False) -> tuple[Information, ...]:
+    """Per joint the rows [A_j b_j] of the fit, or those usable ones that it leaves out."""
+    out = [Information.none(len(u) + 1) for u in rows.used]
+    for block in rows:
+        mask = block.apart if apart else block.usable
+        for j in range(len(out)):
+            keep = mask[:, j]
+            out[j] = out[j].with_rows(np.column_stack([block.a[j][keep], block.b[keep, j]]))
+    return tuple(out)
+
+
+def weighed(rows: Rows, weights: Reference) -> tuple[Information, np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened and weighed rows, products of scores, rows touched and rows in all."""
+    n, p = rows.model.arm.n, rows.model.p
+    white, scores = Information.none(p + 1), np.zeros((p, p))
+    touched, counts = np.zeros(n), np.zeros(n)
+    lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
+    for block in rows:
+        score = np.zeros((len(block.b), p))
+        joined = []
+        for j, used in enumerate(rows.used):
+            a, b, index = whitened(block, j, weights.ar[j])
+            e = b - a @ weights.theta[used]
+            size = weights.sigma[j]
+            weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
+            score[np.ix_(index, used)] += a * (weight * e)[:, None]
+            wide = np.zeros((len(b), p + 1))
+            wide[:, used], wide[:, p] = a, b
+            joined.append(np.sqrt(weight)[:, None] * wide)
+            touched[j] += np.sum(np.abs(e) > weights.huber * size)
+            counts[j] += len(e)
+        white = white.with_rows(np.concatenate(joined))
+        scores += score.T @ score
+        for lag in range(1, min(lags, len(score) - 1) + 1):
+            cross = score[lag:].T @ score[:-lag]
+            scores += (1 - lag / (lags + 1)) * (cross + cross.T)
+    return white, scores, touched, counts
+
+
+def whitened(block: Block, j: int, ar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Phi A_j, Phi b_j and the index of the rows whose predecessors, as many as `ar` (k,) asks for, are usable neighbours."""
+    a, b, usable = block.a[j], block.b[:, j], block.usable[:, j].copy()
+    run = np.cumsum(~block.joined)
+    k = len(ar)
+    if len(b) <= k:
+        return a[:0], b[:0], np.zeros(0, dtype=int)
+    keep = usable[k:].copy()
+    wa, wb = a[k:].copy(), b[k:].copy()
+    for lag in range(1, k + 1):
+        keep &= usable[k - lag : len(b) - lag] & (run[k:] == run[k - lag : len(b) - lag])
+        wa -= ar[lag - 1] * a[k - lag : len(b) - lag]
+        wb -= ar[lag - 1] * b[k - lag : len(b) - lag]
+    return wa[keep], wb[keep], np.flatnonzero(keep) + k

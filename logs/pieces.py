@@ -1,0 +1,102 @@
+"""A recording of any length as pieces of about two minutes, cut at fixed instants of its own clock.
+
+What is computed piece by piece needs the memory of one piece, and comes out the same however many pieces are taken at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+
+from logs.log import Log
+from logs.mcap_records import MAGIC
+from logs.read import read_log
+from logs.spool import LATTICE_SECONDS, Spool, spool
+
+PIECE_SECONDS = 120.0
+IN_MEMORY_BYTES = 32 << 20  # a file up to this size is read at once
+
+
+class Pieces(Sequence[Log]):
+    """Consecutive pieces of recordings that share no sample; each is read when it is asked for.
+
+    seconds: how long each is. Findings about a whole recording stand with its first piece.
+    """
+
+    def __init__(self, *sources: Log | Spool) -> None:
+        self._bounds: list[tuple[Log | Spool, int, int]] = []
+        self.seconds: tuple[float, ...] = ()
+        for source in sources:
+            self._cut(source)
+
+    @staticmethod
+    def joined(parts: Iterable[Pieces]) -> Pieces:
+        """The pieces of several recordings, one after the other."""
+        parts, out = list(parts), Pieces()
+        out._bounds = [bounds for p in parts for bounds in p._bounds]
+        out.seconds = tuple(s for p in parts for s in p.seconds)
+        return out
+
+    def _cut(self, source: Log | Spool) -> None:
+        if isinstance(source, Spool):
+            marks, samples, duration = np.array(source.marks), source.samples, source.duration
+        else:
+            samples, duration = len(source), float(source.t[-1] - source.t[0])
+            lattice = source.t[0] + LATTICE_SECONDS * np.arange(int(duration / LATTICE_SECONDS) + 1)
+            marks = np.searchsorted(source.t, lattice - 0.5e-9)
+        count = max(1, round(duration / PIECE_SECONDS))
+        chosen = np.unique(np.round(np.arange(count) * len(marks) / count).astype(int))
+        edges = np.unique([*marks[chosen], samples])
+        bounds = list(itertools.pairwise(edges.tolist()))
+        self._bounds += [(source, lo, hi) for lo, hi in bounds]
+        self.seconds += tuple(duration * (hi - lo) / samples for lo, hi in bounds)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What the reader noticed, of every recording."""
+        return tuple(finding for source, lo, _ in self._bounds if lo == 0 for finding in source.findings)
+
+    def __len__(self) -> int:
+        return len(self._bounds)
+
+    @overload
+    def __getitem__(self, k: int) -> Log: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> Sequence[Log]: ...
+
+    def __getitem__(self, k: int | slice) -> Log | Sequence[Log]:
+        if isinstance(k, slice):
+            return [self[i] for i in range(*k.indices(len(self)))]
+        source, lo, hi = self._bounds[k]
+        if isinstance(source, Spool):
+            return source.log(lo, hi)
+        if (lo, hi) == (0, len(source)):
+            return source
+        names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+        part = {name: getattr(source, name)[lo:hi] for name in names}
+        return replace(source, findings=source.findings if lo == 0 else (), **part)
+
+    def __iter__(self) -> Iterator[Log]:
+        return (self[k] for k in range(len(self)))
+
+
+def open_pieces(path: Path, joint_names: Sequence[str], folder: Path, accept_partial: bool = False) -> Pieces:
+    """The pieces of the recording at `path`, joints in this order; a large MCAP file is unpacked into `folder` first.
+
+    Only positions, torques and currents of a large file are kept. BadLog as `read_log` raises it.
+    """
+    size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size if path.exists() else 0
+    if size <= IN_MEMORY_BYTES or not (path.is_dir() or _is_mcap(path)):
+        return Pieces(read_log(path, joint_names, accept_partial=accept_partial))
+    return Pieces(spool(path, tuple(joint_names), folder, accept_partial))
+
+
+def _is_mcap(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
