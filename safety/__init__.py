@@ -5,6 +5,7 @@ from safety.clear import ClearedTrajectory, Verdict, clear
 from safety.collision import Clearance, Witness
 from safety.control import drive
 from safety.execution import Recorded, execute
+from safety.joint_test import try_joints
 from safety.plan import Motion, Plan, check_plan, load_plan, write_plan
 from safety.trip import MotionStopped
 
@@ -25,5 +26,6 @@ __all__ = [
     "drive",
     "execute",
     "load_plan",
+    "try_joints",
     "write_plan",
 ]

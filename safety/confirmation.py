@@ -32,9 +32,9 @@ def without_arm(cell: Cell) -> bool:
     return isinstance(channel, str) and Path(channel).resolve().is_relative_to("/dev/pts")
 
 
-def question(cell: Cell, arm_name: str) -> str:
+def question(cell: Cell, arm_name: str, how: str = "through large angles") -> str:
     """What is asked; the answer is `expected(cell)`."""
-    return f"{NOT_RATED}\n{arm_name} will move through large angles in {cell.name}. Type {expected(cell)!r} to let it move: "
+    return f"{NOT_RATED}\n{arm_name} will move {how} in {cell.name}. Type {expected(cell)!r} to let it move: "
 
 
 def expected(cell: Cell) -> str:

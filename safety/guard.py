@@ -122,6 +122,7 @@ class Guard:
         self._check_start(motion, what)
         expected: tuple[np.ndarray | None, np.ndarray | None] = (motion.tau_hat[0], motion.doubt[0])
         k = -1
+        self.monitor.pause()
         try:
             for k in range(len(motion)):
                 trip = self._cycle(window, k, *expected) or self._asked()
@@ -140,6 +141,7 @@ class Guard:
     def hold(self, seconds: float, what: str) -> None:
         """Stand at the last command for `seconds`, watched as in motion."""
         self._refuse_after_stop()
+        self.monitor.pause()
         try:
             for _ in range(max(1, round(seconds * self._driver.rate))):
                 trip = self._cycle(None, 0, None, None) or self._asked()

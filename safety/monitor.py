@@ -14,6 +14,7 @@ from sim.cell import Cell
 from sim.joint_state import JointState, Status
 
 PERIODS = 3.5
+PAUSE_MAX = 3600.0  # s between two motions; a longer step is a clock that jumped
 # Below the 5 deg and 1.15 deg/s by which a UR controller lets a joint exceed its own safety limits, so that this trips first
 # (Universal Robots e-Series user manual, "Safety-related functions and interfaces", tolerances).
 Q_OVER = 0.05
@@ -60,7 +61,7 @@ class Monitor:
         self._has_tau = np.isfinite(self._torque(first))
         self._has_temperature = np.isfinite(first.temperature)
         self._n, self._count = n, 0
-        self._last = first
+        self._last, self._paused = first, False
         self._frozen = np.zeros(n, dtype=int)
         self._window: list[JointState] = []
         self._slow: np.ndarray | None = None
@@ -88,8 +89,12 @@ class Monitor:
             or self._check_clearance(state)
         )
         self._count += 1
-        self._last = state
+        self._last, self._paused = state, False
         return trip
+
+    def pause(self) -> None:
+        """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
+        self._paused = True
 
     def _check_device(self, state: JointState, now: float) -> Trip | None:
         if state.status is not Status.RUNNING:
@@ -100,7 +105,7 @@ class Monitor:
                 "reading", ~np.isfinite(state.q + state.dq) if state.n == self._n else None, "not a number", "finite", ""
             )
         step = state.t_device - self._last.t_device
-        if not 0 < step <= self._late:
+        if not 0 < step <= (PAUSE_MAX if self._paused else self._late):
             return Trip("device time between readings", float(step), self._late, "s",
                         "readings are stale or lost: check cable, network and load of the computer")  # fmt: skip
         age = now - state.t
@@ -115,7 +120,7 @@ class Monitor:
     def _check_motion(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
         q, dq = state.q, state.dq
         moved = np.abs(q - self._last.q)
-        allowed = self._jump * (state.t_device - self._last.t_device) + self._grain
+        allowed = self._jump * min(state.t_device - self._last.t_device, self._late) + self._grain
         if not (moved <= allowed).all():
             return self._trip(
                 "jump of the position between two readings", ~(moved <= allowed), moved, allowed, "rad", "check the encoder"

@@ -15,12 +15,17 @@ _WORDS = {True: "ok", False: "NO", None: "not said"}
 def command(
     cell: console.CellArgument,
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="How long to watch rate and clock.")] = 2.0,
+    move: Annotated[
+        bool,
+        typer.Option("--move", help="Then turn every joint by two degrees and back: order, direction, sign of the torque."),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --move: do not ask; only for mock and emulated cells.")] = False,
     as_json: console.Json = False,
     configs: console.Configs = None,
 ) -> None:
     """Connect to the arm of a cell and check it before motion: state, firmware, limits, payload, mounting, clock, rate.
 
-    Nothing moves. Exit code 1 where a check fails; every failure says what to do.
+    Nothing moves without --move. Exit code 1 where a check fails; every failure says what to do.
 
     Example:
 
@@ -28,13 +33,26 @@ def command(
     """
     from drivers import open_driver
     from drivers.preflight import preflight
+    from safety import realtime
+    from safety.confirmation import check_answer, check_yes, question
+    from safety.joint_test import try_joints
+    from safety.stop_sources import StopSignals
     from sim.arm import load_arm
     from sim.cell import load_cell
 
     table = load_cell(cell, configs)
     arm = load_arm(table.table.arm, configs)
-    with console.progress(f"asking the device of {table.name}"), open_driver(table, arm) as driver:
-        checks = preflight(driver, table, seconds)
+    if move and yes:
+        check_yes(table)
+    elif move:
+        check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
+    with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
+        if table.table.driver not in ("mock", "replay"):
+            realtime.prepare()
+        with open_driver(table, arm) as driver:
+            checks = preflight(driver, table, seconds)
+            if move and all(check.ok is not False for check in checks):
+                checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
     failed = [check for check in checks if check.ok is False]
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})

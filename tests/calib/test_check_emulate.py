@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -87,3 +88,23 @@ def test_a_fault_that_is_none_is_exit_code_2(ur: Path, capsys: pytest.CaptureFix
 def test_a_cell_without_a_controller_to_emulate_is_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["emulate", "mock-ur10e"]) == 2
     assert "has no emulated controller" in capsys.readouterr().err
+
+
+def test_check_turns_the_joints_where_that_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "slow.toml"
+    text = 'schema = "cell/1"\nname = "slow"\narm = "ur10e"\ndriver = "mock"\nhome = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]\n'
+    path.write_text(text + "[options]\nrate = 100.0\n")
+    assert main(["check", str(path), "--seconds", "0.1", "--move", "--yes", "--json"]) == 0
+    names = [check["name"] for check in json.loads(capsys.readouterr().out)["checks"]]
+    assert names[-6:] == [f"move {joint}" for joint in load_arm("ur10e").joint_names]
+
+
+def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "real.toml"
+    path.write_text(UR.format(host="192.0.2.1"))
+    assert main(["check", str(path), "--move", "--yes"]) == 3
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    assert main(["check", str(path), "--move"]) == 3
+    assert "nothing was moved" in capsys.readouterr().err

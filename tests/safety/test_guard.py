@@ -297,6 +297,20 @@ def test_standing_is_watched_too(driver: PerfectDriver, arm: Arm, cell: Cell, cl
         broken.hold(0.1, "before")
 
 
+def test_between_two_motions_an_operator_may_think(
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
+) -> None:
+    guard = guard_of(driver, arm, cell, clearance)
+    for begin in (lambda: guard.run(cleared, "the motion"), lambda: guard.hold(0.1, "after it")):
+        driver.clock.sleep_until(driver.clock.now() + 60.0)
+        begin()
+    driver.clock.sleep_until(driver.clock.now() + 60.0)
+    here = driver.q.copy()
+    driver.q = here + 0.05
+    with pytest.raises(MotionStopped, match="jump"):
+        guard.hold(0.1, "after somebody pushed it")
+
+
 def test_only_what_begins_where_the_arm_is_may_begin(
     driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
 ) -> None:

@@ -36,6 +36,7 @@ def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell
     _, driver = pair()
     with driver:
         guard, motion, target = prepared(driver, arm, cell(), lambda cycle: None)
+        time.sleep(0.3)  # an operator thinks
         guard.run(motion, "the move")
         guard.hold(0.5, "the end")
         assert driver.read().q == pytest.approx(target, abs=0.01)

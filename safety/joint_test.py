@@ -1,0 +1,153 @@
+"""Is each joint the one that the model means, and does its torque point the model's way? Two degrees there and back, one by one.
+
+Over the same path, forth and back, gravity cancels in half the difference of the torques, and inertia too, because each way speeds up
+and slows down alike: what is left is friction, and friction is against the motion. So its sign is the sign of the torque reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.driver import Check, Driver
+from safety.approach import move
+from safety.clear import ClearedTrajectory, clear
+from safety.collision import Clearance
+from safety.guard import Cycle, Guard
+from safety.latency import worst_latency
+from safety.realtime import unhurried
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.clock import SimulatedClock
+from sim.errors import SafetyStop
+from sim.joint_state import JointState
+
+ANGLE = math.radians(2.0)
+SHARE = 0.04  # of the arm's limits
+PAUSE = 0.5  # s at each end, for what follows late
+RANGE = (0.5, 1.5)  # what the joint must turn, in parts of ANGLE
+OTHERS = 0.25  # what the others may give way, in parts of ANGLE
+REST_TOLERANCE = 0.1  # rad
+CERTAIN = 3.0  # standard errors
+MEMORY = 6.0  # readings of torque noise that count as one: it is correlated from sample to sample
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """One joint's way there and back, cleared."""
+
+    joint: int
+    angle: float
+    there: ClearedTrajectory
+    back: ClearedTrajectory
+
+
+def try_joints(
+    driver: Driver,
+    cell: Cell,
+    stop_asked: Callable[[], str | None] = lambda: None,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> list[Check]:
+    """Turn every joint of a connected driver by ANGLE and back, and compare what it reports; one Check a joint.
+
+    All of it is proved before anything moves. SafetyStop where an arm with a rest pose does not stand there, or where neither way
+    of a joint can be proved; MotionStopped after a bounded stop where it went wrong on the way.
+    """
+    arm = driver.arm
+    q = driver.read().q
+    _require_rest(arm, cell, q)
+    clearance = Clearance(arm, cell)
+    latency = 0.0 if isinstance(driver.clock, SimulatedClock) else worst_latency(driver.rate)
+    with unhurried():
+        turns = [_turn(j, q, driver, cell, clearance, latency) for j in range(arm.n)]
+    seen: list[Cycle] = []
+    guard = Guard(driver, arm, cell, clearance, stop_asked, seen.append, latency)
+    checks = []
+    for turn in turns:
+        name = arm.joint_names[turn.joint]
+        say(f"{name} by {math.degrees(turn.angle):+.0f} deg")
+        ways: list[list[JointState]] = []
+        for way in (turn.there, turn.back):
+            seen.clear()
+            guard.run(way, f"{name}, two degrees")
+            guard.hold(PAUSE, f"after {name}")
+            ways.append([cycle.state for cycle in seen])
+        checks.append(compare(arm, turn.joint, turn.angle, *ways))
+    driver.stop()
+    return checks
+
+
+def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: list[JointState]) -> Check:
+    """What the readings of a joint's way by `angle` rad and of its way back say of order, sign and torque."""
+    name, turned = arm.joint_names[joint], back[0].q - there[0].q
+    others = np.delete(np.abs(turned), joint)
+    j = int(np.argmax(np.abs(turned)))
+    detail = (
+        f"turned {math.degrees(turned[joint]):+.2f} deg for {math.degrees(angle):+.2f} deg, the others at most "
+        f"{math.degrees(float(np.max(others, initial=0.0))):.2f} deg"
+    )
+    follows = RANGE[0] * ANGLE <= turned[joint] * np.sign(angle) <= RANGE[1] * ANGLE and bool(np.all(others <= OTHERS * ANGLE))
+    title = f"move {name}"
+    if not follows:
+        return Check(
+            title, False, detail + (f", {arm.joint_names[j]} most of all" if j != joint else ""),
+            "the order of joints or a direction is not the arm file's: compare joint names, nodes and directions with the arm",
+        )  # fmt: skip
+    against, doubt, unit = _friction(joint, float(np.sign(angle)), there, back)
+    if not math.isfinite(against):
+        return Check(title, True, f"{detail}; no torque is reported")
+    detail += f"; it takes {against:.3g} {unit} in the direction of motion"
+    if abs(against) <= CERTAIN * doubt:
+        return Check(title, True, f"{detail} (± {doubt:.2g}: too little to tell the sign of the torque)")
+    return Check(
+        title, against > 0, detail,
+        f"the torque of {name} runs against its motion: its sign or the order of the torques is not the arm file's",
+    )  # fmt: skip
+
+
+def _friction(joint: int, sign: float, there: list[JointState], back: list[JointState]) -> tuple[float, float, str]:
+    """Half the difference of torque (or of current) between the two ways, its standard error, and its unit."""
+    means, variance, unit = [], 0.0, "N m"
+    for way in (there, back):
+        dq = np.array([s.dq[joint] for s in way])
+        load = np.array([s.tau[joint] for s in way])
+        if not np.all(np.isfinite(load)):
+            load, unit = np.array([s.current[joint] for s in way]), "A"
+        moving = np.abs(dq) > 0.5 * np.max(np.abs(dq))
+        count = np.count_nonzero(moving)
+        means.append(float(np.mean(load[moving])) if count else math.nan)
+        variance += float(np.var(load[moving])) * MEMORY / count if count else math.nan
+    return sign * (means[0] - means[1]) / 2, math.sqrt(variance) / 2, unit
+
+
+def _require_rest(arm: Arm, cell: Cell, q: np.ndarray) -> None:
+    if cell.table.rest is None:
+        return
+    away = np.abs(q - np.array(cell.table.rest))
+    if not np.all(away <= REST_TOLERANCE):
+        j = int(np.argmax(away))
+        raise SafetyStop(
+            f"{arm.joint_names[j]} stands {away[j]:.3f} rad away from the rest pose, where the arm may lose its torque afterwards; at most "
+            f"{REST_TOLERANCE} rad: bring the arm to its rest pose first"
+        )
+
+
+def _turn(joint: int, q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, latency: float) -> _Turn:
+    refusal: SafetyStop | None = None
+    for angle in (ANGLE, -ANGLE):
+        end = q.copy()
+        end[joint] += angle
+        try:
+            there, back = (
+                clear(move(a, b, driver.arm, driver.rate, SHARE), driver.arm, cell, driver.rate, driver.device_stop, latency, clearance)
+                for a, b in ((q, end), (end, q))
+            )  # fmt: skip
+            return _Turn(joint, angle, there, back)
+        except SafetyStop as error:
+            refusal = error
+    raise SafetyStop(
+        f"{driver.arm.joint_names[joint]} cannot turn by two degrees either way: {refusal}; move the arm to a freer posture"
+    )
