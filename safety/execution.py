@@ -20,7 +20,7 @@ from safety.audit import record
 from safety.clear import ClearedTrajectory, Verdict, clear
 from safety.collision import Clearance
 from safety.guard import Cycle, Guard, Window
-from safety.latency import worst_latency
+from safety.latency import latency_of
 from safety.plan import Plan, check_plan, hashes_of
 from safety.realtime import unhurried
 from safety.stages import STAGES, StageResult, gate, stages_due
@@ -137,7 +137,7 @@ class _Run:
         self.operator, self.stop_asked, self.watch = operator, stop_asked, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
         self.clearance = Clearance(arm, cell)
-        self.latency = 0.0 if self.simulated else worst_latency(driver.rate)
+        self.latency = latency_of(cell, driver.rate, driver.clock)
         self.verdicts: dict[str, Verdict] = {}
 
     def drive(self, speeds: Sequence[float], approved_by: str) -> Recorded:

@@ -17,11 +17,10 @@ from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.guard import Cycle, Guard
-from safety.latency import worst_latency
+from safety.latency import latency_of
 from safety.realtime import unhurried
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.clock import SimulatedClock
 from sim.errors import SafetyStop
 from sim.joint_state import JointState
 
@@ -60,7 +59,7 @@ def try_joints(
     q = driver.read().q
     _require_rest(arm, cell, q)
     clearance = Clearance(arm, cell)
-    latency = 0.0 if isinstance(driver.clock, SimulatedClock) else worst_latency(driver.rate)
+    latency = latency_of(cell, driver.rate, driver.clock)
     with unhurried():
         turns = [_turn(j, q, driver, cell, clearance, latency) for j in range(arm.n)]
     seen: list[Cycle] = []

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 
-from sim.clock import Clock, MonotonicClock
+from sim.cell import Cell
+from sim.clock import Clock, MonotonicClock, SimulatedClock
 
 SECONDS = 2.0
+
+
+def latency_of(cell: Cell, rate: float, clock: Clock) -> float:
+    """How late a loop of `rate` Hz may be in a cell, s: what is measured now, at least what the cell states; none where time is simulated."""
+    return 0.0 if isinstance(clock, SimulatedClock) else max(worst_latency(rate), cell.table.motion.latency)
 
 
 def worst_latency(rate: float, seconds: float = SECONDS, clock: Clock | None = None) -> float:

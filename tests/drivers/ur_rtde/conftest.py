@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers import open_driver
@@ -15,7 +17,11 @@ from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
+from sim.joint_state import JointState
 
+Pair = Callable[..., tuple[UrEmulator, UrDriver]]
+ZERO = np.zeros(6)
+LONG = 20.0  # s that anything here may take
 _addresses = itertools.count(1)
 
 # The emulated controller shares a computer with the tests; the rules of time are tested with time of their own.
@@ -73,3 +79,29 @@ def pair(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[Ur
     for emulator, driver in opened:
         driver.close()
         emulator.stop()
+
+
+def stream(
+    driver: UrDriver, seconds: float, speed: float = 0.1, until: Callable[[JointState], bool] | None = None
+) -> JointState:
+    """Move joint 1 at a constant speed from where it stands, one command for each reading."""
+    state = driver.read()
+    q = state.q.copy()
+    for _ in range(round(seconds * driver.rate)):
+        q = q + np.array([speed / driver.rate, 0, 0, 0, 0, 0])
+        driver.send(q, np.array([speed, 0, 0, 0, 0, 0]), ZERO)
+        state = driver.read()
+        if until is not None and until(state):
+            break
+    return state
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + LONG
+    while not condition():
+        assert time.monotonic() < end, f"{what}: not within {LONG} s"
+        time.sleep(0.01)
+
+
+def rests(emulator: UrEmulator) -> bool:
+    return bool(np.max(np.abs(emulator.robot.target_qd)) < 1e-3)

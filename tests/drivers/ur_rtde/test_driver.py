@@ -24,38 +24,10 @@ from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import PAUSED, STOPPED
 from sim.errors import DeviceError
-from sim.joint_state import JointState, Status
+from sim.joint_state import Status
+from tests.drivers.ur_rtde.conftest import LONG, ZERO, Pair, rests, stream, wait_for
 
-Pair = Callable[..., tuple[UrEmulator, UrDriver]]
-ZERO = np.zeros(6)
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-LONG = 20.0  # s that anything here may take
-
-
-def stream(
-    driver: UrDriver, seconds: float, speed: float = 0.1, until: Callable[[JointState], bool] | None = None
-) -> JointState:
-    """Move joint 1 at a constant speed from where it stands, one command for each reading."""
-    state = driver.read()
-    q = state.q.copy()
-    for _ in range(round(seconds * driver.rate)):
-        q = q + np.array([speed / driver.rate, 0, 0, 0, 0, 0])
-        driver.send(q, np.array([speed, 0, 0, 0, 0, 0]), ZERO)
-        state = driver.read()
-        if until is not None and until(state):
-            break
-    return state
-
-
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < end, f"{what}: not within {LONG} s"
-        time.sleep(0.01)
-
-
-def rests(emulator: UrEmulator) -> bool:
-    return bool(np.max(np.abs(emulator.robot.target_qd)) < 1e-3)
 
 
 @pytest.mark.parametrize(

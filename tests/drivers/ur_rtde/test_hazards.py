@@ -1,0 +1,113 @@
+"""What ur_rtde 1.6.5 is known to do wrong, each where it would hurt: none of it may reach the caller.
+
+Measured with the real library before: the receive interface answers with old values after its socket is gone; a dropped control socket
+makes it upload its program again and again; on PolyScope X a drop is a segmentation fault, and an interface that is destroyed after its
+controller went aborts the process; a second control interface takes the registers or the program of the first; from 5.26 the upper
+registers time out; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
+test_driver.py.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers.ur_rtde.driver import UrDriver
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.robot import STOPPED
+from sim.errors import DeviceError
+from sim.joint_state import Status
+from tests.drivers.ur_rtde.conftest import Pair, rests, stream, wait_for
+
+
+@pytest.mark.parametrize("fault", ["close", "refuse"])
+def test_on_polyscope_x_a_drop_is_a_sentence_and_not_a_crash(pair: Pair, fault: str) -> None:
+    emulator, driver = pair(polyscope="10.11.0")
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject(fault)
+    with pytest.raises(DeviceError, match=r"closed|broke|not taken"):
+        stream(driver, 30.0)
+    driver.stop()
+    driver.close()
+    wait_for(lambda: rests(emulator), "standstill")
+
+
+def test_after_a_drop_no_old_value_is_returned_and_no_program_comes_back(pair: Pair) -> None:
+    emulator, driver = pair()
+    driver.connect()
+    stream(driver, 0.1)
+    uploads: list[str] = []
+    upload = emulator.robot.upload
+    emulator.robot.upload = lambda text: (uploads.append(text), upload(text))[1]  # type: ignore[assignment,method-assign]
+    emulator.inject("close")
+    with pytest.raises(DeviceError):
+        stream(driver, 30.0)
+    for _ in range(3):
+        with pytest.raises(DeviceError):
+            driver.read()
+    time.sleep(1.5)
+    assert uploads == []
+    driver.close()
+    assert emulator.robot.runtime_state == STOPPED
+
+
+def test_a_cable_that_is_plugged_in_again_does_not_revive_the_old_connection(pair: Pair) -> None:
+    emulator, driver = pair(frame_timeout=0.09)
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject("cable_pulled")
+    with pytest.raises(DeviceError):
+        stream(driver, 30.0)
+    wait_for(lambda: emulator.robot.runtime_state == STOPPED, "the watchdog")
+    emulator.mend()
+    wait_for(lambda: rests(emulator), "standstill")
+    stood = emulator.robot.actual_q
+    with pytest.raises(DeviceError):
+        stream(driver, 10.0, until=lambda state: state.status is not Status.RUNNING)
+    assert emulator.robot.actual_q == pytest.approx(stood, abs=1e-3)
+    driver.connect()
+    assert stream(driver, 0.1).status is Status.RUNNING
+    driver.close()
+
+
+def test_a_second_driver_is_refused_and_the_first_goes_on(pair: Pair) -> None:
+    emulator, first = pair()
+    with first:
+        stream(first, 0.1)
+        second = UrDriver(first.arm, first.options)
+        with pytest.raises(DeviceError, match="end other programs that control this robot"):
+            second.connect()
+        assert stream(first, 0.1).status is Status.RUNNING
+    assert not any("watchdog" in note for note in emulator.robot.notes)
+
+
+@pytest.mark.parametrize("polyscope", ["5.26.0", "5.20.1", "5.6.0"])
+def test_the_registers_that_are_used_work_on_every_version(pair: Pair, polyscope: str) -> None:
+    _, driver = pair(polyscope=polyscope)
+    with driver:
+        assert stream(driver, 0.1).status is Status.RUNNING
+
+
+@pytest.mark.parametrize("polyscope", ["5.4.2", "3.9.1", "10.9.0"])
+def test_an_older_version_is_refused_with_what_to_do(pair: Pair, polyscope: str) -> None:
+    _, driver = pair(polyscope=polyscope)
+    with pytest.raises(DeviceError, match="update PolyScope"):
+        driver.connect()
+
+
+def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
+    (one, first), (other, second) = pair(), pair()
+    assert isinstance(other, UrEmulator)
+    with first, second:
+        stood = second.read().q
+        stream(first, 0.3, speed=0.2)
+        assert second.read().q == pytest.approx(stood, abs=2e-3)
+        one.inject("protective_stop")
+        with pytest.raises(DeviceError, match=r"not taken"):
+            stream(first, 30.0, until=lambda s: False)
+        assert stream(second, 0.1).status is Status.RUNNING
