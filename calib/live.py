@@ -5,12 +5,14 @@ On a terminal a view that is redrawn ten times a second; elsewhere one plain lin
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from rich.console import Console, Group
@@ -19,6 +21,9 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.arm import Arm
+
+if TYPE_CHECKING:
+    from safety.execution import Progress
 
 BAR = 9
 REDRAW = 0.1
@@ -32,7 +37,8 @@ class Snapshot:
     """One moment of a run; arrays (n,) in rad, rad/s, N m, degC, NaN where the device reports nothing.
 
     stage says which of the staged runs this is ("2 of 3"), speed is its share of the planned speed; elapsed and duration s of the
-    motion; frames received and lost so far; disk_free bytes, None where nothing is recorded; note: the last event, as a sentence.
+    motion, left s of the whole run; frames received and lost so far; disk_free bytes, None where nothing is recorded; note: the last
+    event, as a sentence.
     """
 
     motion: str
@@ -49,6 +55,7 @@ class Snapshot:
     lost: int
     disk_free: float | None = None
     note: str = ""
+    left: float | None = None
 
 
 class LiveView:
@@ -70,6 +77,7 @@ class LiveView:
         if self._console.is_terminal:
             self._live = Live(console=self._console, auto_refresh=False, transient=True, vertical_overflow="crop")
             self._live.start()
+            self._live.update(self._waiting("", 0.0), refresh=True)
         else:
             self._say(f"{self._title}; {self._keys_line()}")
         return self
@@ -77,6 +85,11 @@ class LiveView:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._live:
             self._live.stop()
+
+    @property
+    def due(self) -> bool:
+        """Whether the next moment would be drawn."""
+        return self._now() >= self._due
 
     def update(self, snapshot: Snapshot, force: bool = False) -> None:
         """Draw the moment, unless one was drawn a moment ago."""
@@ -89,6 +102,16 @@ class LiveView:
         else:
             self._due = now + PLAIN
             self._say(self.line(snapshot))
+
+    def prepare(self, what: str, share: float) -> None:
+        """Say what is done before anything moves, and the share of it that is done."""
+        if self._live and self._now() >= self._due:
+            self._due = self._now() + REDRAW
+            self._live.update(self._waiting(what, share), refresh=True)
+
+    def _waiting(self, what: str, share: float) -> Group:
+        head = Text.assemble((f"{self._title}\n", "bold"), (_bar(share, 24), "cyan"), f"  {what}")
+        return Group(head, Text("Nothing moves yet."), Text(self._keys_line(), style="reverse"))
 
     def line(self, s: Snapshot) -> str:
         """The moment in one line: where it is, and the joint that is nearest to each limit."""
@@ -111,9 +134,10 @@ class LiveView:
         share = min(1.0, s.elapsed / s.duration) if s.duration > 0 else 1.0
         head = Text.assemble(
             (f"{self._title}\n", "bold"),
-            f"{s.motion}   stage {s.stage}   {s.speed:.0%} speed   ",
+            f"{s.motion}   stage {s.stage}   {s.speed:.0%} speed\n",
             (_bar(share, 24), "cyan"),
             f"  {max(0.0, s.duration - s.elapsed):.0f} s left",
+            "" if s.left is None else f" (run {_minutes(s.left)})",
         )
         grid = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
         for header in ("joint", "position rad", "speed", "torque N m", "°C", "error mrad"):
@@ -146,6 +170,27 @@ class LiveView:
 
     def _say(self, sentence: str) -> None:
         self._console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def show(view: LiveView, progress: Progress, folder: Path) -> None:
+    """Show what a run does that is recorded into `folder`."""
+    cycle, p = progress.cycle, progress
+    if cycle is None:
+        view.prepare(p.what, p.share)
+        return
+    if not view.due:
+        return
+    state = cycle.state
+    view.update(
+        Snapshot(
+            p.what, f"{p.stage} of {p.stages}", p.speed, p.share * p.duration, p.duration, state.q, state.dq, state.tau,
+            state.temperature, cycle.q_cmd, p.frames, p.lost, shutil.disk_usage(folder).free, "", p.left,
+        )
+    )  # fmt: skip
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.1f} min"
 
 
 def _bar(share: float, width: int) -> str:

@@ -38,7 +38,8 @@ SILENCE = 0.5
 BEAT = 0.02
 SHOW = 0.05
 TEXT = 200
-BEAT_AT, STOP_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6
+BEAT_AT, STOP_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, RUN_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6, 13
+SHOWN = ("q", "dq", "tau", "current", "temperature")
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def drive(
             watch=watch,
         )
     context = multiprocessing.get_context("spawn")
-    numbers, text = context.RawArray(ctypes.c_double, ARRAYS + 2 * arm.n), context.RawArray(ctypes.c_char, TEXT)
+    numbers, text = context.RawArray(ctypes.c_double, ARRAYS + (len(SHOWN) + 1) * arm.n), context.RawArray(ctypes.c_char, TEXT)
     answer: Any = context.Queue()
     wanted = None if stages is None else tuple(stages)
     task = _Task(
@@ -136,7 +137,6 @@ def _watched(
     n: int,
 ) -> tuple[str, Any]:
     """Show what the control process does until it answers; pass a wish to stop on to it."""
-    nothing = np.full(n, np.nan)
     while True:
         try:
             return answer.get(timeout=SHOW)  # type: ignore[no-any-return]
@@ -155,10 +155,12 @@ def _watched(
             text.raw = reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
             numbers[STOP_AT] = 1.0
         if not numbers[STOP_AT]:
-            values = np.array(numbers[ARRAYS:])
-            state = JointState(numbers[T_AT], numbers[T_AT], values[:n], nothing, nothing, nothing, nothing)
-            cycle = Cycle(int(numbers[K_AT]), int(numbers[COUNT_AT]), state, values[n:]) if numbers[COUNT_AT] else None
-            watch(Progress(text.value.decode(errors="replace"), numbers[SHARE_AT], cycle))
+            q, dq, tau, current, temperature, q_cmd = np.array(numbers[ARRAYS:]).reshape(-1, n)
+            state = JointState(numbers[T_AT], numbers[T_AT], q, dq, tau, current, temperature)
+            cycle = Cycle(int(numbers[K_AT]), int(numbers[COUNT_AT]), state, q_cmd) if numbers[COUNT_AT] else None
+            stage, stages, speed, duration, left, frames, lost = numbers[RUN_AT:ARRAYS]
+            run = (int(stage), int(stages), speed, duration, left, int(frames), int(lost))
+            watch(Progress(text.value.decode(errors="replace"), numbers[SHARE_AT], cycle, *run))
 
 
 def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
@@ -184,9 +186,10 @@ def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
                 text.raw = progress.what.encode()[: TEXT - 1].ljust(TEXT, b"\0")
             numbers[SHARE_AT] = progress.share
             if progress.cycle is not None:
-                state = progress.cycle.state
+                state, p = progress.cycle.state, progress
                 numbers[K_AT], numbers[COUNT_AT], numbers[T_AT] = progress.cycle.k, progress.cycle.count, state.t_device
-                numbers[ARRAYS:] = [*state.q.tolist(), *progress.cycle.q_cmd.tolist()]
+                numbers[RUN_AT:ARRAYS] = [p.stage, p.stages, p.speed, p.duration, p.left, p.frames, p.lost]
+                numbers[ARRAYS:] = np.concatenate([*(getattr(state, name) for name in SHOWN), progress.cycle.q_cmd]).tolist()
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,

@@ -38,11 +38,22 @@ PAUSE = 0.3
 
 @dataclass(frozen=True)
 class Progress:
-    """What the run is doing: stage and motion in words, the share of that motion that is done, and the guard's cycle."""
+    """What the run is doing: the motion in words, the share of it that is done, and the guard's cycle.
+
+    stage of stages, driven at `speed`; duration s of the motion and left s of the whole run; readings so far and how many of them the
+    device's clock says are missing.
+    """
 
     what: str
     share: float
     cycle: Cycle | None
+    stage: int = 0
+    stages: int = 0
+    speed: float = 1.0
+    duration: float = 0.0
+    left: float = 0.0
+    frames: int = 0
+    lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -139,6 +150,8 @@ class _Run:
         self.clearance = Clearance(arm, cell)
         self.latency = latency_of(cell, driver.rate, driver.clock)
         self.verdicts: dict[str, Verdict] = {}
+        self.frames = self.lost = 0
+        self.last_device_time = float("nan")
 
     def drive(self, speeds: Sequence[float], approved_by: str) -> Recorded:
         """Preflight, clear everything, then stage after stage; back to where the cell wants the arm at the end."""
@@ -150,7 +163,9 @@ class _Run:
         logs: dict[str, Path] = {}
         rehearsals: list[Path] = []
         results: list[StageResult] = []
+        self._left = sum(len(leg.cleared) / self.driver.rate + PAUSE for speed in speeds for leg in legs[speed])
         for i, speed in enumerate(speeds):
+            self._stage_of = (i + 1, len(speeds), speed)
             result, paths = self._stage(legs[speed], speed)
             results.append(result)
             if speed == STAGES[-1]:
@@ -174,6 +189,7 @@ class _Run:
             guard = Guard(self.driver, self.arm, self.cell, self.clearance, self.stop_asked, self._watch_cycle, self.latency)
             for leg in legs:
                 self._what = leg.what
+                self._left -= len(leg.cleared) / self.driver.rate + PAUSE
                 guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
                 guard.hold(PAUSE, f"after {leg.what}")
                 done |= {leg.name} if leg.name else set()
@@ -270,4 +286,12 @@ class _Run:
         return kind(path, self.arm.joint_names, kept)
 
     def _watch_cycle(self, cycle: Cycle) -> None:
-        self.watch(Progress(self._what, (cycle.k + 1) / cycle.count, cycle))
+        self.frames += 1
+        since = cycle.state.t_device - self.last_device_time
+        if cycle.k and since == since:
+            self.lost += max(0, round(since * self.driver.rate) - 1)
+        self.last_device_time = cycle.state.t_device
+        duration = cycle.count / self.driver.rate
+        share = (cycle.k + 1) / cycle.count
+        left = self._left + (1.0 - share) * duration
+        self.watch(Progress(self._what, share, cycle, *self._stage_of, duration, left, self.frames, self.lost))

@@ -23,7 +23,8 @@ class Trip:
     def __str__(self) -> str:
         value, limit = (f"{x:.4g}" if isinstance(x, float) else x for x in (self.value, self.limit))
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.joint + ': ' if self.joint else ''}{self.quantity} {value}{unit}, limit {limit}{unit}; {self.remedy}"
+        rule = "" if limit == "none" else f", limit {limit}{unit}"
+        return f"{self.joint + ': ' if self.joint else ''}{self.quantity} {value}{unit}{rule}; {self.remedy}"
 
 
 @dataclass(frozen=True)

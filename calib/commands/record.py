@@ -11,7 +11,9 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import RUNS, new_run
+from calib.halt_key import HaltKey
+from calib.live import LiveView, show
+from calib.run_folder import RUNS, conclude, new_run
 
 
 def command(
@@ -41,8 +43,8 @@ def command(
     from safety import approval_of, approve, check_approval, check_plan, load_plan
     from safety.confirmation import check_answer, check_yes, question
     from safety.control import drive
-    from safety.execution import Progress
     from safety.hold_key import HoldKey
+    from safety.stop_sources import first_reason
     from sim.arm import load_arm
     from sim.cell import load_cell
 
@@ -63,14 +65,15 @@ def command(
     if approval is None or approve_again:
         approve(sealed, arm, where, who, datetime.now(UTC))
     folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
-    with HoldKey(sys.stdin if hold_to_run else None) as key, console.progress("record", 1.0) as show:
-        shown = [0.0]
-
-        def watch(progress: Progress) -> None:
-            if progress.share >= shown[0] + 0.005 or progress.share < shown[0]:
-                show(progress.share - shown[0], progress.what)
-                shown[0] = progress.share
-
+    halt = HaltKey(None if hold_to_run else sys.stdin)
+    keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"}
+    view = LiveView(
+        arm,
+        f"{arm.name} in {where.name}, recorded to {folder}",
+        keys | {"Ctrl-C": "stop"},
+        where.table.motion.following_error_max,
+    )
+    with HoldKey(sys.stdin if hold_to_run else None) as hold, halt, view:
         done = drive(
             sealed,
             where,
@@ -79,9 +82,10 @@ def command(
             folder,
             audit=RUNS / "audit.jsonl",
             operator=who,
-            stop_asked=key.reason,
-            watch=watch,
+            stop_asked=first_reason(hold.reason, halt.reason),
+            watch=lambda progress: show(view, progress, folder),
         )
+    conclude(f"recorded {', '.join(done.logs)}")
     if as_json:
         console.print_json({"schema": "record/1", **console.plain(done)})
         return

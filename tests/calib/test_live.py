@@ -1,13 +1,17 @@
 """The live view shows each joint against its limits, says what is lost and how to stop, and is plain lines where nobody looks."""
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from calib.live import LiveView, Snapshot
+from calib.live import LiveView, Snapshot, show
+from safety.execution import Progress
+from safety.guard import Cycle
 from sim.arm import Arm, load_arm
+from sim.joint_state import JointState
 
 KEYS = {"h": "hold", "Ctrl-C": "stop"}
 
@@ -21,7 +25,7 @@ def moment(arm: Arm, **changes: object) -> Snapshot:
     values: dict[str, object] = {
         "motion": "excitation", "stage": "2 of 3", "speed": 0.5, "elapsed": 12.0, "duration": 20.0,
         "q": np.zeros(6), "dq": np.array([0.1, 0, 0, 0, 0, 1.0]) * arm.dq_max, "tau": 0.5 * arm.tau_max,
-        "temperature": np.full(6, np.nan), "q_cmd": np.full(6, 0.002), "frames": 6000, "lost": 0, "disk_free": 12e9,
+        "temperature": np.full(6, np.nan), "q_cmd": np.full(6, 0.002), "frames": 6000, "lost": 0, "disk_free": 12e9, "left": 200.0,
     }  # fmt: skip
     return Snapshot(**(values | changes))  # type: ignore[arg-type]
 
@@ -39,12 +43,12 @@ def screen(arm: Arm, snapshot: Snapshot, width: int = 80) -> tuple[str, str]:
 
 def test_one_screen_of_eighty_columns_holds_everything(arm: Arm) -> None:
     text, _ = screen(arm, moment(arm))
-    assert len(text.splitlines()) <= 24
+    assert len(text.splitlines()) == 3 + 1 + arm.n + 2
     for words in (
         "excitation",
         "stage 2 of 3",
         "50% speed",
-        "8 s left",
+        "8 s left (run 3.3 min)",
         *arm.joint_names,
         "6000 frames, none lost",
         "12.0 GB free",
@@ -92,3 +96,20 @@ def test_away_from_a_terminal_it_is_a_line_every_few_seconds(arm: Arm) -> None:
         "excitation (stage 2 of 3, 50% speed) 12.0 of 20.0 s, speed up to 100% (wrist_3_joint), torque up to 50% "
         "(shoulder_pan_joint), following error 2.0 mrad (shoulder_pan_joint), 6000 frames, 0 lost; speed raised"
     )
+
+
+def test_a_run_is_shown_from_its_proof_to_its_motion(arm: Arm, tmp_path: Path) -> None:
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=True, width=80, legacy_windows=False)
+    still = np.zeros(arm.n)
+    state = JointState(0.0, 0.0, still, still, still, still, still)
+    cycle = Cycle(499, 1000, state, still)
+    with LiveView(arm, "record", KEYS, console=console, now=iter(range(100)).__next__) as view:
+        show(view, Progress("proving friction", 0.5, None), tmp_path)
+        proof = out.getvalue()
+        assert "proving friction" in proof
+        assert "Nothing moves yet." in proof
+        show(view, Progress("friction at 25%", 0.5, cycle, 2, 4, 0.25, 10.0, 45.0, 500, 2), tmp_path)
+    moving = out.getvalue()[len(proof) :]
+    for words in ("friction at 25%", "stage 2 of 4", "25% speed", "5 s left (run 45 s)", "500 frames", "2 lost", "GB free"):
+        assert words in moving

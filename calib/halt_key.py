@@ -1,0 +1,54 @@
+"""One key that stops the arm: `h`, heard while the run goes on, without Enter."""
+
+from __future__ import annotations
+
+import os
+import select
+import termios
+import threading
+import tty
+from types import TracebackType
+from typing import Any, Self
+
+KEY = b"h"
+WAIT = 0.05
+
+
+class HaltKey:
+    """While entered, listens to `stream`; without one, or where it is no terminal, it never asks for a stop.
+
+    Ctrl-C keeps its meaning. What the terminal was set to is restored at the end, however the end comes.
+    """
+
+    def __init__(self, stream: Any = None) -> None:
+        self._stream = stream if stream is not None and stream.isatty() else None
+        self._over = threading.Event()
+        self._pressed = False
+
+    def __enter__(self) -> Self:
+        if self._stream is not None:
+            self._fd = self._stream.fileno()
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+            self._thread = threading.Thread(target=self._listen, name="halt key", daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._stream is not None:
+            self._over.set()
+            self._thread.join()
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def reason(self) -> str | None:
+        """That the key was pressed, or None."""
+        return "the key h" if self._pressed else None
+
+    def _listen(self) -> None:
+        while not self._over.is_set():
+            ready, _, _ = select.select([self._fd], [], [], WAIT)
+            if ready:
+                typed = os.read(self._fd, 100)
+                self._pressed = self._pressed or KEY in typed
+                if not typed:
+                    return
