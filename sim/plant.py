@@ -123,7 +123,6 @@ class Plant:
             mujoco.mj_step(self.model, self.data)
         friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
         self._heat += dt * (friction - self._heat * 2.0) / 200.0
-        self._history.append((self.time, self._reported))
 
     def read(self, t: float | None = None) -> JointState:
         """What the drives report now; `t` is the host's clock and defaults to simulated time."""
@@ -193,6 +192,7 @@ class Plant:
             torque = state.tau[0]
         self.data.ctrl[self._motor] = torque
         self._reported = torque
+        self._history.append((self.time, torque))  # holds from now on
 
     def _sensed(self) -> np.ndarray:
         tau = self._reported

@@ -315,7 +315,7 @@ EFFECTS = (
     Hidden("presliding_friction", presliding, ALL, _always(4e-3), _always(2.5e-2), (1.2e-3, 3e-3, 6e-3)),
     Hidden("rotor_inertia", rotor, ALL, _always(0.3), _always(1.5), CHANGES),
     Hidden("joint_elasticity", elasticity, (PAN, LIFT, ELBOW, WRIST_1), lambda a, j: 0.3 * _softest(a, j), lambda a, j: _softest(a, j)),
-    Hidden("backlash", backlash, (PAN, WRIST_1, WRIST_2, WRIST_3), _always(2e-3), lambda a, j: 0.012 if a.name == "servo6" else 0.006),
+    Hidden("backlash", backlash, (PAN, WRIST_1, WRIST_2), _always(2e-3), lambda a, j: 0.012 if a.name == "servo6" else 0.006),
     Hidden("torque_ripple", ripple, ALL, _per_noise(1.0), lambda a, j: 0.6 * _dry(a, j)),
     Hidden("joint_spring", spring, ALL, _per_noise(2.0), lambda a, j: 1.5 * _dry(a, j)),
     Hidden("torque_gain", gain, ALL, _always(0.08), _always(0.3)),

@@ -156,6 +156,8 @@ def run(arm: TrueArm, reference: Reference, settle: float, warm: np.ndarray, dt:
         arm.chain, arm.gravity, arm.joints, arm.force[0], AMBIENT, warm, reference.q, reference.dq, feed_forward(arm, reference),
         hold, dt, settle,
     )  # fmt: skip
+    if not np.isfinite(q).all():
+        raise ArithmeticError(f"{arm.name}: the plant's integration diverged; a gear is too stiff for steps of {dt} s")
     return Run(
         np.arange(len(q)) * dt - settle,
         q,

@@ -138,7 +138,12 @@ class Effect:
         return None
 
     def none(self) -> dict[str, float]:
-        """Parameter values at which the effect is absent."""
+        """Parameter values at which the effect is absent.
+
+        Where no parameter has such a value they are the upper bounds: a gear too stiff to twist, a limit never reached.
+        """
+        if all(p.zero is None for p in self.parameters):
+            return {p.name: p.upper for p in self.parameters}
         return {p.name: p.grid[0] if p.zero is None else p.zero for p in self.parameters}
 
     def probes(self, own: Values | None) -> list[Probe]:

@@ -1,0 +1,46 @@
+"""An arm, a motion and an instance of any effect, derived from the catalogue alone: a new effect is tested without a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import Effect
+from sim.trajectory import Trajectory
+
+JOINT = "shoulder_lift_joint"
+RATE = 250.0
+
+
+@pytest.fixture(scope="session")
+def arm() -> Arm:
+    return load_arm("ur10e")
+
+
+@pytest.fixture(scope="session")
+def motion(arm: Arm) -> Trajectory:
+    """Eight seconds of three harmonics a joint, from rest to rest, that load every joint and turn it round often."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0, 8, 1 / RATE)
+    wave = 2 * np.pi / 8 * np.arange(1, 4)
+    a, b = rng.uniform(-0.25, 0.25, (2, 3, arm.n))
+    home = np.array([0.2, -1.3, 1.2, -1.3, -1.2, 0.3])
+    fade = np.sin(np.pi * t / 8)[:, None] ** 2
+    q = home + fade * (np.sin(np.outer(t, wave)) @ a + np.cos(np.outer(t, wave)) @ b)
+    dq = np.gradient(q, t, axis=0)
+    return Trajectory(t, q, dq, np.gradient(dq, t, axis=0))
+
+
+@pytest.fixture(scope="session")
+def present() -> Callable[[Effect], ArmEffect]:
+    """The effect at the middle of the values that its parameters' grids call typical."""
+
+    def instance(effect: Effect) -> ArmEffect:
+        middle = {p: p.grid[len(p.grid) // 2] for p in effect.parameters}
+        values = {p.name: x if x != p.zero else x + 0.1 for p, x in middle.items()}
+        return ArmEffect(effect.name, JOINT if effect.scope == "joint" else None, values)
+
+    return instance
