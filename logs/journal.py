@@ -172,6 +172,8 @@ class Journal:
             os.ftruncate(self._fd, self._size)  # gives back what was reserved, and cuts half a sample off
         except OSError as error:
             self._fail(error)
-        finally:
+        try:
             os.close(self._fd)
+        except OSError as error:  # a network disk may report a failed write only now
+            self._fail(error)
         self._check()

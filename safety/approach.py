@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
+from ruckig import ControlInterface, InputParameter, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from sim.arm import Arm
@@ -86,13 +86,11 @@ def _to_rest(motion: Trajectory, arm: Arm) -> Trajectory:
 def _calculated(wanted: InputParameter, n: int) -> RuckigTrajectory:
     found = RuckigTrajectory(n)
     try:
-        result = Ruckig(n).calculate(wanted, found)
-    except RuckigError as error:
+        Ruckig(n).calculate(wanted, found)
+    except (RuckigError, ValueError) as error:  # it throws for some of its error codes, others are not in its own enumeration
         raise SafetyStop(
             f"no jerk-limited motion from {wanted.current_position} to {wanted.target_position}: {error}"
         ) from error
-    if result is not Result.Working:
-        raise SafetyStop(f"no jerk-limited motion from {wanted.current_position} to {wanted.target_position}: {result}")
     return found
 
 

@@ -23,6 +23,8 @@ from sim.trajectory import Trajectory
 STAGES = 8
 PARTS = 16
 PATH_PARTS = 64
+# s: a long piece, such as an approach has, is cut into parts no longer than this
+PATH_STEP = 1e-3
 
 
 class PathSheet:
@@ -40,11 +42,12 @@ class PathSheet:
     def refined(self, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
         """The piece in parts: ends of each part, widened by what speed can change between them."""
         b, h = self._form.q[k], float(self._form.t[k + 1] - self._form.t[k])
-        s = np.linspace(0, 1, PATH_PARTS + 1)[:, None, None]
-        row = np.broadcast_to(b, (PATH_PARTS + 1, *b.shape))
+        parts = max(PATH_PARTS, int(np.ceil(h / PATH_STEP)))
+        s = np.linspace(0, 1, parts + 1)[:, None, None]
+        row = np.broadcast_to(b, (parts + 1, *b.shape))
         while row.shape[1] > 1:
             row = (1 - s) * row[:, :-1] + s * row[:, 1:]
-        bulge = np.abs(self._form.ddq[k]).max(axis=0) * (h / PATH_PARTS) ** 2 / 8
+        bulge = np.abs(self._form.ddq[k]).max(axis=0) * (h / parts) ** 2 / 8
         return _between(row[:, 0], bulge)
 
 

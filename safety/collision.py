@@ -32,6 +32,7 @@ from sim.model import Shape
 from sim.rigid_body import RigidBody
 
 LARGEST = 10.0
+FARTHEST = 100.0
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
 LOOKS = 400
@@ -261,6 +262,8 @@ def _shape(shape: Shape, where: str) -> coal.CollisionGeometry:
 
 def _obstacle(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
     position = np.array(obstacle.position, dtype=float)
+    if not np.all(np.abs(position) <= FARTHEST):
+        raise ConfigError(f"{where}: stands at {position.tolist()} m, farther than {FARTHEST:g} m (millimetres?)")
     if isinstance(obstacle, PlaneObstacle):
         normal = np.array(obstacle.normal, dtype=float)
         length = float(np.linalg.norm(normal))

@@ -7,10 +7,12 @@ import select
 import termios
 import threading
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
 from safety.stop_sources import Heartbeat
+from sim.errors import ConfigError, SafetyStop
 
 # Terminals wait before they begin to repeat a key, then repeat it at 10 Hz or faster
 FIRST_REPEAT = 0.8
@@ -30,21 +32,34 @@ class HoldKey:
         self._heart: Heartbeat = self._first
 
     def __enter__(self) -> Self:
-        if self._stream is not None:
-            self._fd = self._stream.fileno()
+        if self._stream is None:
+            return self
+        self._fd = self._stream.fileno()
+        try:
             self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
+        except termios.error as error:
+            raise ConfigError("hold to run needs a terminal whose space bar can be held; start it from one") from error
+        tty.setcbreak(self._fd)
+        try:
             while not self._pressed(None):
-                continue
-            self._first.beat()
-            self._thread = threading.Thread(target=self._listen, daemon=True)
-            self._thread.start()
+                if self._over.is_set():
+                    raise SafetyStop("the terminal was closed before the space bar was pressed; nothing was moved")
+        except BaseException:
+            self._restore()
+            raise
+        self._first.beat()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._stream is not None:
             self._over.set()
             self._thread.join()
+            self._restore()
+
+    def _restore(self) -> None:
+        with suppress(termios.error):  # a terminal that was closed has nothing to restore
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def reason(self) -> str | None:
@@ -62,4 +77,12 @@ class HoldKey:
 
     def _pressed(self, wait: float | None) -> bool:
         ready, _, _ = select.select([self._fd], [], [], wait)
-        return bool(ready) and KEY in os.read(self._fd, 100)
+        if not ready:
+            return False
+        try:
+            typed = os.read(self._fd, 100)
+        except OSError:
+            typed = b""
+        if not typed:  # the terminal is gone, and whoever held the key with it
+            self._over.set()
+        return KEY in typed

@@ -356,19 +356,27 @@ def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, 
 
 
 def _shapes(model: mujoco.MjModel, link_of: np.ndarray, to_link: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Shape, ...]:
-    """Shapes that take part in collision: those whose contype or conaffinity is set, or in group 3 as is the custom."""
+    """Shapes that take part in collision: those whose contype or conaffinity is set, standing ones included.
+
+    An ellipsoid is taken as the box around it. Planes and height fields stand in the world: the cell file has the surroundings.
+    """
     kind_of = mujoco.mjtGeom
     names = {"capsule": kind_of.mjGEOM_CAPSULE, "sphere": kind_of.mjGEOM_SPHERE, "box": kind_of.mjGEOM_BOX}
     names |= {"cylinder": kind_of.mjGEOM_CYLINDER, "mesh": kind_of.mjGEOM_MESH}
-    kinds = {int(value): key for key, value in names.items()}
+    kinds = {int(value): key for key, value in names.items()} | {int(kind_of.mjGEOM_ELLIPSOID): "box"}
     shapes = []
     for g in range(model.ngeom):
         if not (model.geom_contype[g] or model.geom_conaffinity[g]):
             continue
         kind = kinds.get(int(model.geom_type[g]))
         b = model.geom_bodyid[g]
-        if kind is None or b == 0:
+        if kind is None and link_of[b] < 0:
             continue
+        if kind is None:
+            raise ConfigError(
+                f"body {_body(model, b)!r} has a collision geom of type {kind_of(int(model.geom_type[g])).name}; "
+                f"clearance is proved for {', '.join(names)} and ellipsoid"
+            )
         r, p = to_link[b]
         vertices = faces = None
         if kind == "mesh":

@@ -232,3 +232,29 @@ def test_an_arm_with_one_link_and_nothing_around_it_has_no_pair(arm_folder: Path
     motion = sine(1)
     clearance.certify(PathSheet(motion), "the motion")
     assert clearance.nearest_on(motion.t, motion.q) is None
+
+
+def changed(arm_folder: Path, tmp_path: Path, old: str, new: str) -> Path:
+    folder = tmp_path / "test6"
+    shutil.copytree(arm_folder, folder)
+    text = (folder / "model.xml").read_text()
+    assert old in text
+    (folder / "model.xml").write_text(text.replace(old, new))
+    return folder
+
+
+def test_an_ellipsoid_is_taken_as_the_box_around_it(arm_folder: Path, cell: Cell, tmp_path: Path) -> None:
+    ball = 'name="w3" type="sphere" size="0.045"'
+    egg = changed(arm_folder, tmp_path, ball, 'name="w3" type="ellipsoid" size="0.03 0.04 0.05"')
+    shape = next(s for s in load_arm(egg).tree.shapes if s.name == "w3")
+    assert (shape.kind, shape.size) == ("box", (0.03, 0.04, 0.05))
+    assert ("w3", "table") in Clearance(load_arm(egg), cell).pairs
+
+
+def test_a_body_of_which_nothing_can_be_proved_is_refused(arm_folder: Path, tmp_path: Path) -> None:
+    asset = '<asset><mesh name="m" builtin="sphere" params="1"/></asset><worldbody>'
+    other = changed(arm_folder, tmp_path, "<worldbody>", asset)
+    text = (other / "model.xml").read_text()
+    (other / "model.xml").write_text(text.replace('name="w3" type="sphere" size="0.045"', 'name="w3" type="sdf" mesh="m"'))
+    with pytest.raises(ConfigError, match="mjGEOM_SDF"):
+        load_arm(other)

@@ -283,6 +283,41 @@ def test_a_joint_that_does_not_slow_down_is_given_to_the_devices_stop(
     assert not stop.standstill.at_rest
 
 
+@pytest.mark.parametrize(
+    ("later", "says"),
+    [
+        (lambda s: replace(s, q=s.q * np.nan), "the stop met a reading during the stop is not complete"),
+        (lambda s: replace(s, status=Status.PROTECTIVE_STOP), "temperature"),
+    ],
+)
+def test_a_second_fault_during_the_stop_ends_in_the_devices_stop(
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, later, says: str
+) -> None:  # type: ignore[no-untyped-def]
+    driver.fault = lambda state, k: later(state) if k >= AT + 20 else hot(state) if k >= AT else state
+    stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)
+    assert says in str(stop)
+    assert "the device's own stop" in stop.standstill.stop
+    assert driver.stops >= 1
+    assert driver.stopping
+
+
+def test_a_log_that_fails_only_at_the_end_is_named_with_the_stop(
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
+) -> None:
+    log = Log()
+    driver.fault = lambda state, k: hot(state) if k == AT else state
+
+    def full(*_: object) -> None:
+        raise DeviceError("the disk is full")
+
+    log.event = full  # type: ignore[method-assign, assignment]
+    guard = guard_of(driver, arm, cell, clearance)
+    assert "temperature" in str(stopped_by(guard, cleared, log))
+    with pytest.raises(SafetyStop, match="and the log: the disk is full"):
+        guard.hold(0.1, "after")
+    np.testing.assert_array_equal(guard.q, driver.sent[-1][0])
+
+
 def test_standing_is_watched_too(driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance) -> None:
     guard = guard_of(driver, arm, cell, clearance)
     guard.hold(0.1, "before")

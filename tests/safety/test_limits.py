@@ -129,6 +129,16 @@ def test_what_cannot_be_decided_is_refused() -> None:
     assert first_excess(b / peak, -np.ones(1), np.ones(1)) is None
 
 
+def test_halving_ends_and_what_is_open_then_is_refused() -> None:
+    """The peak lies at 1/3, which no halving meets, and exceeds what is allowed by less than the last halving can see."""
+    top = 1 + 1e-9 + 2e-14
+    b = np.array([[[top - 1 / 9], [top + 2 / 9], [top - 4 / 9]]])
+    found = first_excess(b, -np.ones(1), np.ones(1))
+    assert found is not None
+    assert not found.reached
+    assert first_excess(b - 1e-12, -np.ones(1), np.ones(1)) is None
+
+
 def test_a_missing_limit_is_asked_for(arm: Arm, motion: Trajectory) -> None:
     with pytest.raises(ConfigError, match="jerk_max of j2"):
         check_limits(motion, limited(arm, "jerk_max", np.array([1, np.nan, 1, 1, 1, 1])))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from safety.approval import approval_of, approve, check_approval
-from safety.plan import Motion, Plan, check_plan, load_plan, sealed, write_plan
+from safety.plan import Motion, Plan, check_plan, hashes_of, load_plan, sealed, write_plan
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import CalibError, ConfigError, SafetyStop
@@ -192,6 +192,24 @@ def test_another_cell_is_refused(plan: Plan, arm: Arm, cell: Cell, tmp_path: Pat
         check_plan(plan, arm, other)
     with pytest.raises(SafetyStop, match="cell file"):
         check_approval(approve(plan, arm, cell, "operator", NOON), plan, arm, other, NOON)
+
+
+def test_a_mesh_of_the_cell_that_was_changed_is_another_cell(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
+    file, mesh = tmp_path / "cell.toml", tmp_path / "wall.stl"
+    file.write_text(cell.path.read_text() + '[[obstacles]]\nkind = "mesh"\nname = "wall"\nfile = "wall.stl"\n')
+    walled = load_cell(file)
+    mesh.write_bytes(b"a mesh")
+    before = hashes_of(arm, walled)
+    mesh.write_bytes(b"b mesh")
+    assert hashes_of(arm, walled).cell != before.cell
+    mesh.unlink()
+    with pytest.raises(ConfigError, match="obstacle wall"):
+        hashes_of(arm, walled)
+
+
+def test_a_place_that_no_file_system_has_is_a_config_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_plan(tmp_path / ("x" * 300))
 
 
 def test_a_plan_without_a_cell_fits_every_cell_of_its_arm(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> None:

@@ -1,17 +1,82 @@
-"""Every plan is driven slowly first, unless nothing stands beside the cell."""
+"""Slow first: a stage is passed only where what was seen lets expect that the next is safe."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from safety.plan import Motion, write_plan
-from safety.stages import STAGES, stages_due
+from safety import audit
+from safety.monitor import RESIDUAL
+from safety.plan import Motion, Plan, hashes_of, write_plan
+from safety.stages import RESIDUAL_SHARE, STAGES, StageResult, gate, stages_due
 from sim.arm import Arm
 from sim.cell import Cell
+from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
+
+ZERO = (0.0,) * 6
+
+
+def with_joint(value: float, j: int = 3) -> tuple[float, ...]:
+    return tuple(value if i == j else 0.0 for i in range(6))
+
+
+@pytest.mark.parametrize(
+    ("error", "passes"),
+    [(0.0, True), (0.04, True), (0.0401, False), (np.nan, False), (np.inf, False)],
+)
+def test_following_error_is_scaled_to_the_next_speed(arm: Arm, cell: Cell, error: float, passes: bool) -> None:
+    result = StageResult(0.1, with_joint(error), ZERO)
+    if passes:
+        gate(result, 0.25, arm, cell)
+    else:
+        with pytest.raises(SafetyStop, match="j4: following error"):
+            gate(result, 0.25, arm, cell)
+
+
+@pytest.mark.parametrize(("share", "passes"), [(1.0, True), (1.001, False), (np.nan, False), (np.inf, False)])
+def test_a_torque_residual_is_a_wrong_model_at_any_speed(arm: Arm, cell: Cell, share: float, passes: bool) -> None:
+    result = StageResult(0.5, ZERO, with_joint(share * RESIDUAL_SHARE * RESIDUAL))
+    if passes:
+        gate(result, 1.0, arm, cell)
+    else:
+        with pytest.raises(SafetyStop, match="j4: torque is"):
+            gate(result, 1.0, arm, cell)
+
+
+@pytest.fixture
+def plan(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> Plan:
+    return write_plan(tmp_path / "plan", arm, [Motion("friction", "friction", motion)], cell)
+
+
+def real(cell: Cell) -> Cell:
+    return replace(cell, table=cell.table.model_copy(update={"driver": "ur_rtde"}))
+
+
+def test_every_stage_is_due_until_all_were_passed_with_the_very_same_things(
+    plan: Plan, arm: Arm, cell: Cell, tmp_path: Path
+) -> None:
+    trail, where = tmp_path / "audit.jsonl", real(cell)
+    hashes = hashes_of(arm, where).model_dump()
+    assert stages_due(plan, arm, cell, trail) == (1.0,)
+    assert stages_due(plan, arm, where, trail) == STAGES == (0.1, 0.25, 0.5, 1.0)
+    audit.record(trail, "run completed", plan=plan.sha256, hashes=hashes)
+    audit.record(trail, "stages passed", plan="0" * 64, hashes=hashes)
+    audit.record(trail, "stages passed", plan=plan.sha256, hashes=hashes | {"limits": "0" * 64})
+    assert stages_due(plan, arm, where, trail) == STAGES
+    audit.record(trail, "stages passed", plan=plan.sha256, hashes=hashes)
+    assert stages_due(plan, arm, where, trail) == (1.0,)
+
+
+def test_a_trail_that_was_changed_lets_nothing_be_skipped(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
+    trail = tmp_path / "audit.jsonl"
+    audit.record(trail, "stages passed", plan="0" * 64, hashes=hashes_of(arm, cell).model_dump())
+    trail.write_text(trail.read_text().replace("0" * 64, plan.sha256, 1))
+    with pytest.raises(SafetyStop, match="changed"):
+        stages_due(plan, arm, real(cell), trail)
 
 
 @pytest.mark.parametrize(

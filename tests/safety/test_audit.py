@@ -1,0 +1,111 @@
+"""The trail can only grow: every changed, removed or inserted byte is found, and two writers do not break it."""
+
+from __future__ import annotations
+
+import multiprocessing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from safety.audit import LONGEST, record, verify
+from sim.errors import ConfigError, SafetyStop
+
+NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def trail(tmp_path: Path) -> Path:
+    file = tmp_path / "deep" / "audit.jsonl"
+    for k in range(3):
+        record(file, "run begins", NOON, operator='Zoë "x", "sha256": "', k=k)
+    return file
+
+
+def test_lines_read_back_in_order(trail: Path) -> None:
+    entries = verify(trail)
+    assert [(e["number"], e["facts"]["k"], e["event"]) for e in entries] == [(k + 1, k, "run begins") for k in range(3)]
+    assert entries[0]["at"] == "2026-11-21T12:00:00.000+00:00"
+    assert entries[0]["facts"]["operator"].startswith("Zoë")
+    assert verify(trail.parent / "none.jsonl") == []
+
+
+def test_an_empty_file_is_an_empty_trail(tmp_path: Path) -> None:
+    (tmp_path / "audit.jsonl").touch()
+    assert verify(tmp_path / "audit.jsonl") == []
+    record(tmp_path / "audit.jsonl", "run begins")
+    assert len(verify(tmp_path / "audit.jsonl")) == 1
+
+
+def test_every_change_of_one_byte_is_found(trail: Path) -> None:
+    good = trail.read_bytes()
+    for place in range(len(good)):
+        for bit in (0, 5):
+            bad = bytearray(good)
+            bad[place] ^= 1 << bit
+            trail.write_bytes(bad)
+            with pytest.raises(SafetyStop, match="changed"):
+                verify(trail)
+
+
+@pytest.mark.parametrize("damage", ["first line gone", "line gone", "line twice", "lines swapped", "cut", "line inserted"])
+def test_lines_cannot_be_taken_out_or_put_in(trail: Path, damage: str) -> None:
+    a, b, c, _ = trail.read_bytes().split(b"\n")
+    lines = {
+        "first line gone": [b, c, b""],
+        "line gone": [a, c, b""],
+        "line twice": [a, b, b, c, b""],
+        "lines swapped": [b, a, c, b""],
+        "cut": [a, b, c[:-5]],
+        "line inserted": [a, b'{"x": 1}', b, c, b""],
+    }[damage]
+    trail.write_bytes(b"\n".join(lines))
+    with pytest.raises(SafetyStop, match="changed"):
+        verify(trail)
+    if damage == "cut":
+        with pytest.raises(SafetyStop, match="not complete"):
+            record(trail, "run begins")
+
+
+def test_nothing_is_added_to_a_trail_whose_end_was_changed(trail: Path) -> None:
+    raw = trail.read_bytes()
+    trail.write_bytes(raw[:-4] + b'x"}\n')
+    with pytest.raises(SafetyStop, match="its hash does not fit"):
+        record(trail, "run begins")
+
+
+def test_a_line_longer_than_any_that_is_written_is_refused(trail: Path) -> None:
+    record(trail, "run stopped", reason="x" * LONGEST)
+    with pytest.raises(SafetyStop, match=":4:"):
+        verify(trail)
+
+
+def test_a_trail_that_cannot_be_written_lets_nothing_move(tmp_path: Path) -> None:
+    (tmp_path / "audit.jsonl").mkdir()
+    with pytest.raises(ConfigError, match="nothing moves without its record"):
+        record(tmp_path / "audit.jsonl", "run begins")
+
+
+def test_a_number_that_is_none_is_not_written(trail: Path) -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        record(trail, "run stopped", value=float("nan"))
+    assert len(verify(trail)) == 3
+
+
+def _write(file: Path, who: int) -> None:
+    for k in range(20):
+        record(file, "run begins", who=who, k=k)
+
+
+def test_writers_at_the_same_time_make_one_chain(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    context = multiprocessing.get_context("fork")
+    writers = [context.Process(target=_write, args=(file, who)) for who in range(3)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    entries = verify(file)
+    assert len(entries) == 60
+    for who in range(3):
+        assert [e["facts"]["k"] for e in entries if e["facts"]["who"] == who] == list(range(20))

@@ -1,0 +1,61 @@
+"""A person's yes is typed; `--yes` opens only cells behind which no arm can stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from safety.confirmation import check_answer, check_yes, expected, question, without_arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+
+
+def cell_with(cell: Cell, driver: str, **options: object) -> Cell:
+    return replace(cell, table=cell.table.model_copy(update={"driver": driver, "options": options}))
+
+
+@pytest.mark.parametrize(
+    ("driver", "options", "none"),
+    [
+        ("mock", {}, True),
+        ("ur_rtde", {"host": "127.0.0.1"}, True),
+        ("ur_rtde", {"host": "127.8.9.1"}, True),
+        ("ur_rtde", {"host": "::1"}, True),
+        ("ur_rtde", {"host": "localhost"}, True),
+        ("ur_rtde", {"host": "localhost.example.com"}, False),
+        ("ur_rtde", {"host": "192.168.0.10"}, False),
+        ("ur_rtde", {"host": "0.0.0.0"}, False),
+        ("ur_rtde", {"host": "127.0.0.1.example.com"}, False),
+        ("ur_rtde", {"host": "192.168.0.10", "interface": "virtual"}, False),
+        ("ur_rtde", {}, False),
+        ("can_servo", {"interface": "virtual", "channel": "x"}, True),
+        ("can_servo", {"interface": "socketcan", "channel": "can0"}, False),
+        ("can_servo", {"interface": "slcan", "channel": "/dev/pts/7"}, True),
+        ("can_servo", {"interface": "slcan", "channel": "/dev/ttyACM0"}, False),
+        ("can_servo", {"interface": "slcan", "channel": "/dev/pts/../ttyACM0"}, False),
+        ("can_servo", {"channel": 3}, False),
+    ],
+)
+def test_yes_without_a_person_is_only_for_cells_without_an_arm(cell: Cell, driver: str, options: dict, none: bool) -> None:
+    given = cell_with(cell, driver, **options)
+    assert without_arm(given) is none
+    if none:
+        check_yes(given)
+    else:
+        with pytest.raises(SafetyStop, match="a person has to confirm"):
+            check_yes(given)
+
+
+def test_the_question_says_what_this_is_not(cell: Cell) -> None:
+    asked = question(cell, "test6")
+    assert "not a safety-rated function" in asked
+    assert "does not replace the emergency stop or the robot's own safety configuration" in asked
+    assert expected(cell) in asked
+
+
+@pytest.mark.parametrize("answer", ["yes", "y", "", "Test-cell is empty", "test-cell is empty!", "test-cell"])
+def test_any_other_answer_is_no(cell: Cell, answer: str) -> None:
+    check_answer(cell, "  test-cell is empty\n")
+    with pytest.raises(SafetyStop, match="nothing was moved"):
+        check_answer(cell, answer)

@@ -1,0 +1,41 @@
+"""How late this computer may be is what was seen at its worst, and never less than a period."""
+
+from __future__ import annotations
+
+import pytest
+
+from safety.latency import worst_latency
+from sim.clock import SimulatedClock
+
+
+class LateClock(SimulatedClock):
+    """Wakes up late by `late(k)` s at its k-th sleep."""
+
+    def __init__(self, late) -> None:  # type: ignore[no-untyped-def]
+        super().__init__()
+        self.late, self.k = late, 0
+
+    def sleep_until(self, instant: float) -> None:
+        super().sleep_until(instant)
+        self.k += 1
+        super().sleep_until(self.now() + self.late(self.k))
+
+
+def test_a_prompt_computer_is_one_period_late() -> None:
+    assert worst_latency(500.0, 1.0, LateClock(lambda k: 0.0)) == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize("worst", [1e-4, 5e-3, 0.3])
+def test_the_worst_counts_however_rare(worst: float) -> None:
+    measured = worst_latency(500.0, 1.0, LateClock(lambda k: worst if k == 400 else 5e-5))
+    assert measured == pytest.approx(worst + 0.002, abs=1e-4)
+
+
+def test_a_pause_is_counted_once_and_not_for_every_wake_up_after_it() -> None:
+    clock = LateClock(lambda k: 0.5 if k == 3 else 0.0)
+    assert worst_latency(100.0, 0.2, clock) == pytest.approx(0.51)
+    assert clock.now() == pytest.approx(0.2 + 0.5 - 0.01, abs=0.011)
+
+
+def test_the_real_clock_by_default() -> None:
+    assert worst_latency(1000.0, 0.05) >= 1e-3

@@ -1,0 +1,42 @@
+"""What the system grants is asked for in a process of its own; what it does not grant is said."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+CHILD = """
+import gc, json, os, resource, sys
+from safety.realtime import prepare
+if sys.argv[1] == "nothing":
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
+    if os.getuid() == 0:
+        os.setuid(65534)
+granted = prepare()
+print(json.dumps([granted, gc.isenabled(), os.sched_getscheduler(0) == os.SCHED_FIFO]))
+"""
+
+
+def ask(how: str) -> tuple[dict[str, bool], bool, bool]:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", CHILD, how], capture_output=True, text=True, cwd=root, check=False)
+    assert done.returncode == 0, done.stderr
+    granted, collecting, real_time = json.loads(done.stdout)
+    return granted, collecting, real_time
+
+
+def test_what_is_granted_is_told() -> None:
+    granted, collecting, real_time = ask("as I am")
+    assert not collecting
+    assert granted["no garbage collection"]
+    assert granted["real-time priority"] is real_time
+
+
+def test_what_is_refused_is_told() -> None:
+    granted, collecting, real_time = ask("nothing")
+    assert not collecting
+    assert not real_time
+    assert granted == {"no garbage collection": True, "memory locked": False, "real-time priority": False}
