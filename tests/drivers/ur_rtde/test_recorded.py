@@ -1,0 +1,114 @@
+"""A plan recorded over the wire, through every process that `calib record` has: what happens at the robot ends it in order."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import open_driver
+from logs import read_log
+from safety import audit
+from safety.approach import move
+from safety.approval import approve
+from safety.execution import Progress, execute
+from safety.plan import Motion, Plan, write_plan
+from safety.trip import MotionStopped
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.emulated import open_emulator
+from sim.emulated.ur.emulator import UrEmulator
+from tests.drivers.ur_rtde.conftest import rests, wait_for
+
+NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
+FAULTS = {
+    "protective_stop": "protective stop|not taken",
+    "emergency_stop": "emergency|not taken",
+    "slider_moved": "slider",
+    "program_stopped": "control program|not taken",
+    "second_client": "control program|not taken",
+    "cable_pulled": "no new reading|not taken|device time",
+}
+
+
+pytestmark = pytest.mark.slow
+
+
+def emulate(path: str, orders: Connection) -> None:
+    """The emulated controller in a process of its own, as `calib emulate` runs it; an order is a fault, or "rests?", or "end"."""
+    cell = load_cell(path)
+    emulator = open_emulator(cell, load_arm(cell.table.arm))
+    assert isinstance(emulator, UrEmulator)
+    emulator.start()
+    orders.send("ready")
+    while (order := orders.recv()) != "end":
+        if order == "rests?":
+            orders.send(rests(emulator))
+        else:
+            emulator.inject(order)
+    emulator.stop()
+
+
+@pytest.fixture
+def orders(there: tuple[Cell, Plan]) -> Iterator[Connection]:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=emulate, args=(str(there[0].path), theirs))
+    process.start()
+    assert ours.recv() == "ready"
+    yield ours
+    ours.send("end")
+    process.join()
+
+
+@pytest.fixture
+def there(cell: Callable[..., Cell], arm: Arm, tmp_path: Path) -> tuple[Cell, Plan]:
+    """A cell, and an approved plan of one motion of a few seconds."""
+    path = cell(frame_timeout=0.3).path
+    path.write_text(path.read_text() + "[motion]\nlatency = 0.3\n")
+    table = load_cell(path)
+    home = np.array(table.table.home)
+    motion = move(home, np.add(home, [0.6, 0.1, -0.1, 0.2, 0.2, 0.3]), arm, arm.sensors.rate, 0.1)
+    plan = write_plan(tmp_path / "plan", arm, [Motion("excitation", "excitation", motion)], table)
+    approve(plan, arm, table, "operator", NOON)
+    return table, plan
+
+
+def test_a_plan_becomes_a_log_with_every_frame(there: tuple[Cell, Plan], orders: Connection, arm: Arm, tmp_path: Path) -> None:
+    cell, plan = there
+    done = execute(plan, cell, arm, open_driver, tmp_path / "run", audit=tmp_path / "audit.jsonl", now=lambda: NOON)
+    log = read_log(done.logs["excitation"])
+    assert log.metadata["state"] == "clean"
+    assert log.metadata["torque_source"] == "actual_current_as_torque"
+    assert log.metadata["firmware"].startswith("5.25.1")
+    assert np.rint(np.diff(log.t) * 500.0).tolist() == [1.0] * (len(log) - 1)
+    assert np.all(np.isfinite(log.tau))
+    assert np.all(np.isfinite(log.current))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_happens_at_the_robot_is_a_bounded_stop_and_a_closed_log(
+    there: tuple[Cell, Plan], orders: Connection, arm: Arm, tmp_path: Path, fault: str
+) -> None:
+    cell, plan = there
+    done: list[str] = []
+
+    def watch(progress: Progress) -> None:
+        if progress.cycle is not None and progress.share > 0.4 and not done:
+            orders.send(fault)
+            done.append(fault)
+
+    with pytest.raises(MotionStopped, match=FAULTS[fault]) as stopped:
+        execute(plan, cell, arm, open_driver, tmp_path / "run", audit=tmp_path / "audit.jsonl", watch=watch, now=lambda: NOON)
+    assert stopped.value.exit_code == 3
+    wait_for(lambda: orders.send("rests?") or orders.recv(), "standstill")
+    path = tmp_path / "run" / "excitation.mcap"
+    log = read_log(path, accept_partial=True)
+    assert log.metadata["state"] == "aborted"
+    assert len(log) > 100
+    assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "run stopped"]
