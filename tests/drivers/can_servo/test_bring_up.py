@@ -147,6 +147,24 @@ def test_the_preflight_answers(bench):
     assert checks["rest pose"].ok
 
 
+def test_a_bus_that_loses_frames_fails_and_one_that_is_late_does_not(bench):
+    b = bench()
+    b.driver.connect()
+    b.stream(20)
+    b.driver.joints.lost += 1
+    frames = next(c for c in b.driver.checks() if c.name == "frames")
+    assert (frames.ok, "0 answers lost, 1 later than a period" in frames.detail) == (True, True)
+    b.driver.joints.lost += 10
+    frames = next(c for c in b.driver.checks() if c.name == "frames")
+    assert (frames.ok, "real-time priority" in frames.remedy) == (False, True)
+    b.driver.joints.lost = 0
+    b.bus.inject("lost-frames")
+    b.stream(200)
+    frames = next(c for c in b.driver.checks() if c.name == "frames")
+    assert (frames.ok, "termination" in frames.remedy) == (False, True)
+    b.bus.inject("restore")
+
+
 def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
     cell = bench().cell
 
