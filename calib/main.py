@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -14,6 +14,7 @@ from calib import console
 from calib.run_folder import INVOCATION, Invocation, end_run
 from sim.errors import CalibError
 from sim.resources import nearest
+from sim.version import software_version
 
 # name on the command line -> module in calib.commands that has a function `command`, or `app` with subcommands
 COMMANDS: dict[str, str] = {
@@ -36,6 +37,10 @@ COMMANDS: dict[str, str] = {
 }
 
 
+HELP = {"help_option_names": ["-h", "--help"]}
+MOST_HINTS = 3
+
+
 class Commands(TyperGroup):
     """Imports a command only when it is asked for: completion and `calib effects` need not wait for a physics engine."""
 
@@ -48,13 +53,21 @@ class Commands(TyperGroup):
         module = import_module(f"calib.commands.{COMMANDS[name]}")
         single = getattr(module, "app", None)
         if single is None:
-            single = typer.Typer(rich_markup_mode=None, add_completion=False)
+            single = typer.Typer(rich_markup_mode=None, add_completion=False, context_settings=HELP)
             single.command(name)(module.command)
         command = get_command(single)
         command.name = name
+        # an example is copied from the screen: it must not be wrapped
+        command.help = (command.help or "").replace("\n\n    calib ", "\n\n\b\n    calib ")
         lists, parse = getattr(module, "LIST_OPTIONS", ()), command.parse_args
         setattr(command, "parse_args", lambda ctx, args: parse(ctx, spread(args, lists)))  # noqa: B010
         return command
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Every command with the whole first sentence of its help, wrapped and not cut off."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, " ".join((command.help or "").split("\n\n")[0].split())) for name, command in commands])
 
 
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
@@ -80,11 +93,22 @@ app = typer.Typer(
     "3 safety stop, 4 device.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings=HELP,
 )
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        console.say(software_version())
+        raise typer.Exit
+
+
 @app.callback()
-def _program() -> None:
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and exit.")
+    ] = False,
+) -> None:
     pass
 
 
@@ -130,6 +154,11 @@ def _usage(error: typer.TyperException, arguments: list[str]) -> str:
         word = arguments[0] if path == "calib" else message.split("'")[1]
         known = context.command.list_commands(context) if context else list(COMMANDS)
         return f"there is no command {word!r}; {nearest(word, known)}"
+    if message.startswith("No such option"):
+        word = str(getattr(error, "option_name", ""))
+        near = [str(o) for o in getattr(error, "possibilities", None) or ()][:MOST_HINTS]
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        return f"there is no option {word}; {hint}`{path} --help` lists the options"
     return f"{message[0].lower()}{message[1:]}; see `{path} --help`"
 
 

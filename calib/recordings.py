@@ -8,6 +8,10 @@ from pathlib import Path
 from calib import console
 from logs import Log, Pieces, open_pieces, read_log
 from sim.arm import Arm
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+SUFFIXES = (".mcap", ".csv")
 
 
 def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> list[Log]:
@@ -17,9 +21,9 @@ def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> 
     """
     logs = []
     for path in paths:
+        require(path)
         log = read_log(path, arm.joint_names, accept_partial=accept_partial)
-        for finding in log.findings:
-            console.warn(f"{path}: {finding}")
+        _say(path, log, arm)
         logs.append(log)
     return logs
 
@@ -28,8 +32,39 @@ def read_pieces(paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: 
     """The logs in pieces that are read when they are needed, large files unpacked below `scratch`; otherwise as `read_logs`."""
     parts = []
     for k, path in enumerate(paths):
+        require(path)
         pieces = open_pieces(path, arm.joint_names, scratch / str(k), accept_partial)
-        for finding in pieces.findings:
-            console.warn(f"{path}: {finding}")
+        _say(path, pieces, arm)
         parts.append(pieces)
     return Pieces.joined(parts)
+
+
+def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
+    """ConfigError where a recording is given on both sides: a log that the fit has seen says nothing of logs that it has not."""
+    seen = {path.resolve() for path in logs}
+    for path in held_out:
+        if path.resolve() in seen:
+            raise ConfigError(
+                f"--holdout {path}: is also one of the logs to fit; hold out a recording of another motion, or leave --holdout away"
+            )
+
+
+def require(path: Path) -> None:
+    """ConfigError with the nearest name where there is no such file."""
+    if path.exists():
+        return
+    folder = path.parent
+    if not folder.is_dir():
+        raise ConfigError(f"{path}: there is no folder {folder}; give the path of a recording: .mcap, .csv or a rosbag2 folder")
+    there = sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES)
+    raise ConfigError(f"there is no recording {str(path)!r}; {nearest(str(path), there)}")
+
+
+def _say(path: Path, log: Log | Pieces, arm: Arm) -> None:
+    recorded = log.metadata.get("arm")
+    if recorded and recorded != arm.name:
+        console.warn(
+            f"{path}: was recorded of {recorded} and is read for {arm.name}; if these are two arms, name the right one: the numbers mean nothing"
+        )
+    for finding in log.findings:
+        console.warn(f"{path}: {finding}")

@@ -61,6 +61,11 @@ class Pieces(Sequence[Log]):
         """What the reader noticed, of every recording."""
         return tuple(finding for source, lo, _ in self._bounds if lo == 0 for finding in source.findings)
 
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the first recording says of itself; empty where there is none."""
+        return self._bounds[0][0].metadata if self._bounds else {}
+
     def __len__(self) -> int:
         return len(self._bounds)
 

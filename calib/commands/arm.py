@@ -52,7 +52,7 @@ def new(
 
     Example:
 
-        calib arm new my_robot.urdf --root ros/my_robot_description --limit ddq_max=5 --limit jerk_max=100
+        calib arm new my_robot.urdf --root ros/my_robot --limit ddq_max=5 --limit jerk_max=100
     """
     with staging_folder() as staging:
         arm = with_limits(read_model(file, Path(staging), root), dict(_limit(text) for text in limit or []))

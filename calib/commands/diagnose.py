@@ -17,7 +17,7 @@ def command(
     arm: console.ArmArgument,
     log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
     holdout: Annotated[
-        list[Path] | None, typer.Option(help="Recordings of another motion, kept apart to show the gap.")
+        list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, kept apart to show the gap.")
     ] = None,
     accept_partial: console.AcceptPartial = False,
     out: console.Out = None,
@@ -35,11 +35,12 @@ def command(
     """
     from calib import evidence
     from calib.diagnosis.diagnose import diagnose
-    from calib.recordings import read_logs
+    from calib.recordings import read_logs, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
 
     subject = load_arm(arm, configs)
+    require_unseen(log, holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance:
         logs = read_logs(log, subject, accept_partial)

@@ -15,7 +15,7 @@ def _names(incomplete: str) -> list[str]:
 
 
 def command(
-    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="One effect in full.", autocompletion=_names)] = None,
+    name: Annotated[str | None, typer.Argument(metavar="EFFECT", help="One effect in full.", autocompletion=_names)] = None,
     as_json: console.Json = False,
 ) -> None:
     """List the physical effects that a diagnosis can name: what they are, how they look, their parameters.

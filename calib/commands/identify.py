@@ -39,11 +39,12 @@ def command(
     from calib.identification.calibrated import write_calibrated
     from calib.identification.identify import Options, identify
     from calib.identification.outcome import evidence, gap_table, parameter_table
-    from calib.recordings import read_logs, read_pieces
+    from calib.recordings import read_logs, read_pieces, require_unseen
     from calib.report import identification as page
     from sim.arm import load_arm
 
     nominal = load_arm(arm, configs)
+    require_unseen(log, holdout or [])
     folder = new_run(nominal, "identify", out)
     with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(log, nominal, Path(scratch), accept_partial)

@@ -43,11 +43,13 @@ def command(
 
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
+    from calib.recordings import require
     from calib.torque_delay import torque_delay
     from logs import read_log
     from logs.convert import import_recording
     from sim.arm import load_arm
 
+    require(file)
     model = load_arm(arm, configs) if arm else None
     if model is not None:
         read_log(file, model.joint_names, accept_partial=True)

@@ -13,7 +13,7 @@ import typer
 from calib import console
 from calib.halt_key import HaltKey
 from calib.live import LiveView, show
-from calib.run_folder import RUNS, conclude, new_run
+from calib.run_folder import RUNS, conclude, list_runs, new_run
 
 
 def command(
@@ -47,9 +47,16 @@ def command(
     from safety.stop_sources import first_reason
     from sim.arm import load_arm
     from sim.cell import load_cell
+    from sim.errors import ConfigError
+    from sim.resources import nearest
 
     where = load_cell(cell, configs)
     arm = load_arm(where.table.arm, configs)
+    if not plan.is_dir():
+        plans = [str(run.folder) for run in list_runs() if run.verb == "plan"]
+        raise ConfigError(
+            f"there is no plan folder {str(plan)!r}; {nearest(str(plan), plans)}; `calib plan {arm.name}` makes one"
+        )
     sealed = load_plan(plan)
     check_plan(sealed, arm, where)
     if yes:

@@ -11,6 +11,7 @@ import typer
 
 from calib import console
 from calib.live import LiveView, Snapshot
+from calib.recordings import require
 from logs import read_log
 from sim.arm import load_arm
 from sim.errors import ConfigError
@@ -32,6 +33,7 @@ def command(
 
         calib replay runs/first/excitation.mcap --speed 4
     """
+    require(log)
     found = read_log(log)
     name = arm or found.metadata.get("arm")
     if not name:

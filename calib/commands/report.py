@@ -18,7 +18,7 @@ def _names(incomplete: str) -> list[str]:
 def command(
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run: its folder or part of its name.", autocompletion=_names)],
     other: Annotated[
-        str | None, typer.Argument(metavar="[RUN]", help="A later run to compare with the first.", autocompletion=_names)
+        str | None, typer.Argument(metavar="RUN", help="A later run to compare with the first.", autocompletion=_names)
     ] = None,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
     out: console.Out = None,

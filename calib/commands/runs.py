@@ -20,7 +20,7 @@ def _names(incomplete: str) -> list[str]:
 
 def command(
     run: Annotated[
-        str | None, typer.Argument(metavar="[RUN]", help="One run: its folder or part of its name.", autocompletion=_names)
+        str | None, typer.Argument(metavar="RUN", help="One run: its folder or part of its name.", autocompletion=_names)
     ] = None,
     again: Annotated[bool, typer.Option("--again", help="Do RUN again: the same command line in the same directory.")] = False,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,

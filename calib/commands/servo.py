@@ -15,7 +15,7 @@ from sim.errors import AnswerIsNo, ConfigError
 
 def command(
     cell: console.CellArgument,
-    joint: Annotated[str | None, typer.Argument(metavar="[JOINT]", help="one joint; all of them if not given")] = None,
+    joint: Annotated[str | None, typer.Argument(metavar="JOINT", help="one joint; all of them if not given")] = None,
     clear: Annotated[bool, typer.Option(help="clear the latched error of this joint's drive")] = False,
     zero: Annotated[
         bool, typer.Option(help="make the present angle of this joint its zero; the drive must be off and still")

@@ -1,0 +1,123 @@
+"""What the program says to those who ask for help and to those who mistype: snapshots, so that every change of a word is seen.
+
+`pytest tests/calib/test_manners.py --snapshot-update` accepts the new words.
+"""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from syrupy.assertion import SnapshotAssertion
+
+from calib.main import COMMANDS, main
+from calib.run_folder import new_run
+from sim.resources import config_folders
+from sim.version import software_version
+
+ROOT = Path(__file__).resolve().parents[2]
+SUBCOMMANDS = ["arm new"]
+
+# what the hand does most often at half past five, and what answers it
+MISTAKES = [
+    "identfy ur10e excitation.mcap",
+    "help",
+    "plan ur10",
+    "plan UR10E",
+    "check mock_ur10e",
+    "plan ur10e --cell mock-ur10",
+    "plan ur10e --perios 3",
+    "plan ur10e --period twenty",
+    "plan ur10e --home 0,0,0",
+    "plan ./misspelled",
+    "plan ./without-limit",
+    "check wrong-driver",
+    "check not-toml",
+    "identify ur10e",
+    "identify ur10e excitaton.mcap",
+    "identify ur10e elsewhere/excitation.mcap",
+    "identify ur10e notes.txt",
+    "identify servo6 cut.mcap",
+    "identify servo6 excitation.mcap --holdout excitation.mcap",
+    "diagnose ur10e excitation.mcap --out not-a-run",
+    "record mock-ur10e",
+    "record mock-ur10e runs/pln",
+    "runs nothing",
+    "runs --again",
+    "report first nothing",
+    "replay excitaton.mcap",
+    "import notes.txt",
+    "export ur10",
+    "effects couloumb_friction",
+    "arm new robot.urdf",
+    "emulate mock-ur10e",
+    "emulate emulated-ur10e --fault cable",
+    "demo --seed -1",
+]
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in which the mistakes are made."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    shutil.copy(ROOT / "logs" / "samples" / "servo6_excitation.mcap", "excitation.mcap")
+    Path("cut.mcap").write_bytes(Path("excitation.mcap").read_bytes()[:3000])
+    Path("notes.txt").write_text("hello\n")
+    Path("not-a-run").mkdir()
+    Path("not-a-run/thesis.tex").write_text("x")
+    for name, change in (("misspelled", ("dq_max =", "dq_mox =")), ("without-limit", ("q_max =", "# q_max ="))):
+        shutil.copytree(ROOT / "configs" / "arms" / "ur5e", name)
+        text = Path(name, "arm.toml").read_text()
+        Path(name, "arm.toml").write_text(re.sub(f"^{change[0]}", change[1], text, flags=re.MULTILINE))
+    cell = (ROOT / "configs" / "cells" / "mock-ur10e.toml").read_text()
+    Path("configs/cells").mkdir(parents=True)
+    Path("configs/cells/wrong-driver.toml").write_text(
+        cell.replace('"mock-ur10e"', '"wrong-driver"').replace('"mock"', '"mok"')
+    )
+    Path("configs/cells/not-toml.toml").write_text(cell.replace('arm = "ur10e"', 'arm = "ur10e'))
+    new_run("ur10e", "plan", Path("runs/plan"))
+    new_run("ur10e", "identify", Path("runs/first"))
+    return tmp_path
+
+
+def words(text: str) -> str:
+    """What was said, without what differs from machine to machine and from day to day."""
+    for folder in config_folders(None, "cells"):
+        text = text.replace(str(folder.parent), "configs")
+    return re.sub(r"\d{8}T\d{6}Z", "<utc>", text)
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS, *SUBCOMMANDS])
+def test_help(
+    name: str, snapshot: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    assert main([*name.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    assert not name or "Example" in text
+    assert "calib" in text
+    assert text == snapshot
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_mistake(line: str, desk: Path, snapshot: SnapshotAssertion, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    sentence = said.err.splitlines()[-1]
+    assert sentence.startswith("calib: ")
+    assert "Traceback" not in said.err
+    assert words(sentence) == snapshot
+
+
+def test_a_log_of_another_arm_is_said_aloud(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 0
+    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in capsys.readouterr().err
+
+
+def test_the_short_words_are_known_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", "-h"]) == 0
+    assert "calib plan ur10e" in capsys.readouterr().out
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == software_version()
