@@ -13,6 +13,6 @@ def test_no_arguments_is_a_request_for_help(capsys: pytest.CaptureFixture[str]) 
 def test_a_wrong_option_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert program.main(["--colour"]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("calib: no such option")
-    assert "see `calib --help`" in error
+    assert error.startswith("calib: there is no option --colour")
+    assert "`calib --help` lists the options" in error
     assert error.count("\n") == 1
