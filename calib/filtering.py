@@ -106,4 +106,9 @@ class Decimator:
 
     def clean_rows(self, usable: np.ndarray) -> np.ndarray:
         """Rows (R, ...) to which unusable samples (N, ...) give less than 2 % of the filter's weight."""
-        return Decimator(self.rate, self.cutoff, self.step, np.abs(self.taps)).rows(~usable) < 0.02
+        return self.share_of(~usable) < 0.02
+
+    def share_of(self, marked: np.ndarray) -> np.ndarray:
+        """(R, ...) in [0, 1]: how much of every row's weight falls on marked samples (N, ...)."""
+        weight = np.abs(self.taps)
+        return Decimator(self.rate, self.cutoff, self.step, weight).rows(marked) / weight.sum()

@@ -71,6 +71,7 @@ class FitResult:
 
     condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
     findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
+    load: what the logs recorded with a load say of it, where there were any.
     """
 
     arm: str
@@ -87,6 +88,7 @@ class FitResult:
     findings: tuple[str, ...] = ()
     excluded: tuple[tuple[str, str, str, float], ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
+    load: dict[str, Any] | None = None
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name, base or full; KeyError where there is none."""

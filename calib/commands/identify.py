@@ -11,7 +11,7 @@ import typer
 from calib import console
 from calib.run_folder import conclude, new_run
 
-LIST_OPTIONS = ("--holdout",)
+LIST_OPTIONS = ("--holdout", "--loaded")
 
 
 def command(
@@ -19,6 +19,12 @@ def command(
     log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
     holdout: Annotated[
         list[Path] | None, typer.Option("--holdout", metavar="LOG", help="Recordings the fit never sees, one or several.")
+    ] = None,
+    loaded: Annotated[
+        list[Path] | None, typer.Option("--loaded", metavar="LOG", help="Recordings with a load at the flange, one or several.")
+    ] = None,
+    known_mass: Annotated[
+        float | None, typer.Option("--known-mass", help="kg of that load: the torque constants are estimated from it.")
     ] = None,
     cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
@@ -35,14 +41,20 @@ def command(
     Example:
 
         calib identify ur10e friction.mcap excitation.mcap --holdout validation.mcap --out runs/first
+
+        calib identify ur10e excitation.mcap --loaded with-weight.mcap --known-mass 5
     """
     from calib.identification.calibrated import write_calibrated
     from calib.identification.identify import Options, identify
+    from calib.identification.loaded import identify_with_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
     from calib.recordings import read_logs, read_pieces, require_unseen
     from calib.report import identification as page
     from sim.arm import load_arm
+    from sim.errors import ConfigError
 
+    if known_mass is not None and not loaded:
+        raise ConfigError(f"--known-mass {known_mass:g}: needs recordings with that load; give them with --loaded LOG")
     nominal = load_arm(arm, configs)
     require_unseen(log, holdout or [])
     folder = new_run(nominal, "identify", out)
@@ -50,9 +62,15 @@ def command(
         logs = read_pieces(log, nominal, Path(scratch), accept_partial)
         held = read_logs(holdout or [], nominal, accept_partial)
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
-        found = identify(
-            nominal, logs, held, options, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)
-        )
+
+        def told(stage: str, share: float) -> None:
+            advance(0, f"{stage} {share:.0%}" if share else stage)
+
+        if loaded:
+            carrying = read_logs(loaded, nominal, accept_partial)
+            found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, told)
+        else:
+            found = identify(nominal, logs, held, options, told)
         write_calibrated(folder / "arm", nominal, found.arm)
         found.result.write(folder / "result.json")
         page.write(folder / "report.html", found.result.as_dict(), evidence(found))

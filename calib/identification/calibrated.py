@@ -21,13 +21,17 @@ FITTED = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offse
 def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
     """The folder of a calibrated arm, written over its nominal model file; returns it as it loads."""
     tree = calibrated.tree
+    provenance = {FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]}
+    if calibrated.torque_constant is not nominal.torque_constant:
+        provenance |= {"torque_constant": calibrated.provenance["torque_constant"]}
+        nominal = replace(nominal, torque_constant=calibrated.torque_constant)
     inertials = {joint: (float(tree.mass[j]), tree.com[j], tree.inertia[j]) for j, joint in enumerate(calibrated.joint_names)}
     return write_arm(
         folder,
         nominal,
         inertials=inertials,
         effects=calibrated.effects,
-        provenance={FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]},
+        provenance=provenance,
     )
 
 

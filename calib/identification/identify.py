@@ -16,9 +16,11 @@ from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
 from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
+from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.rows import Rows
-from calib.identification.sums import plain
-from calib.preprocessing import Measurement, motion_cutoff, prepare
+from calib.identification.slip_width import fitted_slip_width
+from calib.identification.sums import Sums, plain
+from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
 from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm
@@ -39,7 +41,7 @@ class Options:
     cutoff: float | None = None
     robust: bool = True
     masses_only: bool = False
-    slip_width: float | None = None
+    slip_width: float | np.ndarray | None = None
     gamma: float = 0.5
 
 
@@ -75,17 +77,74 @@ def identify(
     BadLog and ConfigError for logs that cannot serve; AnswerIsNo where a joint hardly moves.
     """
     options = options or Options()
+    fit = fitted(arm, logs, options, progress, kept)
+    held = [measure(log, arm, fit.cutoff) for log in holdout]
+    model, solution, sums = fit.model, fit.solution, fit.sums
+    progress("nearest possible arm", 0.0)
+    pi0 = full_nominal(arm, model)
+    possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
+    calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names)
+    verdict = Conditioning.of(solution.condition)
+    told = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
+    result = FitResult(
+        arm=arm.name,
+        joint_names=arm.joint_names,
+        estimates=base_estimates(model, solution, nominal_prior(arm, model)),
+        covariance=solution.covariance,
+        training=gap(model, sums.usable, fit.names, possible.theta),
+        holdout=gap(model, plain(Rows(model, held)), [m.name for m in held], possible.theta) if held else None,
+        condition=solution.condition,
+        condition_scaled=solution.condition_scaled,
+        verdict=verdict,
+        outcome="",
+        full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
+        findings=findings(arm, fit),
+        excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in told),
+        settings={
+            "cutoff_hz": fit.cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
+            "slip_width_rad": model.slip_width.tolist(), "rows_per_second": fit.measurements[0].decimator.row_rate,
+        },
+    )  # fmt: skip
+    result = replace(result, outcome=outcome(result))
+    return Identification(calibrated, result, model, solution, possible, fit.measurements, tuple(held))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Columns and their solution, before any question of what can exist.
+
+    measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
+    calib.identification.reversals says.
+    """
+
+    model: TorqueModel
+    solution: Solution
+    sums: Sums
+    measurements: tuple[Measurement, ...]
+    remarks: tuple[str, ...]
+    sweeps: tuple[Sweep, ...]
+    often: np.ndarray
+    cutoff: float
+    names: tuple[str, ...]
+    excluded: tuple[tuple[str, Exclusion], ...]
+
+
+def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress = _silent, kept: Kept | None = None) -> Fit:
+    """Weighted least squares over all logs of an arm."""
     surveyed = {k: logs[k] for k in survey(logs)}
     cutoff = options.cutoff or max(motion_cutoff(log) for log in surveyed.values())
     measured: dict[int, Measurement] = {}
     for k, log in surveyed.items():
         progress("reading motion", len(measured) / len(surveyed))
         measured[k] = measure(log, arm, cutoff)
-    held = [measure(log, arm, cutoff) for log in holdout]
     model = TorqueModel.of_arm(arm)
     few = list(measured.values())
-    model = model.with_slip_width(np.full(arm.n, options.slip_width) if options.slip_width else fitted_slip_width(model, few))
-    sweeps, leave_out = pre_estimate(few, model)
+    model = model.with_slip_width(
+        fitted_slip_width(model, few) if options.slip_width is None else np.broadcast_to(options.slip_width, arm.n)
+    )
+    sweeps, taken = pre_estimate(few, model)
+    often = reverses_often(few, arm)
+    leave_out = {k: taken.get(k, False) | (reversal_rows(m, arm) & ~often) for k, m in enumerate(few)}
     prior, nominal = as_prior(sweeps, model), nominal_prior(arm, model)
     rows = Rows(model, few, leave_out, lambda share: progress("regressor", share))
     weights = reference(rows, prior, nominal, options.robust)
@@ -101,7 +160,7 @@ def identify(
         found = kept.get(context, piece) if kept else None
         if found is None:
             m = measure(log, arm, cutoff)
-            found = Portion.of(Rows(model, [m]), weights, m)
+            found = Portion.of(Rows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
             if kept:
                 kept.put(context, piece, found)
         return found
@@ -109,33 +168,10 @@ def identify(
     sums, names, excluded = joined(portion(k) for k in range(len(logs)))
     progress("solving", 0.0)
     solution = estimate(model, sums, prior, nominal)
-    progress("nearest possible arm", 0.0)
-    pi0 = full_nominal(arm, model)
-    possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
-    calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), names)
-    verdict = Conditioning.of(solution.condition)
-    told = [*excluded, *[(m.name, e) for m in held for e in m.excluded]]
-    result = FitResult(
-        arm=arm.name,
-        joint_names=arm.joint_names,
-        estimates=base_estimates(model, solution, nominal),
-        covariance=solution.covariance,
-        training=gap(model, sums.usable, names, possible.theta),
-        holdout=gap(model, plain(Rows(model, held)), [m.name for m in held], possible.theta) if held else None,
-        condition=solution.condition,
-        condition_scaled=solution.condition_scaled,
-        verdict=verdict,
-        outcome="",
-        full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
-        findings=findings(arm, list(surveyed.values()), solution, sweeps, model),
-        excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in told),
-        settings={
-            "cutoff_hz": cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
-            "slip_width_rad": model.slip_width.tolist(), "rows_per_second": rows.row_rate,
-        },
-    )  # fmt: skip
-    result = replace(result, outcome=outcome(result))
-    return Identification(calibrated, result, model, solution, possible, tuple(few), tuple(held))
+    remarks = tuple(
+        f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
+    )
+    return Fit(model, solution, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded)
 
 
 def survey(logs: Sequence[Log]) -> list[int]:
@@ -156,53 +192,6 @@ def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     linear = [e for e in arm.effects if e.effect in LINEAR_EFFECTS]
     extra = torque_path(arm, m.trajectory).tau - torque_path(arm, m.trajectory, linear).tau
     return replace(m, tau=m.tau - extra)
-
-
-def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], most: int = 5000) -> np.ndarray:
-    """(n,) rad: of SLIP_WIDTHS the one that leaves each joint's rows the least residual; the narrowest unless another wins by 2 %."""
-    n = model.arm.n
-    sums = [[np.zeros((0, 0))] * n for _ in SLIP_WIDTHS]
-    blocks = _first_rows(model, measurements, most)
-    for k, width in enumerate(SLIP_WIDTHS):
-        other = model.with_slip_width(np.full(n, width))
-        for m, fine, used in blocks:
-            slip = m.decimator.rows(other.slip(m.trajectory.q[fine[0]]))
-            for j in range(n):
-                a = fine[1][j].copy()
-                a[:, int(np.searchsorted(used[j], model.friction_column("coulomb", j)))] = slip[:, j]
-                keep = fine[3][:, j]
-                full = np.concatenate([a[keep], fine[2][keep, j : j + 1]], axis=1)
-                gram = full.T @ full
-                sums[k][j] = gram if sums[k][j].shape != gram.shape else sums[k][j] + gram
-    left = np.array([[_left(gram) for gram in row] for row in sums])
-    best = np.argmin(left, axis=0)
-    best = np.where(left[best, np.arange(n)] < 0.98 * left[0], best, 0)
-    return np.array(SLIP_WIDTHS)[best]
-
-
-def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: int) -> list:  # type: ignore[type-arg]
-    out, count = [], 0
-    used = [model.used_by(j) for j in range(model.arm.n)]
-    for m in measurements:
-        first = 0
-        for samples in m.blocks(20_000):
-            tr = m.trajectory
-            a = [m.decimator.rows(x) for x in model.joint_columns(tr.q[samples], tr.dq[samples], tr.ddq[samples])]
-            b = m.decimator.rows(m.tau[samples])
-            out.append((m, (samples, a, b, m.row_usable[first : first + len(b)]), used))
-            first += len(b)
-            count += len(b)
-            if count > most:
-                return out
-    return out
-
-
-def _left(gram: np.ndarray) -> float:
-    """Least residual sum of squares of the last column on the others, from their Gram matrix."""
-    norm = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    g = gram / np.outer(norm, norm)
-    x = np.linalg.pinv(g[:-1, :-1], rcond=1e-10, hermitian=True) @ g[:-1, -1]
-    return float(max(g[-1, -1] - x @ g[:-1, -1], 0.0) * norm[-1] ** 2)
 
 
 def gap(model: TorqueModel, rows: Sequence[Information], names: Sequence[str], after: np.ndarray) -> Gap:
@@ -231,9 +220,9 @@ def gap(model: TorqueModel, rows: Sequence[Information], names: Sequence[str], a
     )
 
 
-def findings(arm: Arm, logs: Sequence[Log], solution: Solution, sweeps: Sequence[Sweep], model: TorqueModel) -> tuple[str, ...]:
+def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
     """Sentences that a reader of the numbers should know."""
-    out = [f"{log.path.name if log.path else 'log'}: {sentence}" for log in logs for sentence in log.findings]
+    out, solution, sweeps, model = list(fit.remarks), fit.solution, fit.sweeps, fit.model
     if sweeps:
         joints = ", ".join(arm.joint_names[s.joint] for s in sweeps)
         out.append(f"friction of {joints} was estimated from the constant-speed sweeps first and enters as a prior")
@@ -245,6 +234,12 @@ def findings(arm: Arm, logs: Sequence[Log], solution: Solution, sweeps: Sequence
     if wide:
         out.append(
             f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction"
+        )
+    if fit.often.any():
+        names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)
+        out.append(
+            f"{names} changes direction so often that the rows about each change had to stay; friction and rotor inertia may be off by "
+            "more than their standard deviations: record a slower or longer motion"
         )
     for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):
         if share > 0.1:

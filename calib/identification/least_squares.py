@@ -42,6 +42,7 @@ class Prior:
 class Solution:
     """theta (p,), covariance (p, p), sigma (n,) N m of the filtered residual, information (p, p) of the data alone.
 
+    by_joint (n, p, p) and vectors (n, p): what each joint's rows add to the information and to its right side.
     downweighted: share of rows per joint that the robust weights touched.
     condition: of the base regressor, raw SI; condition_scaled: of all columns, each divided by its norm.
     """
@@ -50,6 +51,8 @@ class Solution:
     covariance: np.ndarray
     sigma: np.ndarray
     information: np.ndarray
+    by_joint: np.ndarray
+    vectors: np.ndarray
     downweighted: np.ndarray
     condition: float
     condition_scaled: float
@@ -71,14 +74,13 @@ def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = No
     prior, _, _, _ = _regularised(model, sums, prior, nominal)
     variance, theta = np.ones(model.arm.n), np.zeros(model.p)
     for _ in range(6):
-        joints = zip(sums, variance, used, strict=True)
-        theta = _solution(Information.merged([_spread(s, u, model.p, v) for s, v, u in joints]), prior)
+        theta = _solution(_together(model, sums, variance), prior)
         variance = _residual_variance(sums, theta, used)
     ar = _colour(rows, theta)
     huber = np.inf
     for _ in range(3 if robust else 1):
         weights = Reference(theta, ar, _scales(rows, theta, ar, robust), huber)
-        theta = _solution(weighed(rows, weights)[0], prior)
+        theta = _solution(_together(model, weighed(rows, weights)[0]), prior)
         huber = HUBER if robust else np.inf
     return Reference(theta, ar, _scales(rows, theta, ar, robust), huber)
 
@@ -88,14 +90,16 @@ def estimate(model: TorqueModel, sums: Sums, prior: Prior | None = None, nominal
     p = model.p
     used = [model.used_by(j) for j in range(model.arm.n)]
     prior, condition, scaled, regularised = _regularised(model, sums.plain, prior, nominal)
-    theta = _solution(sums.white, prior)
-    information = sums.white.gram[:p, :p]
+    white = _together(model, sums.white)
+    theta = _solution(white, prior)
+    own = np.stack([_spread(s, u, p).gram for s, u in zip(sums.white, used, strict=True)])
+    information = white.gram[:p, :p]
     trusting = inverse(information + prior.precision)
     inflation = sums.counts.sum() / max(sums.counts.sum() - p, 1)
     sandwich = trusting @ (inflation * sums.scores + prior.precision) @ trusting
     return Solution(
         theta, _wider(trusting, sandwich), np.sqrt(_residual_variance(sums.plain, theta, used)), information,
-        sums.touched / np.maximum(sums.counts, 1), condition, scaled, regularised,
+        own[:, :p, :p], own[:, :p, p], sums.touched / np.maximum(sums.counts, 1), condition, scaled, regularised,
     )  # fmt: skip
 
 
@@ -117,7 +121,7 @@ def _regularised(
             f"{model.arm.joint_names[few]}: {sums[few].rows} usable rows after standing, clipped and end samples were left out; "
             "nothing can be identified of a joint that hardly moves: record a motion in which it does"
         )
-    r = Information.merged([_spread(s, model.used_by(j), p) for j, s in enumerate(sums)]).r[:, :p]
+    r = _together(model, sums).r[:, :p]
     norm = np.linalg.norm(r, axis=0)
     condition = _condition(r[:, : len(model.base)])
     scaled = _condition(r / norm) if norm.all() else np.inf
@@ -129,6 +133,12 @@ def _regularised(
 def _condition(r: np.ndarray) -> float:
     value = np.linalg.svd(r, compute_uv=False)
     return float(value[0] / value[-1]) if value[-1] > 1e-12 * value[0] else np.inf
+
+
+def _together(model: TorqueModel, sums: Sequence[Information], variance: np.ndarray | None = None) -> Information:
+    """All joints' rows in the model's columns and the torque, each joint's weighed by 1 / variance (n,)."""
+    scale = np.ones(len(sums)) if variance is None else variance
+    return Information.merged([_spread(s, model.used_by(j), model.p, scale[j]) for j, s in enumerate(sums)])
 
 
 def _spread(own: Information, used: np.ndarray, p: int, variance: float = 1.0) -> Information:

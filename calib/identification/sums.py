@@ -35,14 +35,14 @@ class Sums:
     """What the rows said that were weighed by one reference.
 
     plain    per joint the rows [A_j b_j] as they are; apart: usable rows that the fit leaves out
-    white    rows [A b] of all joints in the model's p columns and the torque, whitened and weighed
+    white    per joint the rows [A_j b_j], whitened and weighed
     scores   (p, p) products of neighbouring scores with Bartlett's weights
     touched  (n,) rows that weigh less because they stick out; counts (n,) all whitened rows
     """
 
     plain: tuple[Information, ...]
     apart: tuple[Information, ...]
-    white: Information
+    white: tuple[Information, ...]
     scores: np.ndarray
     touched: np.ndarray
     counts: np.ndarray
@@ -54,7 +54,7 @@ class Sums:
         return Sums(
             tuple(Information.merged([s.plain[j] for s in parts]) for j in each),
             tuple(Information.merged([s.apart[j] for s in parts]) for j in each),
-            Information.merged([s.white for s in parts]),
+            tuple(Information.merged([s.white[j] for s in parts]) for j in each),
             np.sum([s.scores for s in parts], axis=0),
             np.sum([s.touched for s in parts], axis=0),
             np.sum([s.counts for s in parts], axis=0),
@@ -68,7 +68,7 @@ class Sums:
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
         out = {"scores": self.scores, "touched": self.touched, "counts": self.counts}
-        for name, items in (("plain", self.plain), ("apart", self.apart), ("white", (self.white,))):
+        for name, items in (("plain", self.plain), ("apart", self.apart), ("white", self.white)):
             out |= {f"{name}_{j}": item.r for j, item in enumerate(items)}
             out[f"{name}_rows"] = np.array([item.rows for item in items])
         return out
@@ -80,7 +80,7 @@ class Sums:
         def items(name: str) -> tuple[Information, ...]:
             return tuple(Information(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
 
-        return Sums(items("plain"), items("apart"), items("white")[0], arrays["scores"], arrays["touched"], arrays["counts"])
+        return Sums(items("plain"), items("apart"), items("white"), arrays["scores"], arrays["touched"], arrays["counts"])
 
 
 def summed(rows: Rows, weights: Reference) -> Sums:
@@ -100,32 +100,28 @@ def plain(rows: Rows, apart: bool = False) -> tuple[Information, ...]:
     return tuple(out)
 
 
-def weighed(rows: Rows, weights: Reference) -> tuple[Information, np.ndarray, np.ndarray, np.ndarray]:
-    """Whitened and weighed rows, products of scores, rows touched and rows in all."""
+def weighed(rows: Rows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened and weighed rows per joint, products of scores, rows touched and rows in all."""
     n, p = rows.model.arm.n, rows.model.p
-    white, scores = Information.none(p + 1), np.zeros((p, p))
+    white, scores = [Information.none(len(u) + 1) for u in rows.used], np.zeros((p, p))
     touched, counts = np.zeros(n), np.zeros(n)
     lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
     for block in rows:
         score = np.zeros((len(block.b), p))
-        joined = []
         for j, used in enumerate(rows.used):
             a, b, index = whitened(block, j, weights.ar[j])
             e = b - a @ weights.theta[used]
             size = weights.sigma[j]
             weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
             score[np.ix_(index, used)] += a * (weight * e)[:, None]
-            wide = np.zeros((len(b), p + 1))
-            wide[:, used], wide[:, p] = a, b
-            joined.append(np.sqrt(weight)[:, None] * wide)
+            white[j] = white[j].with_rows(np.sqrt(weight)[:, None] * np.column_stack([a, b]))
             touched[j] += np.sum(np.abs(e) > weights.huber * size)
             counts[j] += len(e)
-        white = white.with_rows(np.concatenate(joined))
         scores += score.T @ score
         for lag in range(1, min(lags, len(score) - 1) + 1):
             cross = score[lag:].T @ score[:-lag]
             scores += (1 - lag / (lags + 1)) * (cross + cross.T)
-    return white, scores, touched, counts
+    return tuple(white), scores, touched, counts
 
 
 def whitened(block: Block, j: int, ar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,58 +1,13 @@
-"""Motions and logs that several tests of calib share: made by formula, with a truth that is known."""
+"""What several tests of calib share: motions and logs whose truth is known, from the benchmarks that measure on the same."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
-from calib.excitation.fourier import Basis, Fourier, random_fourier
-from logs.log import Log
-from sim.arm import Arm, ArmEffect, load_arm
-from sim.prediction import predict
-from sim.trajectory import Trajectory
+from benchmarks.known_truth import fourier_motion, recorded, varied
+from sim.arm import Arm, load_arm
 
-HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
-
-
-def fourier_motion(arm: Arm, seed: int, seconds: float = 20.0, rate: float = 200.0) -> Trajectory:
-    """A random Fourier motion within the arm's speed limits; collisions do not matter to a formula."""
-    basis = Basis(6, seconds)
-    motion = random_fourier(basis, HOME, np.random.default_rng(seed))
-    t = np.linspace(0, seconds, 400)
-    speed = np.abs(basis.matrix(t, 1) @ motion.x.T).max(axis=0)
-    acceleration = np.abs(basis.matrix(t, 2) @ motion.x.T).max(axis=0)
-    factor = np.minimum(0.7 * arm.dq_max / speed, 0.9 * arm.ddq_max / acceleration)
-    return Fourier(basis, HOME, motion.x * factor[:, None]).sampled(rate)
-
-
-def recorded(arm: Arm, motion: Trajectory, seed: int = 0, noise: float = 1.0, memory: float = 0.7) -> Log:
-    """What the arm's sensors would say of the motion: quantised angles, torque with coloured noise (AR(1) of that memory)."""
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal(motion.q.shape)
-    coloured = np.empty_like(white)
-    coloured[0] = white[0]
-    for k in range(1, len(white)):
-        coloured[k] = memory * coloured[k - 1] + np.sqrt(1 - memory**2) * white[k]
-    tau = predict(arm, motion) + noise * coloured * np.array(arm.sensors.torque_noise)
-    resolution = arm.sensors.encoder_resolution
-    q = np.round((motion.q + resolution * rng.uniform(-0.5, 0.5, motion.q.shape)) / resolution) * resolution
-    nan = np.full(q.shape, np.nan)
-    return Log(arm.joint_names, motion.t, motion.t, q, motion.dq, tau, nan, nan, motion.q, motion.dq, nan)
-
-
-def varied(arm: Arm, seed: int, relative: float = 0.05) -> Arm:
-    """The arm with masses, friction and rotors off by about `relative`, and small torque offsets: what a real one is to its data sheet."""
-    rng = np.random.default_rng(seed)
-    mass = arm.tree.mass * (1 + relative * rng.standard_normal(arm.n))
-    tree = replace(arm.tree, mass=mass, inertia=arm.tree.inertia * (mass / arm.tree.mass)[:, None, None])
-    effects = [
-        ArmEffect(e.effect, e.joint, {k: v * (1 + relative * rng.standard_normal()) for k, v in e.parameters.items()})
-        for e in arm.effects
-    ]
-    effects += [ArmEffect("torque_offset", j, {"offset": float(0.2 * rng.standard_normal())}) for j in arm.joint_names]
-    return replace(arm, tree=tree, effects=tuple(effects))
+__all__ = ["fourier_motion", "recorded", "varied"]
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,73 @@
+"""Logs of the arm alone and logs with a load at its flange -> the arm, the load, and with a known mass the torque constants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.identification.identify import Identification, Options, fitted, identify
+from calib.identification.payload import Load, load_between, scale_from_known_mass
+from logs.log import Log
+from sim.arm import Arm
+
+
+def identify_with_load(
+    arm: Arm,
+    logs: Sequence[Log],
+    loaded: Sequence[Log],
+    holdout: Sequence[Log] = (),
+    options: Options | None = None,
+    known_mass: float | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> tuple[Identification, Load]:
+    """The calibrated arm without the load, and the load.
+
+    With `known_mass` (kg) the torque constants come from it: where the logs hold currents, the arm returned has them instead of the nominal
+    ones (1 N m/A is where the search begins if the arm states none). Where the drive reports torque, the load's `scale` says by how much that is off.
+    """
+    options = options or Options()
+    if known_mass is None:
+        found = identify(arm, logs, holdout, options, progress)
+        same = replace(options, slip_width=found.model.slip_width, cutoff=found.result.settings["cutoff_hz"])
+        load = load_between(found.model, found.solution, fitted(arm, loaded, same, progress).solution)
+        return _told(found, load, None), load
+    provisional = arm if arm.torque_constant is not None else replace(arm, torque_constant=np.ones(arm.n))
+    free = fitted(provisional, logs, options, progress)
+    same = replace(options, slip_width=free.model.slip_width, cutoff=free.cutoff)
+    load = scale_from_known_mass(free.model, free.solution, fitted(provisional, loaded, same, progress).solution, known_mass)
+    by_current = np.all([~np.isfinite(log.tau).any(axis=0) for log in (*logs, *loaded)], axis=0)
+    if by_current.any():
+        constant = np.array(provisional.torque_constant)
+        constant[by_current] /= load.scale[by_current]
+        told = (
+            f"from {known_mass:g} kg at the flange, by calib identify; std {_row(constant * load.scale_std / load.scale)} N m/A"
+        )
+        provisional = replace(
+            provisional, torque_constant=constant, provenance={**provisional.provenance, "torque_constant": told}
+        )
+    found = identify(provisional if by_current.any() else arm, logs, holdout, options, progress)
+    return _told(found, load, known_mass), load
+
+
+def _told(found: Identification, load: Load, known_mass: float | None) -> Identification:
+    at = ", ".join(f"{c * 1e3:.0f} ± {s * 1e3:.1g}" for c, s in zip(load.com, load.com_std, strict=True))
+    sentence = f"the loaded logs carry {load.mass:.4g} kg" + ("" if known_mass else f" ± {load.mass_std:.2g}")
+    sentence += f" more, at {at} mm in the last link's frame"
+    if known_mass:
+        sentence += (
+            f"; the torque readings are {_row(load.scale)} ± {_row(load.scale_std)} of the torque that {known_mass:g} kg make"
+        )
+    more = [sentence]
+    if load.chi2 > 3:
+        more.append(
+            f"something else changed between the logs with and without the load (chi^2 {load.chi2:.1f} per degree of freedom, 1 expected); "
+            "warm both up alike, and run the same motion"
+        )
+    result = replace(found.result, load=load.as_dict(), findings=(*found.result.findings, *more))
+    return replace(found, result=result)
+
+
+def _row(values: np.ndarray) -> str:
+    return " ".join(f"{v:.3g}" for v in values)
