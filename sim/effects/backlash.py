@@ -13,7 +13,7 @@ class Backlash(Effect):
     name = "backlash"
     summary = "dead zone when the load changes sign"
     looks = "a pulse of speed and torque of the motor wherever the load changes sign"
-    reference = "M. Nordin, P.-O. Gutman (2002), doi:10.1016/S0005-1098(02)00047-X"
+    reference = "M. Nordin, P.-O. Gutman (2002), a survey, Automatica 38(10), doi:10.1016/S0005-1098(02)00047-X"
     experiment = "slow motion through postures where gravity's torque on that joint changes sign"
     stage = Stage.TRANSMISSION
     parameters = (Parameter("half_gap", "rad", "half of the dead zone", lower=0.0, upper=0.1, grid=(0.002,)),)

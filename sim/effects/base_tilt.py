@@ -16,7 +16,7 @@ class BaseTilt(Effect):
     name = "base_tilt"
     summary = "gravity is not where the model has it"
     looks = "gravity's torque turned by a constant angle in the world: the first joint shows torque that follows its own angle"
-    reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
+    reference = "MuJoCo manual, option gravity"
     experiment = "slow motion of the first joint over half a turn with the arm stretched"
     stage = Stage.RIGID
     scope = "arm"

@@ -13,7 +13,9 @@ class EncoderEccentricity(Effect):
     name = "encoder_eccentricity"
     summary = "position reading periodic in position"
     looks = "gravity and inertia as of a posture that is wrong by a wave along the joint's angle; speed ripples with it"
-    reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
+    reference = (
+        "Synapticon SOMANET documentation 4.19 (2022), wide angle error: eccentricity once, ovality twice per revolution"
+    )
     experiment = "a slow full turn of that joint"
     stage = Stage.ENCODER
     parameters = (

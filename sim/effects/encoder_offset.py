@@ -13,7 +13,7 @@ class EncoderOffset(Effect):
     name = "encoder_offset"
     summary = "zero of the joint is wrong"
     looks = "gravity's torque as of another posture: on this joint and on those before it"
-    reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
+    reference = "J. Hollerbach, C. Wampler (1996), doi:10.1177/027836499601500604"
     experiment = "a mechanical zero mark, or gravity postures with a trusted centre of mass"
     stage = Stage.ENCODER
     parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, grid=(0.01,)),)

@@ -13,7 +13,7 @@ class JointElasticity(Effect):
     name = "joint_elasticity"
     summary = "the gear twists"
     looks = "torque in proportion to the second derivative of the load; grows with frequency"
-    reference = "M. W. Spong (1987), doi:10.1115/1.3143860"
+    reference = "M. W. Spong (1987), J. Dynamic Systems, Measurement, and Control 109(4), 310-319"
     experiment = "a small motion from 1 to 15 Hz in two postures"
     stage = Stage.TRANSMISSION
     parameters = (Parameter("stiffness", "N*m/rad", "torque per twist", zero=None, lower=10.0, upper=1e7, grid=(1e4,)),)

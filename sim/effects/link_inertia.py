@@ -14,7 +14,7 @@ class LinkInertia(Effect):
     name = "link_inertia"
     summary = "a link's mass or centre of mass is wrong"
     looks = "gravity and inertia on the joints up to that link, the same in both directions"
-    reference = "J. M. Hollerbach, W. Khalil, M. Gautier, Springer Handbook of Robotics (2016), chapter 6"
+    reference = "C. G. Atkeson, C. H. An, J. M. Hollerbach (1986), doi:10.1177/027836498600500306"
     experiment = "a motion of all joints from that link inwards in varied postures"
     stage = Stage.RIGID
     parameters = (

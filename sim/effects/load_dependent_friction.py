@@ -13,7 +13,7 @@ class LoadDependentFriction(Effect):
     name = "load_dependent_friction"
     summary = "friction grows with transmitted torque"
     looks = "dry friction that is larger where the joint carries more"
-    reference = "L. Ljung and the survey of A. C. Bittencourt, S. Gunnarsson (2012), doi:10.1115/1.4006589"
+    reference = "A. C. Bittencourt, S. Gunnarsson (2012), J. Dynamic Systems, Measurement, and Control 134(5), 051013"
     experiment = "the same slow sweep in two postures with different gravity load"
     stage = Stage.FRICTION
     parameters = (Parameter("coefficient", "1", "dry friction per transmitted torque", lower=0.0, upper=1.0, grid=(0.1,)),)

@@ -13,7 +13,7 @@ class ThermalFriction(Effect):
     name = "thermal_friction"
     summary = "friction changes as the joint warms"
     looks = "friction that drifts over minutes in one direction, scaled and not shifted"
-    reference = "A. C. Bittencourt, S. Gunnarsson (2012), doi:10.1115/1.4006589"
+    reference = "A. C. Bittencourt, S. Gunnarsson (2012), J. Dynamic Systems, Measurement, and Control 134(5), 051013"
     experiment = "repeat one motion cold and after ten minutes of work"
     stage = Stage.FRICTION
     parameters = (

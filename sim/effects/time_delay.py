@@ -13,9 +13,7 @@ class TimeDelay(Effect):
     name = "time_delay"
     summary = "torque channel lags the motion channel"
     looks = "the residual follows the rate of change of the torque, on all joints alike"
-    reference = (
-        "V. Duchaine and the treatment of delays in J. Swevers, W. Verdonck, J. De Schutter (2007), doi:10.1109/MCS.2007.904659"
-    )
+    reference = "J. Swevers, W. Verdonck, J. De Schutter (2007), on synchronous measurement, doi:10.1109/MCS.2007.904659"
     experiment = "a motion with several frequencies from 1 to 7 Hz"
     stage = Stage.CHANNEL
     scope = "arm"

@@ -13,7 +13,7 @@ class ToolForce(Effect):
     name = "tool_force"
     summary = "a constant pull, such as a hose"
     looks = "like gravity on a body at the flange, but in a direction of its own and without inertia"
-    reference = "J. J. Craig, Introduction to Robotics (2005), section 5.10"
+    reference = "J. J. Craig, Introduction to Robotics (2005), section 5.9"
     experiment = "varied postures of the wrist and the first joint"
     stage = Stage.FORCE
     scope = "arm"

@@ -11,7 +11,7 @@ class TorqueGain(Effect):
     name = "torque_gain"
     summary = "torque reading or torque constant is scaled"
     looks = "the residual is a constant share of the whole torque: gravity, inertia and friction alike"
-    reference = "M. Gautier, S. Briot (2014), doi:10.1109/TCST.2013.2291397"
+    reference = "M. Gautier, S. Briot (2011), joint drive gains from a known payload mass, IROS 2011"
     experiment = "attach a known mass: a gain scales it, a wrong link mass does not"
     stage = Stage.SENSOR
     parameters = (Parameter("gain", "1", "reading per torque", zero=1.0, lower=0.3, upper=3.0, grid=(1.0,)),)

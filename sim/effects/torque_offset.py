@@ -11,7 +11,7 @@ class TorqueOffset(Effect):
     name = "torque_offset"
     summary = "torque reading is shifted"
     looks = "a constant residual, moving or at rest"
-    reference = "C. Gaz, M. Cognetti et al. (2019), doi:10.1109/LRA.2019.2931248"
+    reference = "by definition"
     experiment = "static holds and slow motion in both directions"
     stage = Stage.SENSOR
     parameters = (Parameter("offset", "N*m", "reading at no torque", grid=(0.5,)),)
