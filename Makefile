@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: player docs demo test test-docs test-slow check bench exam format clean
+.PHONY: player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -38,6 +38,13 @@ docs: $(VENV)/ready  ## the site, in build/site; first the pages that are derive
 
 bench: $(VENV)/ready  ## the measured figures, one table
 	$(BIN)/python -m benchmarks
+
+exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings where ARM_CALIB_DATA is set; hours. EXAM="--jobs 2 --keep"
+	$(BIN)/python -m benchmarks.exam run --count 300 --final $(EXAM)
+	$(BIN)/python -m benchmarks.exam real
+
+exam-quick: $(VENV)/ready  ## the first 25 of them
+	$(BIN)/python -m benchmarks.exam run --count 25 $(EXAM)
 
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
 	cd calib/report/web && npm ci && npm run build

@@ -12,7 +12,7 @@ from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE, write_model
 from benchmarks.exam.effects import EFFECTS, Hidden
 from benchmarks.exam.recording import sample, write
-from benchmarks.exam.severity import LEAST, TARGET, Balance, hide
+from benchmarks.exam.severity import LEAST, TARGET, Balance, hide, rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run
 from benchmarks.exam.unknowns import UNKNOWNS
 
@@ -127,7 +127,7 @@ def _hide(case: Case, arm: TrueArm, plan: dict[str, motions.Reference], rng: np.
     pool = {e.name: e for e in (UNKNOWNS if case.kind == "unknown" else EFFECTS)}
     if not case.chosen:
         return []
-    balance, out = Balance(arm.copy(), (plan["friction"], plan["excitation"])), []
+    balance, out = Balance(arm.copy(), (plan["friction"], plan["excitation"]), rows), []
     for name, j in case.chosen:
         effect, form = pool[name], int(case.hard)
         spread = float(np.exp(0.2 * rng.standard_normal()))

@@ -20,7 +20,7 @@ from benchmarks.exam.scoring import Row, compared, confusion, figures
 
 @dataclass(frozen=True)
 class Exam:
-    """Where the cases stand, the command to ask, s for an answer; keep: score answers that are there; final: validate too."""
+    """Where the cases stand, the command to ask, s of CPU for an answer; keep: score answers that are there; final: validate too."""
 
     out: Path
     seed: int
@@ -76,16 +76,17 @@ def examine(case: Case, exam: Exam) -> Row:
 
 
 def run_calib(exam: Exam, log: Path, *words: object) -> int:
-    """Exit code of a command, its output appended to `log`; -9 where it took longer than is allowed."""
+    """Exit code of a command, its output appended to `log`; -SIGXCPU where it took more CPU than is allowed."""
     command = [*shlex.split(exam.calib), *map(str, words)]
+    limit = int(exam.timeout)
     with log.open("a", encoding="utf-8") as file:
         file.write("$ " + shlex.join(command) + "\n")
         file.flush()
-        try:
-            alone = os.environ | {"OMP_NUM_THREADS": "1"}
-            return subprocess.run(command, stdout=file, stderr=subprocess.STDOUT, timeout=exam.timeout, env=alone).returncode
-        except subprocess.TimeoutExpired:
-            return -9
+        # CPU and not wall clock: the score of a busy computer is that of an idle one
+        return subprocess.run(
+            command, stdout=file, stderr=subprocess.STDOUT, env=os.environ | {"OMP_NUM_THREADS": "1"},
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
+        ).returncode  # fmt: skip
 
 
 def report(rows: list[Row], exam: Exam) -> None:

@@ -1,13 +1,14 @@
 """rho: how visible an effect is, the RMS of what it adds to the residual, after what scatter explains, over the noise of one reading.
 
 Severities 1, 2, 3 are targets of rho; the dose that reaches one is found on the arm, posture and motions of the case itself, by
-two runs of the plant that differ in the effect alone.
+two runs of the plant that differ in the effect alone, or by the torque it adds along a recorded motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -24,6 +25,7 @@ COARSE = 1e-3  # s, step of the runs that only weigh an effect
 BAND = 12.0  # Hz
 RATE = 50.0  # Hz, of the rows that are compared
 INDEPENDENT = 5.0  # rows of coloured noise that tell as much as one independent row
+Motion = TypeVar("Motion")
 DOWN = np.array([0.0, 0.0, -9.81])
 
 
@@ -55,17 +57,17 @@ def rows(arm: TrueArm, reference: Reference) -> Rows:
     return Rows(q, dq, ddq, tau - expected)
 
 
-class Balance:
-    """Weighs effects against the arm without them, on the motions of a case."""
+class Balance(Generic[Motion]):
+    """Weighs effects against the arm without them; `weigh` gives the rows of an arm along one of the motions."""
 
-    def __init__(self, clean: TrueArm, references: Sequence[Reference]) -> None:
-        self.clean, self.references = clean, references
-        self.before = [rows(clean, r) for r in references]
+    def __init__(self, clean: TrueArm, motions: Sequence[Motion], weigh: Callable[[TrueArm, Motion], Rows]) -> None:
+        self.clean, self.motions, self.weigh = clean, motions, weigh
+        self.before = [weigh(clean, m) for m in motions]
         self.columns = scatter_columns(clean, self.before)
 
     def rho(self, hidden: TrueArm) -> float:
         """The largest over joints and motions: RMS while the joint moves, or 0.4 RMS of its strongest 3 % (a touch, a clipped peak)."""
-        added = np.concatenate([rows(hidden, r).residual for r in self.references])
+        added = np.concatenate([self.weigh(hidden, m).residual for m in self.motions])
         added -= np.concatenate([b.residual for b in self.before])
         left = (added - self._scatter(added)) / self.clean.sensors.noise
         edges = np.cumsum([len(b.q) for b in self.before])
