@@ -6,9 +6,8 @@ driver reads.
 
 from __future__ import annotations
 
-import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -91,19 +90,26 @@ class Step:
 
 def story(arm: str, cell: Path, folder: Path) -> list[Step]:
     """The commands in their order; everything they write stands under `folder`."""
-    plan, logs = str(folder / "plan"), folder / "logs"
+    plan, logs, fit = str(folder / "plan"), folder / "logs", folder / "fit"
     recorded = [str(logs / "friction.mcap"), str(logs / "excitation.mcap")]
     held_out = str(logs / "validation.mcap")
     return [
         Step("Ask the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
         Step(
-            "Plan motions that show what the arm is, and prove them.",
+            "Plan motions that show what the arm is.",
             ("plan", arm, "--cell", str(cell), "--quick", "--out", plan),
         ),
-        Step("Drive them, guarded, and record.", ("record", str(cell), plan, "--yes", "--out", str(logs))),
+        Step(
+            "Prove every motion against limits and collisions, then drive it, guarded, and record.",
+            ("record", str(cell), plan, "--yes", "--out", str(logs)),
+        ),
         Step(
             "Fit the ordinary parameters: friction, masses, inertias.",
-            ("identify", arm, *recorded, "--holdout", held_out, "--out", str(folder / "fit")),
+            ("identify", arm, *recorded, "--holdout", held_out, "--out", str(fit)),
+        ),
+        Step(
+            "Test the fitted arm on a motion that it has not seen, by torque and by forward simulation.",
+            ("validate", str(fit / "arm"), held_out, "--out", str(folder / "check")),
         ),
         Step(
             "Find what no ordinary parameter explains, and give it its name.",
@@ -113,10 +119,32 @@ def story(arm: str, cell: Path, folder: Path) -> list[Step]:
     ]
 
 
-def named(folder: Path) -> list[tuple[str, str | None, dict[str, float]]]:
-    """What the diagnosis under `folder` named: effect, joint, values; nothing where there was none."""
-    file = folder / "diagnosis" / "diagnosis.json"
-    if not file.is_file():
-        return []
-    data = json.loads(file.read_text(encoding="utf-8"))
-    return [(e["effect"], e["joint"], {k: p["value"] for k, p in e["parameters"].items()}) for e in data["effects"]]
+@dataclass(frozen=True)
+class Reveal:
+    """What was hidden beside what was found: rows of effect, joint, parameter, hidden, found, ±; None where one of them has it not."""
+
+    rows: list[list[Any]]
+    right: bool
+    sentence: str
+
+
+def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
+    """`hidden` beside the content of diagnosis.json."""
+    found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
+    key = (hidden.effect, hidden.joint)
+    rows: list[list[Any]] = []
+    for name, value in hidden.parameters.items():
+        seen = found.get(key, {}).get(name, {})
+        rows.append([hidden.effect, hidden.joint or "whole arm", name, value, seen.get("value"), seen.get("std")])
+    for (effect, joint), parameters in found.items():
+        if (effect, joint) != key:
+            rows += [[effect, joint or "whole arm", name, None, p["value"], p["std"]] for name, p in parameters.items()]
+    others = len(found) - (key in found)
+    beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
+    if key not in found:
+        told = "what was hidden was not found; the report says what speaks for each candidate"
+    elif others:
+        told = f"what was hidden was found, and beside it {beside}"
+    else:
+        told = "what was hidden was found, and nothing else"
+    return Reveal(rows, key in found and not others, told)

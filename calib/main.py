@@ -114,14 +114,18 @@ def _program(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    return start(sys.argv[1:] if arguments is None else list(arguments))[0]
+
+
+def start(arguments: list[str]) -> tuple[int, str]:
+    """`main`, and the sentence that says how it ended or what it found."""
     invocation = Invocation(arguments)
     token = INVOCATION.set(invocation)
     try:
         code, sentence = _run(arguments, invocation)
         for folder in invocation.folders:
             end_run(folder, code, sentence)
-        return code
+        return code, sentence
     finally:
         INVOCATION.reset(token)
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from calib import console
+from calib.run_folder import conclude
 from sim.errors import AnswerIsNo
 
 _WORDS = {True: "ok", False: "NO", None: "not said"}
@@ -54,6 +55,9 @@ def command(
             if move and all(check.ok is not False for check in checks):
                 checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
     failed = [check for check in checks if check.ok is False]
+    unsaid = sum(check.ok is None for check in checks)
+    passed = len(checks) - len(failed) - unsaid
+    conclude(f"{passed} checks pass" + (f", the device says nothing to {unsaid}" if unsaid else ""))
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
     else:

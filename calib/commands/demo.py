@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import secrets
 import shlex
 import sys
@@ -12,7 +14,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 
 def command(
@@ -20,7 +22,7 @@ def command(
     out: console.Out = None,
     as_json: console.Json = False,
 ) -> None:
-    """Tell the whole story on the mock arm: an effect is hidden, the arm is planned for, checked, recorded, identified, diagnosed.
+    """Tell the whole story on the mock arm: an effect is hidden, the arm is checked, planned for, recorded, identified, diagnosed.
 
     At the end it says what was hidden; the last line is the path of the report.
 
@@ -29,7 +31,7 @@ def command(
         calib demo --seed 3
     """
     from calib import demo
-    from calib.main import COMMANDS, main
+    from calib.main import start
     from sim.arm import load_arm
     from sim.cell import load_cell
 
@@ -41,43 +43,40 @@ def command(
     folder = new_run(arm, "demo", out, cell, seed=seed)
     place = folder / "demo-cell.toml"
     demo.write_cell(place, cell, hidden, seed)
-    steps = [step for step in demo.story(arm.name, place, folder) if step.arguments[0] in COMMANDS]
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
-        console.say(f"Something is hidden in a simulated {arm.name} (seed {seed}); the tool is told nothing of it.")
+        console.say(
+            f"Something is wrong with a simulated {arm.name}: an effect was drawn at random (seed {seed}) and hidden in it. The tool is "
+            "told nothing of it and looks for it with the same commands that you would use on a real arm."
+        )
+        steps = demo.story(arm.name, place, folder)
         for number, step in enumerate(steps, 1):
-            console.say(f"\n{number} of {len(steps)}. {step.why}\n$ calib {shlex.join(step.arguments)}")
-            code = main(list(step.arguments))
+            console.say(f"\n{number} of {len(steps)}. {step.why}\n   $ calib {shlex.join(step.arguments)}")
+            said, since = io.StringIO(), time.monotonic()
+            with redirect_stdout(said):
+                code, sentence = start(list(step.arguments))
+            (folder / f"{number}-{step.arguments[0]}.txt").write_text(said.getvalue(), encoding="utf-8")
             if code not in step.fine:
+                console.say(said.getvalue())
                 raise typer.Exit(code)
-    found = demo.named(folder)
-    report = next(page for page in (folder / "diagnosis" / "report.html", folder / "fit" / "report.html") if page.is_file())
-    right = {(effect, joint) for effect, joint, _ in found} == {(hidden.effect, hidden.joint)}
+            console.say(f"   {sentence[0].upper()}{sentence[1:]}. ({time.monotonic() - since:.0f} s)")
+    report = folder / "diagnosis" / "report.html"
+    found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
+    revealed = demo.reveal(hidden, found)
+    seconds = time.monotonic() - began
+    conclude(f"seed {seed}, {hidden.effect} hidden: {revealed.sentence}")
     if as_json:
-        names = [{"effect": effect, "joint": joint, "parameters": values} for effect, joint, values in found]
-        seconds = time.monotonic() - began
         console.print_json(
             {
-                "schema": "demo/1",
-                "seed": seed,
-                "hidden": hidden,
-                "found": names,
-                "right": right,
-                "seconds": seconds,
-                "report": report,
+                "schema": "demo/1", "seed": seed, "hidden": hidden, "found": found["effects"], "right": revealed.right,
+                "seconds": seconds, "report": report,
             }
-        )
+        )  # fmt: skip
         return
-    console.say("\nWhat was hidden, and what was found:")
-    rows = [["hidden", hidden.effect, hidden.joint or "whole arm", _values(hidden.parameters)]]
-    rows += [["found", effect, joint or "whole arm", _values(values)] for effect, joint, values in found]
-    console.table(["", "effect", "joint", "values"], rows)
-    if found:
-        console.say(
-            "The name is right." if right else "The name is not the one that was hidden; the report says what speaks for it."
-        )
-    console.say(f"It took {time.monotonic() - began:.0f} s. To see it again: calib demo --seed {seed}")
-    console.say(str(report))
-
-
-def _values(parameters: dict[str, float]) -> str:
-    return ", ".join(f"{key} {value:.4g}" for key, value in parameters.items())
+    console.say(f"\nAnd this was hidden: {hidden.effect} at {hidden.joint or 'the whole arm'}.")
+    console.table(["effect", "joint", "parameter", "hidden", "found", "±"], revealed.rows)
+    console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
+    console.say(
+        f"\nIt took {seconds:.0f} s; what each command said stands in {folder}. The same again: calib demo --seed {seed}"
+    )
+    console.say("The report, for a browser:")
+    console.say(str(report.resolve()))

@@ -92,7 +92,8 @@ def command(
             stop_asked=first_reason(hold.reason, halt.reason),
             watch=lambda progress: show(view, progress, folder),
         )
-    conclude(f"recorded {', '.join(done.logs)}")
+    worst = max(max(stage.following_error) for stage in done.stages)
+    conclude(f"recorded {', '.join(done.logs)}; the arm followed to {1000 * worst:.1f} mrad")
     if as_json:
         console.print_json({"schema": "record/1", **console.plain(done)})
         return

@@ -1,13 +1,13 @@
 """The demo hides something that can be found, tells the tool nothing of it, and ends with what was hidden and the report's path."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from calib import demo
 from calib.main import main
-from sim.arm import load_arm
+from sim.arm import ArmEffect, load_arm
 from sim.cell import load_cell
 from sim.effects import effect_named
 
@@ -38,10 +38,45 @@ def test_the_effect_stands_in_the_emulation_of_the_cell_and_nowhere_else(tmp_pat
         assert hidden.effect not in " ".join(step.arguments)
 
 
+def diagnosis(*effects: tuple[str, str | None, dict[str, float]]) -> dict[str, Any]:
+    return {
+        "effects": [
+            {"effect": e, "joint": j, "parameters": {k: {"value": v, "std": 0.1} for k, v in p.items()}} for e, j, p in effects
+        ]
+    }
+
+
+def test_what_was_hidden_is_shown_beside_what_was_found() -> None:
+    hidden = ArmEffect("coulomb_friction", "elbow_joint", {"coulomb": 8.0})
+    right = demo.reveal(hidden, diagnosis(("coulomb_friction", "elbow_joint", {"coulomb": 8.1})))
+    assert right.right
+    assert right.rows == [["coulomb_friction", "elbow_joint", "coulomb", 8.0, 8.1, 0.1]]
+    assert right.sentence == "what was hidden was found, and nothing else"
+
+
+def test_another_joint_is_another_effect() -> None:
+    hidden = ArmEffect("coulomb_friction", "elbow_joint", {"coulomb": 8.0})
+    wrong = demo.reveal(hidden, diagnosis(("coulomb_friction", "wrist_1_joint", {"coulomb": 8.1})))
+    assert not wrong.right
+    assert wrong.rows[0][4] is None
+    assert "was not found" in wrong.sentence
+    assert not demo.reveal(hidden, diagnosis()).right
+
+
+def test_what_was_named_too_much_is_admitted() -> None:
+    hidden = ArmEffect("payload", None, {"mass": 2.0})
+    both = demo.reveal(hidden, diagnosis(("payload", None, {"mass": 2.0}), ("backlash", "elbow_joint", {"half_gap": 0.001})))
+    assert not both.right
+    assert both.rows[1] == ["backlash", "elbow_joint", "half_gap", None, 0.001, 0.1]
+    assert both.sentence == "what was hidden was found, and beside it 1 more effect that was not hidden"
+
+
 @pytest.mark.slow
 def test_the_whole_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["demo", "--seed", "11", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["hidden"]["effect"] == "coulomb_friction"
-    assert Path(told["report"]).is_file()
+    assert main(["demo", "--seed", "11"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "And this was hidden: coulomb_friction" in "".join(lines)
+    assert sum("$ calib " in line for line in lines) == len(demo.story("ur10e", Path("c"), Path("f")))
+    assert lines[-1].endswith("diagnosis/report.html")
+    assert Path(lines[-1]).is_file()
