@@ -98,7 +98,7 @@ def test_every_command_and_option_exists(block: Block, words: list[str]) -> None
     group = get_command(app)
     assert isinstance(group, Commands)
     names = [w for w in words[1:] if not w.startswith("-")]
-    known = {o for p in group.params for o in p.opts} | {"--help"}
+    known = {o for p in group.params for o in p.opts} | {"--help", "--install-completion"}
     if names and names[0] in AWAITED:
         pytest.skip(f"the program has no command {names[0]} yet")
     if names:
