@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.model import LogModel
+from calib.diagnosis.model import CONTACT, LogModel
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Effect, Stage
 
@@ -37,11 +37,15 @@ def candidates(models: list[LogModel]) -> Iterator[Candidate]:
     """All candidates at the present hypothesis, each with every start of its nonlinear parameters."""
     arm = models[0].arm
     for effect in EFFECTS:
+        if effect.name == CONTACT:
+            continue  # not a property of the arm: calib.diagnosis.contact looks for it in time
         if effect.name in _WHOLE:
             yield from _WHOLE[effect.name](models, arm)
         elif effect.scope == "joint":
             for j, joint in enumerate(arm.joint_names):
-                if effect.stage is Stage.ENCODER:
+                if effect.name == "torque_saturation":
+                    yield from _saturation(models, joint, j)
+                elif effect.stage is Stage.ENCODER:
                     yield from _encoder(models, effect, j, joint)
                 elif effect.stage is not Stage.RIGID:
                     yield from _joint(models, effect, j, joint)
@@ -66,38 +70,40 @@ def _joint(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterat
 def _encoder(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterator[Candidate]:
     """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
     own = models[0].arm.effect(effect.name, joint)
+    slopes = [posture_slopes(model, j) for model in models]
     for probe in effect.probes(own.parameters if own else None):
         columns = []
-        for model in models:
+        for model, slope in zip(models, slopes, strict=True):
             moved = []
             for point in probe.points:
                 reading = model.measurement.trajectory.q[:, j]
                 error = effect.reading(reading, point) - effect.reading(reading, probe.base)
-                t = model.link.t
-                speed = np.gradient(error, t)
-                moved.append(shifted(model, j, -error, -speed, -np.gradient(speed, t)))
+                speed = np.gradient(error, model.link.t)
+                errors = (error, speed, np.gradient(speed, model.link.t))
+                moved.append(-sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(model.tau_hat.shape)))
             stacked = model.rows(np.stack(moved, axis=2))
             columns.append({k: stacked[:, k] for k in range(model.n)})
         yield Candidate(effect.name, joint, columns, probe.combine)
 
 
-def shifted(model: LogModel, j: int, dq: np.ndarray, dv: np.ndarray, da: np.ndarray) -> np.ndarray:
-    """Change of the rigid torque (N, n) when the angle of joint j changes by dq (N,), its speed by dv, its acceleration by da."""
+def posture_slopes(model: LogModel, j: int) -> list[np.ndarray]:
+    """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n), by central differences in q and dq (tau is quadratic in dq)."""
     link = model.link
-    q, v, a = link.q.copy(), link.dq.copy(), link.ddq.copy()
-    scale = 1e-3 / max(float(np.max(np.abs(dq))), 1e-12)
-    q[:, j] += scale * dq
-    v[:, j] += scale * dv
-    a[:, j] += scale * da
-    moved = model.bodies.inverse_dynamics(q, v, a) - model.bodies.inverse_dynamics(link.q, link.dq, link.ddq)
-    out = moved / scale
-    rotor = model.arm.effect("rotor_inertia", model.arm.joint_names[j])
-    viscous = model.arm.effect("viscous_friction", model.arm.joint_names[j])
-    if rotor is not None:
-        out[:, j] += rotor.parameters["inertia"] * da
-    if viscous is not None:
-        out[:, j] += viscous.parameters["viscous"] * dv
-    return out
+
+    def torque(*steps: float) -> np.ndarray:
+        moved = [link.q.copy(), link.dq.copy(), link.ddq.copy()]
+        for x, step in zip(moved, steps, strict=True):
+            x[:, j] += step
+        return model.bodies.inverse_dynamics(*moved)
+
+    by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
+    by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
+    by_push = torque(0, 0, 1.0) - torque(0, 0, 0)
+    for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
+        item = model.arm.effect(name, model.arm.joint_names[j])
+        if item is not None:
+            slope[:, j] += item.parameters[key]
+    return [by_angle, by_speed, by_push]
 
 
 def _whole(model: LogModel, columns: np.ndarray) -> dict[int, np.ndarray]:
@@ -173,29 +179,24 @@ def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
 
 
-CONTACT_STEP = 0.4
-CONTACT_DURATIONS = (0.4, 0.8, 1.6)
+# A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque asked for.
+LIMITS = tuple(0.97 * 0.94**k for k in range(14))
 
 
-def _contact(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    """A push of three durations at every 0.4 s; every log has its own."""
-    for which, model in enumerate(models):
-        rows = model.rows(force_columns(model))
-        at = model.link.t[model.measurement.row_samples]
-        for duration in CONTACT_DURATIONS:
-            for start in np.arange(at[0], at[-1] - duration, CONTACT_STEP * max(1.0, duration)):
-                phase = (at - start) / duration
-                window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * np.clip(phase, 0, 1)) ** 2, 0.0)
-                columns: list[dict[int, np.ndarray]] = []
-                for k, other in enumerate(models):
-                    shape = (len(other.residual), 3)
-                    columns.append({j: rows[:, j] * window[:, None] if k == which else np.zeros(shape) for j in range(model.n)})
-                yield Candidate("external_contact", None, columns, _pushed(float(start), duration))
+def _saturation(models: list[LogModel], joint: str, j: int) -> Iterator[Candidate]:
+    """The model's torque cut at fractions of its largest; a coefficient of 1 is a cut as the model has it."""
+    own = models[0].arm.effect("torque_saturation", joint)
+    most = max(float(np.quantile(np.abs(m.tau_hat[:, j]), 0.999)) for m in models)
+    for fraction in LIMITS:
+        limit = fraction * most
+        columns = [{j: m.rows((np.clip(m.tau_hat[:, j], -limit, limit) - m.tau_hat[:, j])[:, None])} for m in models]
+        if own is None and limit > 0 and any(np.any(c[j]) for c in columns):
+            yield Candidate("torque_saturation", joint, columns, _limited(limit))
 
 
-def _pushed(start: float, duration: float) -> Combine:
-    force = _named("force_x", "force_y", "force_z")
-    return lambda c: {"start": start, "duration": duration} | force(c)
+def _limited(limit: float) -> Combine:
+    # Half a cut is no cut: coefficients far from 1 give a limit that is refused as unphysical.
+    return lambda c: {"limit": limit if 0.6 < float(c[0]) < 1.6 else float("nan")}
 
 
 def _named(*names: str) -> Combine:
@@ -208,5 +209,4 @@ _WHOLE: dict[str, Callable[[list[LogModel], Arm], Iterator[Candidate]]] = {
     "base_tilt": _tilt,
     "tool_force": _force,
     "time_delay": _delay,
-    "external_contact": _contact,
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel, recentred
 from calib.diagnosis.rows import Noise, Rows, Solved, noise_of, solve
 from calib.preprocessing import Measurement
@@ -48,16 +49,30 @@ class Fit:
         return out
 
 
-def fit(measurements: Sequence[Measurement], hypothesis: Hypothesis, rounds: int = 5, noise: Noise | None = None) -> Fit:
-    """Fit the accepted effects' parameters from where they stand; at most `rounds` steps."""
+def fit(
+    measurements: Sequence[Measurement],
+    hypothesis: Hypothesis,
+    rounds: int = 5,
+    noise: Noise | None = None,
+    like: Sequence[LogModel] = (),
+) -> Fit:
+    """Fit the accepted effects' parameters from where they stand; at most `rounds` steps.
+
+    `like`: models of the same measurements, whose rigid-body parts are taken over where they hold.
+    """
     n = hypothesis.arm.n
     floor = np.full(n, 1e-6)
     best: Fit | None = None
     for k in range(rounds):
-        models = [LogModel(m, hypothesis, hypothesis.event(i)) for i, m in enumerate(measurements)]
+        lenders = like or (None,) * len(measurements)
+        models = [
+            LogModel(m, hypothesis, hypothesis.event(i), lender)
+            for i, (m, lender) in enumerate(zip(measurements, lenders, strict=True))
+        ]
+        like = models
         rows = Rows(models)
         columns = _columns(models, hypothesis)
-        widened = _joined(rows, columns)
+        widened = _joined(rows, columns, hypothesis)
         noise = noise or noise_of(rows.r, rows.joined, floor)
         for _ in range(3):
             joint = solve(widened, noise)
@@ -65,8 +80,9 @@ def fit(measurements: Sequence[Measurement], hypothesis: Hypothesis, rounds: int
         joint = solve(widened, noise)
         here = solve(rows, noise)
         count = widened.p - rows.p
-        value = objective(joint, rows.p)
-        covariance = joint.inverse[rows.p :, rows.p :] * WIDE**2 * np.outer(_scales(columns), _scales(columns))
+        value = objective(joint)
+        scales = _scales(columns, hypothesis)
+        covariance = joint.inverse[rows.p :, rows.p :] * np.outer(scales, scales)
         now = Fit(hypothesis, models, here, value, covariance)
         if best is None or value < best.objective:
             settled = best is not None and best.objective - value < 1.0
@@ -78,7 +94,7 @@ def fit(measurements: Sequence[Measurement], hypothesis: Hypothesis, rounds: int
         theta = joint.theta[: rows.p]
         moved = recentred(hypothesis, models[0].names, theta)
         if count:
-            moved = _moved(moved, joint.theta[rows.p :] * WIDE * _scales(columns))
+            moved = _moved(moved, joint.theta[rows.p :] * scales)
         hypothesis = moved
     assert best is not None
     return best
@@ -87,15 +103,16 @@ def fit(measurements: Sequence[Measurement], hypothesis: Hypothesis, rounds: int
 WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size
 
 
-def objective(solved: Solved, priors: int) -> float:
-    """-2 log likelihood (Huber's loss) of all rows under the noise's scale, plus the nuisance's prior."""
+def objective(solved: Solved) -> float:
+    """-2 log likelihood (Huber's loss) of all rows under the noise's scale, plus the prior's share."""
     total = 0.0
     for j, e in enumerate(solved.left()):
         size = np.abs(e)
         loss = np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2)
         innovation = solved.noise.sigma[j] ** 2 * (1 - solved.noise.phi[j] ** 2)
         total += float(loss.sum() + len(e) * np.log(max(innovation, 1e-300)))
-    return total + float(solved.theta[:priors] @ solved.theta[:priors])
+    off = solved.theta - solved.rows.mean
+    return total + float(off @ off)
 
 
 def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
@@ -174,21 +191,35 @@ def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffe
     return state.tau - hypothesis.delay * model._gradient(state.tau)
 
 
-def _scales(columns: list[tuple[float, list[np.ndarray]]]) -> np.ndarray:
-    """1/size of every column, so that the wide prior means the same for all."""
+def _scales(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> np.ndarray:
+    """(k,) prior standard deviation of every accepted parameter: WIDE over its column's size, but for a contact's force."""
     sizes = [np.sqrt(sum(float((c**2).sum()) for c in per_log)) for _, per_log in columns]
-    return np.array([1.0 / s if s > 0 else 0.0 for s in sizes])
+    wide = [WIDE / s if s > 0 else 0.0 for s in sizes]
+    spread = force_spread(hypothesis.arm)
+    of = parameters_of(hypothesis.accepted)
+    return np.array([spread if _is_push(hypothesis.accepted[i], p) else w for (i, p), w in zip(of, wide, strict=True)])
 
 
-def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]]) -> Rows:
-    """The rows with the accepted parameters' columns behind the nuisance, scaled to the wide prior."""
+def _is_push(item: ArmEffect, p: Parameter) -> bool:
+    return item.effect == CONTACT and p.name.startswith("force")
+
+
+def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> Rows:
+    """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
     if not columns:
         return rows
     widened = Rows(rows.models)
-    scale = _scales(columns) * WIDE
+    scale = _scales(columns, hypothesis)
     for j in range(rows.n):
         extra = [rows.take(j, [c[:, j] for c in per_log]) for _, per_log in columns]
         widened.x[j] = np.concatenate([rows.x[j], np.stack(extra, axis=1) * scale], axis=1)
+    # Columns are changes from where the parameters stand, so the middle of a contact's prior, no force, lies at minus the force.
+    mean = np.zeros(len(columns))
+    for k, (i, p) in enumerate(parameters_of(hypothesis.accepted)):
+        item = hypothesis.accepted[i]
+        if _is_push(item, p):
+            mean[k] = -item.parameters[p.name] / scale[k]
+    widened.mean = np.concatenate([rows.mean, mean])
     return widened
 
 

@@ -64,24 +64,41 @@ class Hypothesis:
 
 
 class LogModel:
-    """Prediction, residual rows (R, n) and nuisance rows (R, n, p) of one measurement under a hypothesis."""
+    """Prediction, residual rows (R, n) and nuisance rows (R, n, p) of one measurement under a hypothesis.
 
-    def __init__(self, measurement: Measurement, hypothesis: Hypothesis, event: ArmEffect | None = None) -> None:
+    `like`, a model of the same measurement, lends its rigid-body part where the hypothesis did not change it.
+    """
+
+    def __init__(
+        self, measurement: Measurement, hypothesis: Hypothesis, event: ArmEffect | None = None, like: LogModel | None = None
+    ) -> None:
         self.measurement, self.hypothesis = measurement, hypothesis
         arm = hypothesis.arm
         self.arm = arm
         effects = arm.effects if event is None else (*arm.effects, event)
         self.stages: Stages = by_stage(effects, arm)
-        self.link = link_side(arm, measurement.trajectory, self.stages)
+        if like is not None and like.same_link(measurement, arm, self.stages):
+            self.link, self.bodies, self.regressor, self.inertial = like.link, like.bodies, like.regressor, like.inertial
+        else:
+            self.link = link_side(arm, measurement.trajectory, self.stages)
+            self.bodies = RigidBody(arm)
+            self.regressor = self.bodies.regressor(self.link.q, self.link.dq, self.link.ddq)
+            self.inertial = self._inertial()
         self.state = copied(self.link)
         motor_side(self.state, self.stages, hypothesis.width, hypothesis.lead)
         self.rate_of_change = self._gradient(self.state.tau)
         self.tau_hat = self.state.tau - hypothesis.delay * self.rate_of_change
         self.residual = measurement.rows(measurement.tau - self.tau_hat)
-        self.bodies = RigidBody(arm)
-        self.regressor = self.bodies.regressor(self.link.q, self.link.dq, self.link.ddq)
-        columns, self.names = self._nuisance()
-        self.nuisance = measurement.rows(columns)
+        self.nuisance, self.names = self._nuisance()
+
+    def same_link(self, measurement: Measurement, arm: Arm, stages: Stages) -> bool:
+        """Whether the path up to the load is the same for that arm."""
+        early = (Stage.ENCODER, Stage.RIGID, Stage.FORCE)
+        return (
+            measurement is self.measurement
+            and arm.tree is self.arm.tree
+            and all([x[2] for x in stages[s]] == [x[2] for x in self.stages[s]] for s in early)
+        )
 
     @property
     def n(self) -> int:
@@ -113,56 +130,56 @@ class LogModel:
         parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)]
         return np.concatenate(parts)
 
-    def _nuisance(self) -> tuple[np.ndarray, list[str]]:
-        """(N, n, p) N m per prior standard deviation."""
+    def _inertial(self) -> np.ndarray:
+        """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
         prior, tree, n = self.arm.prior, self.arm.tree, self.arm.n
-        samples = len(self.link.t)
-        columns: list[np.ndarray] = []
-        names: list[str] = []
-        y, pi = self.regressor, self.bodies.parameters()
+        pi = self.bodies.parameters()
+        out = np.zeros((len(self.measurement.row_samples), n, 5 * n))
         for i in range(n):
-            part = y[:, :, 10 * i : 10 * i + 10]
-            columns.append(prior.mass * (part @ pi[10 * i : 10 * i + 10]))
-            names.append(f"m_{i + 1}")
+            block = slice(10 * i, 10 * i + 10)
             size = max(float(np.linalg.norm(tree.com[i])), 0.005)
-            for axis, letter in zip(np.eye(3), "xyz", strict=True):
-                step = 1e-6
+            step = 1e-6
+            moves = [prior.mass * pi[block]]
+            for axis in np.eye(3):
                 moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
-                columns.append(prior.com * size * (part @ ((moved - pi[10 * i : 10 * i + 10]) / step)))
-                names.append(f"c{letter}_{i + 1}")
-            columns.append(prior.inertia * (part @ link_parameters(0.0, tree.com[i], tree.inertia[i])))
-            names.append(f"I_{i + 1}")
-        heat = np.nan_to_num(self.link.t / 60.0)
+                moves.append(prior.com * size * (moved - pi[block]) / step)
+            moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
+            columns = self.regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
+            out[:, : i + 1, 5 * i : 5 * i + 5] = self.measurement.rows(columns)
+        return out
+
+    def _nuisance(self) -> tuple[np.ndarray, list[str]]:
+        """(R, n, p) N m per prior standard deviation, and the parameters' names."""
+        prior, n = self.arm.prior, self.arm.n
+        names = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
+        own = [f"{what}_{j + 1}" for j in range(n) for what in ("Fc", "Fv", "Ia", "width", "lead", "warmth")]
+        out = np.zeros((len(self.residual), n, len(names) + len(own) + 2))
+        out[:, :, : 5 * n] = self.inertial
+        minutes = self.link.t / 60.0
+        together = np.zeros_like(self.tau_hat)
         for j in range(n):
-            own = self.own_effects(j)
+            effects = self.own_effects(j)
             friction = self.state.warmth[:, j] * self.state.level[:, j] * self.state.slip[:, j]
-            viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
-            rotor = sum((e.parameters["inertia"] for e in own if e.effect == "rotor_inertia"), 0.0)
+            viscous = sum((e.parameters["viscous"] for e in effects if e.effect == "viscous_friction"), 0.0)
+            rotor = sum((e.parameters["inertia"] for e in effects if e.effect == "rotor_inertia"), 0.0)
             speed, push = self.state.dq_motor[:, j], self.state.ddq_motor[:, j]
             base = self.tau_hat[:, j]
-            wider = self.tail(j, own, width=self.hypothesis.width[j] * 1.3)
-            later = self.tail(j, own, lead=self.hypothesis.lead[j] + 1e-3)
-            for name, column in (
-                ("Fc", prior.coulomb * friction),
-                ("Fv", prior.viscous * viscous * speed),
-                ("Ia", prior.rotor * rotor * push),
-                ("width", WIDTH_SPREAD / np.log(1.3) * (wider - base)),
-                ("lead", LEAD_SPREAD / 1e-3 * (later - base)),
-                ("warmth", -WARMTH_SPREAD * heat * (friction + viscous * speed)),
-            ):
-                whole = np.zeros((samples, n))
-                whole[:, j] = column
-                columns.append(whole)
-                names.append(f"{name}_{j + 1}")
-        together = np.zeros((samples, n))
-        for j in range(n):
-            rotor = sum((e.parameters["inertia"] for e in self.own_effects(j) if e.effect == "rotor_inertia"), 0.0)
-            together[:, j] = ROTOR_TOGETHER * rotor * self.state.ddq_motor[:, j]
-        columns.append(together)
-        names.append("Ia_all")
-        columns.append(-DELAY_SPREAD * self.rate_of_change)
-        names.append("delay")
-        return np.stack(columns, axis=2), names
+            wider = self.tail(j, effects, width=self.hypothesis.width[j] * 1.3)
+            later = self.tail(j, effects, lead=self.hypothesis.lead[j] + 1e-3)
+            columns = (
+                prior.coulomb * friction,
+                prior.viscous * viscous * speed,
+                prior.rotor * rotor * push,
+                WIDTH_SPREAD / np.log(1.3) * (wider - base),
+                LEAD_SPREAD / 1e-3 * (later - base),
+                -WARMTH_SPREAD * minutes * (friction + viscous * speed),
+            )
+            first = 5 * n + 6 * j
+            out[:, j, first : first + 6] = self.measurement.rows(np.stack(columns, axis=1))
+            together[:, j] = ROTOR_TOGETHER * rotor * push
+        out[:, :, -2] = self.measurement.rows(together)
+        out[:, :, -1] = self.measurement.rows(-DELAY_SPREAD * self.rate_of_change)
+        return out, [*names, *own, "Ia_all", "delay"]
 
 
 def copied(state: PathState) -> PathState:

@@ -1,6 +1,6 @@
 """Whitened rows of residual and nuisance for every joint: what is left to explain, and what is free to move within its prior.
 
-r = X theta + S c + e,  theta ~ N(0, I) (columns of X are scaled by their prior's standard deviation), e an AR(1) process per joint.
+r = X theta + S c + e,  theta ~ N(mean, I) (columns of X are scaled by their prior's standard deviation), e an AR(1) process per joint.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ class Rows:
     r        per joint (R_j,) N m, measured less predicted, filtered
     x        per joint (R_j, p) N m per standard deviation of the prior
     joined   per joint (R_j,) the row before is the neighbour in time
-    origin   per joint list of (log, row indices) to evaluate further columns on the same rows
-    sigma    (n,) N m, standard deviation of the residual; phi (n,) its correlation from row to row
+    index    per joint, per log: the usable rows, to evaluate further columns on the same rows
+    mean     (p,) where the prior of the parameters has its middle
     """
 
     models: list[LogModel]
@@ -28,6 +28,7 @@ class Rows:
     x: list[np.ndarray] = field(init=False)
     joined: list[np.ndarray] = field(init=False)
     index: list[list[np.ndarray]] = field(init=False)
+    mean: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.models[0].measurement.n
@@ -41,6 +42,7 @@ class Rows:
                 stretch = m.measurement.row_stretch[k]
                 joined.append(np.concatenate([[False], (np.diff(k) == 1) & (np.diff(stretch) == 0)])[: len(k)])
             self.joined.append(np.concatenate(joined))
+        self.mean = np.zeros(self.p)
 
     @property
     def n(self) -> int:
@@ -113,7 +115,8 @@ class Solved:
 
     def chi2(self) -> float:
         """Sum of squares of the whitened rest and of the prior."""
-        return float(sum(e @ e for e in self.left()) + self.theta @ self.theta)
+        off = self.theta - self.rows.mean
+        return float(sum(e @ e for e in self.left()) + off @ off)
 
     def gain(self, columns: dict[int, np.ndarray], ridge: float = 1e-6) -> tuple[float, np.ndarray, np.ndarray]:
         """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k)."""
@@ -135,7 +138,7 @@ class Solved:
 
 def solve(rows: Rows, noise: Noise) -> Solved:
     """Fit the nuisance within its prior."""
-    a, g = np.eye(rows.p), np.zeros(rows.p)
+    a, g = np.eye(rows.p), rows.mean.copy()
     xw, rw = [], []
     for j in range(rows.n):
         x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.contact import contacts
 from calib.diagnosis.fit import Fit, fit, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.preprocessing import Measurement
@@ -20,6 +21,7 @@ TRIED = 3
 LEAST_GAP = 3e-4  # rad; less than that is what dry friction's own width looks like
 THRESHOLD = 30.0
 PER_PARAMETER = 4.0
+CONTACT_EXTRA = 20.0  # hundreds of windows are tried
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,8 @@ class Found:
 
 def penalty(accepted: Sequence[ArmEffect]) -> float:
     """What a set of names costs on the scale of -2 log likelihood."""
-    return THRESHOLD * len(accepted) + PER_PARAMETER * max(0, len(parameters_of(accepted)) - len(accepted))
+    touches = sum(e.effect == CONTACT for e in accepted)
+    return CONTACT_EXTRA * touches + THRESHOLD * len(accepted) + PER_PARAMETER * max(0, len(parameters_of(accepted)) - len(accepted))
 
 
 def cost(f: Fit) -> float:
@@ -70,7 +73,11 @@ def scored(f: Fit, skip: Collection[tuple[str, str | None]] = ()) -> list[Scored
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
         if within(item) and _sensible(item):
-            best[c.key] = Scored(item, gain, len(coefficients), _log_of(c))
+            best[c.key] = Scored(item, gain, len(coefficients))
+    touched = max(contacts(f.solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
+    if touched is not None and (CONTACT, None) not in skip and within(touched[2]):
+        log, gain, item = touched
+        best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
     return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count))
 
 
@@ -100,7 +107,7 @@ def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect."""
     event = s.log if s.effect.effect == CONTACT else f.hypothesis.event_log
     hypothesis = f.hypothesis.with_effects((*f.accepted, s.effect), event)
-    return fit(measurements, hypothesis, noise=f.solved.noise)
+    return fit(measurements, hypothesis, noise=f.solved.noise, like=f.models)
 
 
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
@@ -117,7 +124,7 @@ def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
 def _without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
     event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
-    return fit(measurements, f.hypothesis.with_effects(rest, event), rounds=3, noise=f.solved.noise)
+    return fit(measurements, f.hypothesis.with_effects(rest, event), rounds=3, noise=f.solved.noise, like=f.models)
 
 
 def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Scored]]) -> Fit:
@@ -127,8 +134,9 @@ def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Sc
     for i in range(len(f.accepted) - 1):
         rest = _without(measurements, f, i)
         here = {(e.effect, e.joint) for e in f.accepted}
-        ranked = [s for s in scored(rest) if s.key not in here][:3]
-        tried = [add(measurements, rest, s) for s in ranked if s.gain > 0.5 * THRESHOLD]
+        lost = rest.objective - f.objective
+        ranked = [s for s in scored(rest) if s.key not in here][:TRIED]
+        tried = [add(measurements, rest, s) for s in ranked if s.gain > 0.7 * lost]
         if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
             return min(tried, key=cost)
     return f
@@ -143,17 +151,4 @@ def _sensible(item: ArmEffect) -> bool:
         return p["stiffness"] < 1e6
     if item.effect == "backlash":
         return p["half_gap"] > LEAST_GAP
-    if item.effect == CONTACT:
-        return bool(np.linalg.norm([p["force_x"], p["force_y"], p["force_z"]]) < 2e3)
     return True
-
-
-def _log_of(c: Candidate) -> int | None:
-    if c.effect != CONTACT:
-        return None
-    return next((k for k, columns in enumerate(c.columns) if any(np.any(x) for x in columns.values())), None)
-
-
-def nominal_hypothesis(hypothesis: Hypothesis) -> Hypothesis:
-    """The same arm without accepted effects."""
-    return hypothesis.with_effects(())
