@@ -10,20 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured
 from calib.diagnosis.rows import Rows, noise_of
 from calib.diagnosis.search import THRESHOLD, Found, search
+from calib.diagnosis.unexplained import unexplained
 from calib.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.effects import effect_named
-
-# A joint whose noise stays this much over the others', each relative to its own high-frequency noise, holds something unnamed.
-UNEXPLAINED_RATIO = 1.5
-
 
 @dataclass
 class Diagnosis:
@@ -49,9 +45,9 @@ def diagnose(
     fitted = [measured(log, arm) for log in logs]
     apart = [measured(log, arm) for log in holdout] or fitted[-1:]
     found = search(fitted, Hypothesis.nominal(arm), told)
-    odd = unexplained(found.best)
-    # A name beside structure that no name explains is worth little: withhold names at that joint.
-    kept = tuple(e for e in found.best.accepted if e.joint is None or e.joint not in {u["joint"] for u in odd})
+    odd = unexplained(found.baseline, found.best)
+    # Beside structure that no name explains, a name is worth little: it may be the nearest thing in the catalogue.
+    kept = () if odd else found.best.accepted
     stds = dict(zip([id(e) for e in found.best.accepted], found.best.std(), strict=True))
     gap = _gaps(found, apart)
     entries = [_entry(arm, e, stds[id(e)], found) for e in kept]
@@ -68,26 +64,6 @@ def diagnose(
         "arm_out": "arm",
     }
     return Diagnosis(answer, kept, found)
-
-
-def unexplained(f: Fit) -> list[dict[str, Any]]:
-    """Joints whose rest stays well over what their own fast noise and the other joints lead one to expect."""
-    slow, phi = f.solved.noise.sigma, f.solved.noise.phi
-    fast = np.array([_fast_noise(f.models, j) for j in range(f.hypothesis.arm.n)])
-    ratio = slow / np.maximum(fast, 1e-12)
-    usual = np.median(ratio)
-    joints = f.hypothesis.arm.joint_names
-    odd = (ratio > UNEXPLAINED_RATIO * usual) | (phi > np.median(phi) + 0.25)
-    return [{"joint": joints[j], "depends_on": [], "rms": float(slow[j]), "unit": "N*m"} for j in np.flatnonzero(odd)]
-
-
-def _fast_noise(models: list[LogModel], j: int) -> float:
-    """Noise of torque from sample to sample, N m: second differences, robust against reversals."""
-    parts = [
-        np.abs(np.diff(m.measurement.tau[m.measurement.usable[:, j], j] - m.tau_hat[m.measurement.usable[:, j], j], 2))
-        for m in models
-    ]
-    return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
 
 
 def _gaps(found: Found, apart: list[Measurement]) -> dict[str, list[float]]:

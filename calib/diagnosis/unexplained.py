@@ -1,0 +1,189 @@
+"""What no effect of the catalogue explains: at which joints, how large, and on what it depends.
+
+Every joint's rest is compared with what its own fast noise and the other joints lead one to expect; where it is larger, a catch-all
+of additive parts (positions, speeds, accelerations, loads, pairs, memory, time) says on which variables it depends.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.signal import lfilter
+
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.rows import Rows
+
+# Rest over expected rest, and correlation from row to row over the other joints': measured on clean and on wrongly formed effects
+# (benchmarks/exam) both stay below these; the share of the first rest keeps imperfect forms of named effects from being called unknown.
+SCALE_EXCESS = 1.25
+COLOUR_EXCESS = 0.12
+SHARE_LEFT = 0.25
+MEMORIES = (0.3, 1.0, 3.0)  # s
+KNOTS = 8
+RIDGE = 1e-2
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What the fit leaves at one joint.
+
+    sigma     N m, scale of the rest; expected the same from the fast noise and the other joints
+    colour    correlation from row to row over the median of all joints
+    share     what is left of the squared excess of the fit without effects
+    """
+
+    joint: str
+    sigma: float
+    expected: float
+    colour: float
+    share: float
+
+    @property
+    def odd(self) -> bool:
+        """Whether something is left that is not noise."""
+        excess = self.sigma / self.expected
+        coloured = self.colour > COLOUR_EXCESS and excess > 1.08
+        return (excess > SCALE_EXCESS or coloured) and self.share > SHARE_LEFT
+
+
+def rests(baseline: Fit, best: Fit) -> list[Rest]:
+    """Per joint, what is left after naming."""
+    fast = np.array([fast_noise(best.models, j) for j in range(best.hypothesis.arm.n)])
+    first, last, phi = baseline.solved.noise.sigma, best.solved.noise.sigma, best.solved.noise.phi
+    usual = float(np.median(last / fast))
+    expected = np.minimum(usual * fast, last * 1.02)
+    out = []
+    for j, joint in enumerate(best.hypothesis.arm.joint_names):
+        excess = max(last[j] ** 2 - expected[j] ** 2, 0.0)
+        before = max(first[j] ** 2 - expected[j] ** 2, 1e-300)
+        out.append(
+            Rest(joint, float(last[j]), float(expected[j]), float(phi[j] - np.median(phi)), float(min(1.0, excess / before)))
+        )
+    return out
+
+
+def fast_noise(models: list[LogModel], j: int) -> float:
+    """Noise of torque from sample to sample, N m: second differences, robust against reversals."""
+    parts = [
+        np.abs(np.diff(m.measurement.tau[m.measurement.usable[:, j], j] - m.tau_hat[m.measurement.usable[:, j], j], 2))
+        for m in models
+    ]
+    return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
+
+
+def unexplained(baseline: Fit, best: Fit) -> list[dict[str, Any]]:
+    """Entries of diagnosis.json: joint, the variables that its rest depends on, rms N m."""
+    names = best.hypothesis.arm.joint_names
+    out = []
+    for j, rest in enumerate(rests(baseline, best)):
+        if rest.odd:
+            depends = [name for name, _ in dependence(best, j)]
+            rms = float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0)))
+            out.append({"joint": names[j], "depends_on": depends, "rms": rms, "unit": "N*m"})
+    return out
+
+
+def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
+    """(variable, share of the rest's variance that it explains on the other log) in order of joining, largest first.
+
+    Parts join one by one as long as each explains 3 % more of the rest of the log that was not used to fit it.
+    """
+    rows = f.solved.rows
+    rest = f.solved.residuals()[j]
+    groups = catch_all(f.models, rows, j)
+    fold = _folds(rows, j)
+    chosen: list[str] = []
+    out: list[tuple[str, float]] = []
+    explained = 0.0
+    while len(chosen) < 4:
+        scores = {
+            name: _held_out(np.concatenate([groups[n] for n in (*chosen, name)], axis=1), rest, fold)
+            for name in groups
+            if name not in chosen
+        }
+        best = max(scores, key=lambda name: scores[name])
+        if scores[best] < explained + 0.03:
+            break
+        chosen.append(best)
+        out.append((best, scores[best] - explained))
+        explained = scores[best]
+    return out
+
+
+def catch_all(models: list[LogModel], rows: Rows, j: int) -> dict[str, np.ndarray]:
+    """Name of variable(s) -> columns (R_j, k), filtered like the torque."""
+    arm = models[0].arm
+    per_log = [_features(m, j) for m in models]
+    out = {}
+    for name in per_log[0]:
+        stacked = _splined([f[name] for f in per_log])
+        filtered = [m.rows(x) for m, x in zip(models, stacked, strict=True)]
+        columns = np.concatenate([x[k] for x, k in zip(filtered, rows.index[j], strict=True)])
+        spread = columns.std(axis=0)
+        keep = spread > 1e-9
+        if keep.any():
+            out[name] = (columns[:, keep] - columns[:, keep].mean(axis=0)) / spread[keep]
+    assert all(np.isfinite(x).all() for x in out.values()), arm.name
+    return out
+
+
+def _features(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
+    """Variable -> arguments (N,) whose splines are the columns; a pair of arguments means products of their splines."""
+    names, link, dt = m.arm.joint_names, m.link, 1.0 / m.measurement.rate
+    out: dict[str, list[np.ndarray]] = {}
+    for k, name in enumerate(names):
+        out[f"q[{name}]"] = [link.q[:, k]]
+        out[f"dq[{name}]"] = [link.dq[:, k]]
+    out[f"ddq[{names[j]}]"] = [link.ddq[:, j]]
+    out[f"load[{names[j]}]"] = [link.load[:, j]]
+    out["time"] = [link.t]
+    sign = np.tanh(link.dq[:, j] / 0.02)
+    out[f"q[{names[j]}] x sign dq[{names[j]}]"] = [link.q[:, j], sign]
+    out[f"load[{names[j]}] x sign dq[{names[j]}]"] = [link.load[:, j], sign]
+    for memory in MEMORIES:
+        decay = np.exp(-dt / memory)
+        slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
+        out[f"memory of q[{names[j]}]"] = [*out.get(f"memory of q[{names[j]}]", []), link.q[:, j] - slow]
+    return out
+
+
+def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:
+    """Cubic splines of every argument with knots common to all logs; with a sign as second argument the splines times it."""
+    arguments = list(zip(*per_log, strict=True))
+    signed = len(arguments) == 2 and all(np.all(np.abs(x) <= 1.0) for x in arguments[1])
+    blocks: list[list[np.ndarray]] = [[] for _ in per_log]
+    for values in arguments[:1] if signed else arguments:
+        whole = np.concatenate(values)
+        lo, hi = np.quantile(whole, 0.002), np.quantile(whole, 0.998)
+        if hi - lo < 1e-9:
+            hi = lo + 1.0
+        inner = np.linspace(lo, hi, KNOTS - 2)
+        knots = np.concatenate([[lo] * 3, inner, [hi] * 3])
+        for block, x in zip(blocks, values, strict=True):
+            block.append(BSpline.design_matrix(np.clip(x, lo, hi - 1e-9 * (hi - lo)), knots, 3).toarray())
+    out = [np.concatenate(block, axis=1) for block in blocks]
+    if signed:
+        out = [x * s[:, None] for x, s in zip(out, arguments[1], strict=True)]
+    return out
+
+
+def _folds(rows: Rows, j: int) -> np.ndarray:
+    """(R_j,) 0 or 1: alternate blocks of 40 rows, so that both halves see every kind of motion."""
+    count = len(rows.r[j])
+    return (np.arange(count) // 40) % 2
+
+
+def _held_out(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> float:
+    """Share of y's variance that a ridge fit on one fold explains on the other, both ways."""
+    left = 0.0
+    for a, b in itertools.permutations((0, 1)):
+        train, test = fold == a, fold == b
+        xa = x[train]
+        gram = xa.T @ xa + RIDGE * len(xa) * np.eye(x.shape[1])
+        left += float(np.sum((y[test] - x[test] @ np.linalg.solve(gram, xa.T @ y[train])) ** 2))
+    return 1.0 - left / max(float(y @ y), 1e-300)
