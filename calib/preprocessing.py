@@ -45,6 +45,8 @@ class Measurement:
     starts      (S+1,) first sample of every stretch, and N
     decimator   the filter that makes rows of samples, for the torque and every regressor column alike
     q_noise     (n,) rad, standard deviation of the position reading about its smoothed course
+    temperature (N, n) degC, and warming (N, n), the share of the way from the coldest to the warmest of a set of recordings; None
+                where nothing was read or nothing warmed
     """
 
     name: str
@@ -57,6 +59,8 @@ class Measurement:
     decimator: Decimator
     q_noise: np.ndarray
     excluded: tuple[Exclusion, ...]
+    temperature: np.ndarray | None = None
+    warming: np.ndarray | None = None
 
     @property
     def n(self) -> int:

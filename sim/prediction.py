@@ -90,13 +90,13 @@ def torque_path(
     return state
 
 
-def link_side(arm: Arm, motion: Trajectory, stages: Stages) -> PathState:
+def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray | None = None) -> PathState:
     """The path up to the load that the links and outer forces put on the gears: stages ENCODER, RIGID and FORCE."""
     t, shape = motion.t - motion.t[0], motion.q.shape
     state = PathState(
         t=t, q=motion.q.copy(), dq=motion.dq.copy(), ddq=motion.ddq.copy(), load=np.zeros(shape), q_motor=np.zeros(shape),
         dq_motor=np.zeros(shape), ddq_motor=np.zeros(shape), level=np.zeros(shape), width=np.zeros(shape),
-        warmth=np.ones(shape), slip=np.zeros(shape), tau=np.zeros(shape), force=np.zeros((len(t), 3)),
+        warmth=np.ones(shape), slip=np.zeros(shape), tau=np.zeros(shape), force=np.zeros((len(t), 3)), warming=warming,
     )  # fmt: skip
     _run(state, stages, Stage.ENCODER)
     bodies = RigidBody(arm)

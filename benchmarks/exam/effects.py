@@ -226,11 +226,10 @@ def eccentricity(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Ge
 
 def delay(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
     """A delay with jitter; form 1 is in half a first-order lag."""
-    total = arm.sensors.delay + dose
     arm.sensors.lag = 0.5 * dose * form
     arm.sensors.delay += dose * (1 - 0.5 * form)
     arm.sensors.delay_jitter = 0.25 * dose
-    return {"delay": float(total)}
+    return {"delay": float(dose)}
 
 
 def payload(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:

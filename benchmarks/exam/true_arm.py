@@ -129,7 +129,7 @@ def build(
     zero = np.zeros(n)
     sensors = Sensors(
         gain=np.ones(n), gain_fade=zero.copy(), offset=zero.copy(), drift=zero.copy(), noise=louder * hardware.torque_noise,
-        hum=zero.copy(), hum_rate=5.0, hum_phase=0.0, colour=float(rng.uniform(0.6, 0.9)), delay=float(rng.uniform(-0.0005, 0.0008)),
+        hum=zero.copy(), hum_rate=5.0, hum_phase=0.0, colour=float(rng.uniform(0.6, 0.9)), delay=float(rng.uniform(-0.0016, -0.0003)),
         delay_jitter=0.0, lag=0.0, lost=float(rng.uniform(0.005, 0.02)) if hard else 0.0,
         skew=float(rng.uniform(-1e-4, 1e-4)) if hard else float(rng.uniform(-2e-6, 2e-6)),
     )  # fmt: skip

@@ -20,12 +20,14 @@ class Candidate:
 
     columns  per log {joint index: (R, k) N m per unit of coefficient}
     combine  coefficients (k,) -> parameter values
+    spread   (k,) prior standard deviation of the coefficients, where some may not show at all; None: free
     """
 
     effect: str
     joint: str | None
     columns: list[dict[int, np.ndarray]]
     combine: Combine
+    spread: tuple[float, ...] | None = None
 
     @property
     def key(self) -> tuple[str, str | None]:
@@ -45,6 +47,8 @@ def candidates(models: list[LogModel]) -> Iterator[Candidate]:
             for j, joint in enumerate(arm.joint_names):
                 if effect.name == "torque_saturation":
                     yield from _saturation(models, joint, j)
+                elif effect.name == "torque_ripple":
+                    yield from _ripple(models, joint, j)
                 elif effect.stage is Stage.ENCODER:
                     yield from _encoder(models, effect, j, joint)
                 elif effect.stage is not Stage.RIGID:
@@ -112,6 +116,11 @@ def _whole(model: LogModel, columns: np.ndarray) -> dict[int, np.ndarray]:
     return {j: rows[:, j] for j in range(model.n)}
 
 
+# Half the link's mass or 0.1 m of its centre; a tenth of the arm's mass at 0.1 m.
+LINK_SPREAD = (5.0, 1.0, 1.0, 1.0)
+PAYLOAD_SPREAD = (10.0, 1.0, 1.0, 1.0)
+
+
 def _payload(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     """Linear in m and m c of a point mass; its own moments follow at second order and come with the exact fit."""
     last = 10 * (arm.n - 1)
@@ -123,7 +132,7 @@ def _payload(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
         com = scale * c[1:4] / mass if abs(mass) > 1e-9 else np.zeros(3)
         return {"mass": mass, "com_x": float(com[0]), "com_y": float(com[1]), "com_z": float(com[2])}
 
-    yield Candidate("payload", None, columns, combine)
+    yield Candidate("payload", None, columns, combine, PAYLOAD_SPREAD)
 
 
 def _link(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
@@ -142,7 +151,7 @@ def _link(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
             centre = (mass * com + 0.1 * mass * c[1:4]) / new if new > 0 else com
             return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
 
-        yield Candidate("link_inertia", joint, columns, combine)
+        yield Candidate("link_inertia", joint, columns, combine, LINK_SPREAD)
 
 
 def _tilt(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
@@ -177,6 +186,31 @@ def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     own = arm.effect("time_delay")
     before = own.parameters["delay"] if own else 0.0
     yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
+
+
+RIPPLE_CYCLES = 48
+
+
+def _ripple(models: list[LogModel], joint: str, j: int) -> Iterator[Candidate]:
+    """Sine and cosine of every whole number of cycles along the joint's angle."""
+    if models[0].arm.effect("torque_ripple", joint) is not None:
+        return
+    cycles = np.arange(1, RIPPLE_CYCLES + 1)
+    waves = []
+    for m in models:
+        angle = m.link.q[:, j, None] * cycles
+        waves.append((m.rows(-np.sin(angle)), m.rows(-np.cos(angle))))
+    for k, n in enumerate(cycles):
+        columns = [{j: np.stack([s[:, k], c[:, k]], axis=1)} for s, c in waves]
+        yield Candidate("torque_ripple", joint, columns, _wave(float(n)))
+
+
+def _wave(cycles: float) -> Combine:
+    return lambda c: {
+        "amplitude": float(np.hypot(c[0], c[1])),
+        "cycles": cycles,
+        "phase": float(np.arctan2(c[1], c[0])),
+    }
 
 
 # A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque asked for.

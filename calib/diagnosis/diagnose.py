@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
-from calib.diagnosis.motion import measured
+from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.rows import Rows, noise_of
 from calib.diagnosis.search import THRESHOLD, Found, search
 from calib.diagnosis.unexplained import unexplained
@@ -20,6 +20,7 @@ from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.effects import effect_named
+
 
 @dataclass
 class Diagnosis:
@@ -42,8 +43,8 @@ def diagnose(
 ) -> Diagnosis:
     """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
     told("preparing")
-    fitted = [measured(log, arm) for log in logs]
-    apart = [measured(log, arm) for log in holdout] or fitted[-1:]
+    every = warmed([measured(log, arm) for log in (*logs, *holdout)])
+    fitted, apart = every[: len(logs)], every[len(logs) :] or every[-1:]
     found = search(fitted, Hypothesis.nominal(arm), told)
     odd = unexplained(found.baseline, found.best)
     # Beside structure that no name explains, a name is worth little: it may be the nearest thing in the catalogue.

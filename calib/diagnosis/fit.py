@@ -186,7 +186,7 @@ def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffe
 def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffect | None) -> np.ndarray:
     effects = arm.effects if event is None else (*arm.effects, event)
     stages = by_stage(effects, arm)
-    state = link_side(arm, model.measurement.trajectory, stages)
+    state = link_side(arm, model.measurement.trajectory, stages, model.measurement.warming)
     motor_side(state, stages, hypothesis.width, hypothesis.lead)
     return state.tau - hypothesis.delay * model._gradient(state.tau)
 

@@ -18,12 +18,13 @@ from sim.rigid_body import RigidBody, link_parameters
 WIDTH_SPREAD = 0.7
 LEAD_SPREAD = 4e-3
 # A drive that holds its torque between control instants leads its own reading by half a control period (1 ms at 500 Hz).
-DELAY_MEAN, DELAY_SPREAD = -0.75e-3, 0.3e-3
+DELAY_MEAN, DELAY_SPREAD = -0.7e-3, 0.35e-3
 # The dynamics of drives that nobody models act like a rotor inertia that is off by one factor on all joints.
 ROTOR_TOGETHER = 0.3
 CONTACT = "external_contact"
-# Motors warm up; that much of all friction may go with every ten degrees.
+# Motors warm up; that much of all friction may go in a minute of work, or over the whole rise of the measured temperature.
 WARMTH_SPREAD = 0.015
+WARMING_SPREAD = 0.03
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,14 @@ class LogModel:
         self.arm = arm
         effects = arm.effects if event is None else (*arm.effects, event)
         self.stages: Stages = by_stage(effects, arm)
+        self.link: PathState
+        self.bodies: RigidBody
+        self.regressor: np.ndarray
+        self.inertial: np.ndarray
         if like is not None and like.same_link(measurement, arm, self.stages):
             self.link, self.bodies, self.regressor, self.inertial = like.link, like.bodies, like.regressor, like.inertial
         else:
-            self.link = link_side(arm, measurement.trajectory, self.stages)
+            self.link = link_side(arm, measurement.trajectory, self.stages, measurement.warming)
             self.bodies = RigidBody(arm)
             self.regressor = self.bodies.regressor(self.link.q, self.link.dq, self.link.ddq)
             self.inertial = self._inertial()
@@ -130,6 +135,11 @@ class LogModel:
         parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)]
         return np.concatenate(parts)
 
+    def _warmth(self, j: int) -> np.ndarray:
+        """(N,) share of friction lost, one standard deviation of the prior."""
+        warming = self.measurement.warming
+        return WARMTH_SPREAD * self.link.t / 60.0 if warming is None else WARMING_SPREAD * warming[:, j]
+
     def _inertial(self) -> np.ndarray:
         """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
         prior, tree, n = self.arm.prior, self.arm.tree, self.arm.n
@@ -155,7 +165,6 @@ class LogModel:
         own = [f"{what}_{j + 1}" for j in range(n) for what in ("Fc", "Fv", "Ia", "width", "lead", "warmth")]
         out = np.zeros((len(self.residual), n, len(names) + len(own) + 2))
         out[:, :, : 5 * n] = self.inertial
-        minutes = self.link.t / 60.0
         together = np.zeros_like(self.tau_hat)
         for j in range(n):
             effects = self.own_effects(j)
@@ -172,7 +181,7 @@ class LogModel:
                 prior.rotor * rotor * push,
                 WIDTH_SPREAD / np.log(1.3) * (wider - base),
                 LEAD_SPREAD / 1e-3 * (later - base),
-                -WARMTH_SPREAD * minutes * (friction + viscous * speed),
+                -self._warmth(j) * (friction + viscous * speed),
             )
             first = 5 * n + 6 * j
             out[:, j, first : first + 6] = self.measurement.rows(np.stack(columns, axis=1))
@@ -184,12 +193,16 @@ class LogModel:
 
 def copied(state: PathState) -> PathState:
     """The same path in arrays of its own."""
-    return PathState(**{k: np.array(v) for k, v in vars(state).items()})
+    arrays = {k: np.array(v) for k, v in vars(state).items() if k != "warming"}
+    return PathState(**arrays, warming=state.warming)
 
 
 def one_joint(state: PathState, j: int) -> PathState:
     """The path of joint j alone, in arrays of its own."""
-    return PathState(**{k: np.array(v) if k in ("t", "force") else v[:, j : j + 1].copy() for k, v in vars(state).items()})
+    own = {k: v[:, j : j + 1].copy() for k, v in vars(state).items() if k not in ("t", "force", "warming")}
+    return PathState(
+        **own, t=state.t, force=state.force, warming=None if state.warming is None else state.warming[:, j : j + 1]
+    )
 
 
 def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray) -> Hypothesis:

@@ -6,6 +6,7 @@ a rotor inertia. Here position is convolved with kernels whose response is that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ SLIDING_TRAVEL = 4e-3  # rad within the window; slower than that, dry friction i
 # Where a joint pauses, dry friction relaxes anywhere within its level, and it takes a moment of sliding to forget that.
 PAUSE_WINDOW, PAUSE_TRAVEL = 0.1, 4e-4  # s, rad
 AFTER = 0.2  # s
+LEAST_WARMING = 2.0  # K
 
 
 def measured(log: Log, arm: Arm) -> Measurement:
@@ -38,7 +40,37 @@ def measured(log: Log, arm: Arm) -> Measurement:
     ]
     q_s, dq, ddq = (np.concatenate([p[i] for p in parts]) for i in range(3))
     sliding = np.concatenate([_sliding(q_s[lo:hi], m.rate) for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)])
-    return replace(m, trajectory=Trajectory(m.trajectory.t, q_s, dq, ddq), usable=m.usable & sliding)
+    return replace(
+        m,
+        trajectory=Trajectory(m.trajectory.t, q_s, dq, ddq),
+        usable=m.usable & sliding,
+        temperature=_temperature(log, m.trajectory.t),
+    )
+
+
+def warmed(measurements: Sequence[Measurement]) -> list[Measurement]:
+    """The same with `warming` from their temperatures, on one scale for all; a joint that warms by less than LEAST_WARMING does not."""
+    read = [m.temperature for m in measurements if m.temperature is not None]
+    if len(read) < len(measurements):
+        return list(measurements)
+    cold, hot = (
+        np.array([f(t[:, j]) for j in range(t.shape[1])]) for t, f in ((np.concatenate(read), x) for x in (np.min, np.max))
+    )
+    if not np.any(hot - cold > LEAST_WARMING):
+        return list(measurements)
+    rise = np.where(hot - cold > LEAST_WARMING, hot - cold, np.inf)
+    return [replace(m, warming=(t - cold) / rise) for m, t in zip(measurements, read, strict=True)]
+
+
+def _temperature(log: Log, t: np.ndarray) -> np.ndarray | None:
+    """(N, n) degC at instants t, each joint by the line through its readings; None where a joint has none."""
+    out = []
+    for x in log.temperature.T:
+        read = np.isfinite(x)
+        if read.sum() < 2:
+            return None
+        out.append(np.interp(t, log.t[read], x[read]))
+    return np.stack(out, axis=1)
 
 
 def _raw_position(log: Log, m: Measurement) -> np.ndarray:

@@ -118,8 +118,13 @@ class Solved:
         off = self.theta - self.rows.mean
         return float(sum(e @ e for e in self.left()) + off @ off)
 
-    def gain(self, columns: dict[int, np.ndarray], ridge: float = 1e-6) -> tuple[float, np.ndarray, np.ndarray]:
-        """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k)."""
+    def gain(
+        self, columns: dict[int, np.ndarray], spread: tuple[float, ...] | None = None, ridge: float = 1e-6
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k).
+
+        spread: prior standard deviation of each coefficient, where they have one.
+        """
         k = next(iter(columns.values())).shape[1]
         left = self.left()
         g, ss, xs = np.zeros(k), np.zeros((k, k)), np.zeros((self.rows.p, k))
@@ -129,6 +134,8 @@ class Solved:
             xs += self.xw[j].T @ s
         own = ss - xs.T @ self.inverse @ xs
         own = 0.5 * (own + own.T)
+        if spread is not None:
+            own += np.diag(1.0 / np.square(spread))
         scale = np.sqrt(np.maximum(np.diag(ss), 1e-300))
         own_n = own / np.outer(scale, scale) + ridge * np.eye(k)
         covariance = np.linalg.inv(own_n) / np.outer(scale, scale)

@@ -87,7 +87,8 @@ class PathState:
 
     t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor;
     level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
-    tau N m; force (N, 3) N on the last link's origin in the base frame.
+    tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
+    warm, where a recording has temperatures.
     """
 
     t: np.ndarray
@@ -104,6 +105,7 @@ class PathState:
     slip: np.ndarray
     tau: np.ndarray
     force: np.ndarray
+    warming: np.ndarray | None = None
 
 
 class Effect:

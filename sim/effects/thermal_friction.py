@@ -8,7 +8,8 @@ from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 
 
 class ThermalFriction(Effect):
-    """all friction *= 1 - d (1 - exp(-t/T)), t from the start of the recording."""
+    """all friction *= 1 - d (1 - exp(-t/T)), t from the start of the recording; with measured temperatures, 1 - d times the share of
+    the way from cold to warm."""
 
     name = "thermal_friction"
     summary = "friction changes as the joint warms"
@@ -25,4 +26,5 @@ class ThermalFriction(Effect):
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """warmth *= 1 - d (1 - exp(-t/T))."""
-        state.warmth[:, joint] *= 1.0 - p["relative_drop"] * -np.expm1(-state.t / p["time_constant"])
+        share = -np.expm1(-state.t / p["time_constant"]) if state.warming is None else state.warming[:, joint]
+        state.warmth[:, joint] *= 1.0 - p["relative_drop"] * share
