@@ -85,7 +85,7 @@ def _kernels(rate: float) -> list[np.ndarray]:
     Least squares over frequency, the pass band weighted; the errors there are below 1e-4 (test_motion). A derivative that is 1 %
     wrong at 7 Hz looks like a rotor inertia.
     """
-    half = int(round(KERNEL * rate))
+    half = round(KERNEL * rate)
     stop = min(STOP, 0.48 * rate)
     f = np.linspace(0.0, 0.5 * rate, 800)
     fade = np.clip((f - PASS) / (stop - PASS), 0.0, 1.0)
