@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.exam.cases import Case, make
 from benchmarks.exam.gap import after_over_before
-from benchmarks.exam.scoring import Row, compared, confusion, figures
+from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,10 @@ def report(rows: list[Row], exam: Exam) -> None:
         print(f"{truth:>{width}s} {answers.index(truth) + 1:3d}{cells}")
     for a in answers[len(truths) :]:
         print(f"{'column':>{width}s} {answers.index(a) + 1:3d}  {a}")
+    beside = in_company(rows)
+    print("\nhidden with others: named at its joint")
+    for name, share in beside.items():
+        print(f"{name:>{width}s}  {share}")
     found = figures(rows)
     print()
     for f in found:
@@ -109,6 +113,7 @@ def report(rows: list[Row], exam: Exam) -> None:
         "seed": exam.seed,
         "figures": [dataclasses.asdict(f) for f in found],
         "confusion": [{"truth": t, "answer": a, "count": n} for (t, a), n in sorted(counts.items())],
+        "in_company": {name: dataclasses.asdict(share) for name, share in beside.items()},
         "rows": [dataclasses.asdict(r) | {"exact": r.exact} for r in rows],
     }
     path = exam.out / f"seed{exam.seed}.json"

@@ -197,7 +197,7 @@ def figures(rows: list[Row]) -> list[Figure]:
 
 
 def confusion(rows: list[Row]) -> tuple[list[str], list[str], dict[tuple[str, str], int]]:
-    """(truths, answers, counts) over clean, single and unknown cases by name; a right name at a wrong joint is `name@wrong joint`."""
+    """(truths, answers, counts) over clean, single and unknown cases by name; a right name elsewhere is `its name, wrong joint`."""
     counts: Counter[tuple[str, str]] = Counter()
     for r in rows:
         if len(r.truth) > 1:
@@ -210,3 +210,15 @@ def confusion(rows: list[Row]) -> tuple[list[str], list[str], dict[tuple[str, st
     truths = sorted({t for t, _ in counts}, key=lambda t: (t in ("none", "unknown"), t))
     rest = {a for _, a in counts} - set(truths)
     return truths, truths + sorted(rest), dict(counts)
+
+
+def in_company(rows: list[Row]) -> dict[str, Share]:
+    """How often each effect was named, at its joint, where it was hidden with others; `wrong names beside` counts the rest."""
+    several = [r for r in rows if len(r.truth) > 1]
+    names = sorted({name for r in several for name, _ in r.truth})
+    shares = {}
+    for name in names:
+        found = [key in r.answer for r in several for key in r.truth if key[0] == name]
+        shares[name] = Share(sum(found), len(found))
+    given = [key in r.truth for r in several for key in r.answer]
+    return shares | {"wrong names beside": Share(len(given) - sum(given), len(given))}

@@ -1,0 +1,200 @@
+"""The blind cases: their physics is right and their own, they come again from their seed, and answers are judged as promised."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import benchmarks.exam
+from benchmarks.exam import injected
+from benchmarks.exam.cases import ARMS, BY_NAME, CONFUSABLE, Case, listed, make
+from benchmarks.exam.dynamics import inertia_at, torque_along
+from benchmarks.exam.effects import EFFECTS
+from benchmarks.exam.run import Exam, report
+from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company, wilson
+from benchmarks.exam.true_arm import chain_of
+from benchmarks.exam.unknowns import UNKNOWNS
+from logs import read_log
+from sim.arm import load_arm
+from sim.rigid_body import RigidBody
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_its_own_rigid_dynamics_are_right(name: str) -> None:
+    tree = load_arm(name).tree
+    bodies, rng = RigidBody(tree), np.random.default_rng(2)
+    q, dq, ddq = rng.uniform(-3, 3, (3, 40, tree.n))
+    expected = bodies.inverse_dynamics(q, dq, ddq)
+    chain = chain_of(tree)
+    np.testing.assert_allclose(torque_along(chain, tree.gravity, q, dq, ddq), expected, atol=1e-11 * np.abs(expected).max())
+    mass = bodies.mass_matrix(q[0])
+    np.testing.assert_allclose(inertia_at(chain, q[0]), mass, atol=1e-11 * np.abs(mass).max())
+
+
+def test_the_truth_is_not_made_by_what_has_to_find_it() -> None:
+    forbidden = {"sim.effects", "sim.plant", "sim.prediction", "sim.rigid_body", "calib", "mujoco", "pinocchio"}
+    for file in Path(str(benchmarks.exam.__file__)).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert not any(name == f or name.startswith(f"{f}.") for f in forbidden), f"{file.name} imports {name}"
+
+
+def test_three_hundred_cases_hold_everything() -> None:
+    cases = listed(300, 1)
+    kinds = {k: [c for c in cases if c.kind == k] for k in ("clean", "single", "pair", "triple", "unknown")}
+    assert len(kinds["clean"]) >= 100
+    assert {c.chosen[0][0] for c in kinds["single"]} == {e.name for e in EFFECTS}
+    assert {c.chosen[0][0] for c in kinds["unknown"]} == {u.name for u in UNKNOWNS}
+    assert all(len(c.chosen) == n for k, n in (("clean", 0), ("pair", 2), ("triple", 3)) for c in kinds[k])
+    for kind in kinds.values():
+        assert {c.arm for c in kind} == set(ARMS)
+    assert {c.severity for c in cases} == {1, 2, 3}
+    assert 0.25 < np.mean([c.hard for c in cases]) < 0.42
+    assert len({c.seed for c in cases}) == len(cases)
+    joints = {j for c in kinds["single"] for _, j in c.chosen}
+    assert joints == {-1, 0, 1, 2, 3, 4, 5}
+
+
+def test_an_exam_is_a_function_of_its_seed() -> None:
+    assert listed(300, 4)[:60] == listed(60, 4)
+    assert listed(60, 5) != listed(60, 4)
+
+
+def test_confusable_pairs_are_of_the_catalogue() -> None:
+    assert all(a in BY_NAME and b in BY_NAME and a != b for a, b in CONFUSABLE)
+
+
+def test_a_case_comes_again_and_reads(tmp_path: Path) -> None:
+    case = Case(0, "pair", "servo6", 2, True, 99, (("coulomb_friction", 2), ("time_delay", -1)))
+    digests = []
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        make(case, folder)
+        digests.append({f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in sorted(folder.iterdir())})
+    assert digests[0] == digests[1]
+    assert set(digests[0]) == {
+        "arm.xml", "friction.mcap", "excitation.mcap", "validation.mcap", "final.mcap", "truth.json",
+    }  # fmt: skip
+    arm = load_arm(tmp_path / "one" / "arm.xml")
+    log = read_log(tmp_path / "one" / "excitation.mcap", arm.joint_names)
+    assert log.t[-1] - log.t[0] > 25
+    assert np.isfinite(log.q).all()
+    assert np.isfinite(log.tau).all()
+    truth = json.loads((tmp_path / "one" / "truth.json").read_text())
+    assert [(e["effect"], e["joint"]) for e in truth["effects"]] == [
+        ("coulomb_friction", "elbow_joint"), ("time_delay", None),
+    ]  # fmt: skip
+    assert all(e["severity"] in (1, 2, 3) and e["rho"] > 0 for e in truth["effects"])
+
+
+def test_an_effect_adds_its_torque_to_a_recorded_motion(tmp_path: Path) -> None:
+    """A spring and a gain, in currents: constant (k (q - rest)) / K_t more, and all of it scaled."""
+    from benchmarks.exam import motions
+    from benchmarks.exam.real import bare
+
+    t = np.arange(0, 8, 0.0105)
+    q = motions.HOME + 0.4 * np.sin(np.outer(t, np.linspace(0.8, 1.4, 6)))
+    columns = ["timestamp", *(f"{name}_{j}" for name in ("actual_q", "actual_qd", "actual_current") for j in range(6))]
+    table = np.column_stack([t + 500, q, np.gradient(q, t, axis=0), np.ones((len(t), 6))])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(columns), comments="")
+    motion = injected.recorded(tmp_path / "log.csv")
+    clean = bare(1, load_arm("ur10e"))
+    hidden = clean.copy()
+    hidden.joints["spring"][2], hidden.joints["spring_rest"][2] = 20.0, 1.0
+    hidden.sensors.gain[2] = 1.1
+    constant = np.full(6, 10.0)
+    changed = injected.with_hidden(motion, clean, hidden, constant, np.random.default_rng(0)).table
+    moved = changed[:, motion.block("actual_current")]
+    np.testing.assert_allclose(moved[:, 2], 1.1 * (1.0 + 20.0 * (q[:, 2] - 1.0) / 10.0), atol=2e-3)
+    np.testing.assert_allclose(np.delete(moved, 2, axis=1), 1.0, atol=1e-9)
+    np.testing.assert_array_equal(changed[:, :13], motion.table[:, :13])
+
+
+SPRING, RIPPLE = {"effect": "joint_spring", "joint": "elbow_joint"}, {"effect": "torque_ripple", "joint": "elbow_joint"}
+LAST, LOAD = {"effect": "link_inertia", "joint": "wrist_3_joint"}, {"effect": "payload", "joint": None}
+STRANGE = {"effect": "unknown", "joint": "elbow_joint", "parameters": {"form": "hose"}}
+
+
+def judged(tmp_path: Path, hidden: list[dict], verdict: str, named: list[dict], unexplained: tuple[str, ...] = ()) -> Row:
+    truth = {"arm": "ur5e", "kind": "single", "severity": 2, "effects": [{"parameters": {}} | e for e in hidden]}
+    answer = {"verdict": verdict, "effects": named, "unexplained": [{"joint": j} for j in unexplained]}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(answer))
+    return compared("case_000", truth, tmp_path / "diagnosis.json")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "verdict", "named", "unexplained", "exact"),
+    [
+        ([], "no_missing_effect", [], (), True),
+        ([], "effects_found", [SPRING], (), False),
+        ([], "unexplained", [], ("elbow_joint",), False),
+        ([SPRING], "effects_found", [SPRING], (), True),
+        ([SPRING], "unexplained", [SPRING], (), False),
+        ([SPRING], "effects_found", [SPRING, RIPPLE], (), False),
+        ([SPRING], "effects_found", [SPRING | {"joint": "wrist_1_joint"}], (), False),
+        ([SPRING, RIPPLE], "effects_found", [RIPPLE, SPRING], (), True),
+        ([SPRING, RIPPLE], "effects_found", [RIPPLE], (), False),
+        ([LOAD], "effects_found", [LAST], (), True),
+        ([STRANGE], "unexplained", [], ("elbow_joint",), True),
+        ([STRANGE], "unexplained", [], ("wrist_1_joint",), False),
+        ([STRANGE], "unexplained", [SPRING], ("elbow_joint",), False),
+        ([STRANGE], "effects_found", [SPRING], (), False),
+    ],
+)
+def test_exact_is_the_right_verdict_and_exactly_the_hidden_set(tmp_path, hidden, verdict, named, unexplained, exact) -> None:
+    assert judged(tmp_path, hidden, verdict, named, unexplained).exact is exact
+
+
+def test_no_readable_answer_is_never_right(tmp_path: Path) -> None:
+    truth = {"arm": "ur5e", "kind": "clean", "severity": 1, "effects": []}
+    row = compared("case_000", truth, tmp_path / "nothing.json")
+    assert row.verdict == "no answer"
+    assert not row.exact
+
+
+def test_parameter_errors_are_those_of_rightly_named_effects(tmp_path: Path) -> None:
+    hidden = SPRING | {"parameters": {"stiffness": 20.0, "rest_angle": 0.5}}
+    named = SPRING | {"parameters": {"stiffness": {"value": 21.0}, "rest_angle": {"value": 0.5}}}
+    assert judged(tmp_path, [hidden], "effects_found", [named]).errors == pytest.approx(
+        {"joint_spring.stiffness": 0.05, "joint_spring.rest_angle": 0.0}
+    )
+    assert judged(tmp_path, [hidden], "effects_found", [named | {"joint": "wrist_1_joint"}]).errors == {}
+
+
+def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        judged(tmp_path, [], "no_missing_effect", []),
+        judged(tmp_path, [], "effects_found", [SPRING]),
+        judged(tmp_path, [SPRING], "effects_found", [SPRING]),
+        judged(tmp_path, [SPRING], "effects_found", [SPRING | {"joint": "wrist_1_joint"}]),
+        judged(tmp_path, [SPRING, RIPPLE], "effects_found", [SPRING, RIPPLE]),
+        judged(tmp_path, [STRANGE], "unexplained", [], ("elbow_joint",)),
+    ]
+    truths, answers, counts = confusion(rows)
+    assert counts == {
+        ("none", "none"): 1, ("none", "joint_spring"): 1, ("joint_spring", "joint_spring"): 1,
+        ("joint_spring", "its name, wrong joint"): 1, ("unknown", "unknown"): 1,
+    }  # fmt: skip
+    assert set(answers) >= {a for _, a in counts}
+    assert truths == ["joint_spring", "none", "unknown"]
+    assert {name: str(share).split(" ")[0] for name, share in in_company(rows).items()} == {
+        "joint_spring": "1/1", "torque_ripple": "1/1", "wrong names beside": "0/2",
+    }  # fmt: skip
+    found = {f.what: f.value for f in figures(rows)}
+    assert (found["nothing hidden: said so"].right, found["nothing hidden: said so"].total) == (1, 2)
+    assert (found["exactly the hidden set, all cases"].right, found["exactly the hidden set, all cases"].total) == (4, 6)
+    assert (found["wrong among the names given"].right, found["wrong among the names given"].total) == (2, 5)
+    report(rows, Exam(tmp_path, 1, "calib", 1.0, False, False))
+    assert json.loads((tmp_path / "seed1.json").read_text())["schema"] == "exam/1"
+    assert "its name, wrong joint" in capsys.readouterr().out
+
+
+def test_wilsons_interval_is_the_textbooks() -> None:
+    assert wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert wilson(0, 0) == (0.0, 1.0)
