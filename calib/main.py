@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "identify": "identify",
     "validate": "validate",
     "diagnose": "diagnose",
+    "watch": "watch",
     "export": "export",
     "import": "import_",
     "replay": "replay",

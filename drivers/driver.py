@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.clock import Clock
-from sim.errors import ConfigError
+from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
 
@@ -86,6 +86,20 @@ class Driver(ABC):
     @abstractmethod
     def connect(self) -> DeviceInfo:
         """Open the connection without moving anything; DeviceError with the remedy where it cannot be opened."""
+
+    def listen(self) -> DeviceInfo:
+        """Open the connection only to read, while something else moves the arm: nothing is sent that could change the device.
+
+        `send` stays refused until `connect`. DeviceError where a device of this kind cannot be read without being asked.
+        """
+        raise DeviceError(
+            f"{self.arm.name}: its devices answer only the program that commands them, so nobody can listen beside it; record a log "
+            "and watch the log"
+        )
+
+    def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
+        """Mass kg and centre of mass m (last link's frame) that the device now believes to carry; None where it does not say."""
+        return None
 
     @abstractmethod
     def read(self) -> JointState:

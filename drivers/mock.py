@@ -76,6 +76,10 @@ class MockDriver(Driver):
             model=self.arm.name, serial="mock", firmware="plant", rate=self.rate, gravity=(gravity[0], gravity[1], gravity[2])
         )
 
+    def listen(self) -> DeviceInfo:
+        """Stand at the cell's home; nobody moves it."""
+        return self.connect()
+
     def read(self) -> JointState:
         """The next reading. Time passes whether anybody reads or not: with `realtime`, periods nobody waited for are gone."""
         self._require_connection()

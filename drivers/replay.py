@@ -50,6 +50,10 @@ class ReplayDriver(Driver):
             firmware=str(about.get("firmware", "log")), rate=self.rate,
         )  # fmt: skip
 
+    def listen(self) -> DeviceInfo:
+        """Stand before the first sample: a recording is only ever read."""
+        return self.connect()
+
     def read(self) -> JointState:
         """The next recorded sample; DeviceError after the last."""
         k = self._next

@@ -42,17 +42,23 @@ class Plant:
         timestep: float | None = None,
         obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = (),
     ) -> None:
-        self.arm, self.drive = arm, drive or arm
-        soft = [e for e in arm.effects if e.effect in ("joint_elasticity", "backlash")]
-        self.timestep = timestep or (0.0005 if soft else 0.001)
-        self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, obstacles))
+        self.drive, self._obstacles = drive or arm, tuple(obstacles)
+        self.timestep = timestep or (0.0005 if _soft(arm) else 0.001)
+        self._build(arm)
+        self._nominal = RigidBody(self.drive)
+        rotor = [self.drive.effect("rotor_inertia", n) for n in arm.joint_names]
+        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotor])
+        self._rng = np.random.default_rng(seed)
+        self.reset(np.zeros(arm.n))
+
+    def _build(self, arm: Arm) -> None:
+        self.arm = arm
+        self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, self._obstacles))
         self.data = mujoco.MjData(self.model)
         names = arm.joint_names
         self._dof = np.array([self.model.joint(n).dofadr[0] for n in names])
         self._motor = np.array([self.model.actuator(f"{n}:motor").id for n in names])
-        self._twist = [
-            (j, self.model.joint(TWIST.format(joint=e.joint)).dofadr[0]) for e in soft for j in [names.index(str(e.joint))]
-        ]
+        self._twist = [(names.index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for _, joint in _soft(arm)]
         self._last_body = self.model.body(arm.tree.link_names[-1]).id
         self._stages = by_stage(arm.effects, arm)
         self._each_step = {
@@ -62,12 +68,20 @@ class Plant:
         self._presliding = [j for e, j, _ in self._stages[Stage.FRICTION] if e.name == "presliding_friction" and j is not None]
         self._damping = self.model.dof_damping[self._dof].copy()
         self._level_varies = bool(self._each_step[Stage.FRICTION])
-        self._nominal = RigidBody(self.drive)
         self._bodies = RigidBody(arm)
-        rotor = [self.drive.effect("rotor_inertia", n) for n in names]
-        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotor])
-        self._rng = np.random.default_rng(seed)
-        self.reset(np.zeros(arm.n))
+
+    def become(self, arm: Arm) -> None:
+        """From now on the arm is this one, as after picking something up or as a joint wears: motion, drive and noise go on.
+
+        ValueError where joints would get or lose a soft gear, whose motion cannot be invented.
+        """
+        if _soft(arm) != _soft(self.arm):
+            raise ValueError(f"{arm.name}: an arm in motion keeps its soft joints; build a new plant")
+        before = self.data
+        self._build(arm)
+        self.data.qpos[:], self.data.qvel[:], self.data.time = before.qpos, before.qvel, before.time
+        self.data.ctrl[:], self.data.qacc_warmstart[:] = before.ctrl, before.qacc_warmstart
+        mujoco.mj_forward(self.model, self.data)
 
     def reset(self, q: np.ndarray, dq: np.ndarray | None = None) -> None:
         """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, with the friction of every joint unloaded, at time zero."""
@@ -245,3 +259,8 @@ class Plant:
         for effect, joint, item in steps[Stage.MOTOR]:
             effect.apply(state, joint, item.parameters)
         data.qfrc_applied[self._dof] -= state.tau[0]
+
+
+def _soft(arm: Arm) -> list[tuple[str, str]]:
+    """The soft gears of an arm: effect and joint, each with a coordinate of its own in MuJoCo."""
+    return [(e.effect, str(e.joint)) for e in arm.effects if e.effect in ("joint_elasticity", "backlash")]

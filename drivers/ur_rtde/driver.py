@@ -76,6 +76,27 @@ class UrDriver(Driver):
             raise
         return self._info(first)
 
+    def listen(self) -> DeviceInfo:
+        """Only the receiving side of RTDE, beside whatever program runs: no script is uploaded, no input is written."""
+        self.close()
+        self._receiver, self._last = Receiver(self.options.host), None
+        self._receiver.connect()
+        try:
+            self.rate = self._receiver.rate
+            self._facts = facts(self.options.host, self._receiver.version)
+            return self._info(self._next())
+        except DeviceError:
+            self.close()
+            raise
+
+    def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
+        """What set_payload said last: the controller reports it with every frame."""
+        values = {} if self._last is None else self._last.values
+        if "payload" not in values or "payload_cog" not in values:
+            return None
+        x, y, z = values["payload_cog"]
+        return values["payload"][0], (x, y, z)
+
     def read(self) -> JointState:
         """The next frame; DeviceError where none comes, or only old ones, within the frame timeout."""
         frame = self._next()

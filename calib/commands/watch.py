@@ -1,0 +1,163 @@
+"""`calib watch`: follow payload, contact and wear of an arm while something else moves it, or in a log of it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from calib import console
+from calib.run_folder import new_run
+from sim.errors import AnswerIsNo, ConfigError
+
+if TYPE_CHECKING:
+    from calib.watch.events import WatchEvent
+    from calib.watch.session import Watched
+
+
+def command(
+    source: Annotated[
+        str | None,
+        typer.Argument(metavar="CELL|LOG", help="A cell whose arm something else moves, or a recording; with --trend an arm."),
+    ] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            "--arm",
+            help="The arm, best a calibrated folder; that of the cell or log if not given.",
+            autocompletion=console.arm_names,
+        ),
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="End after this time; at the log's end or Ctrl-C if not given.")
+    ] = None,
+    samples: Annotated[
+        bool,
+        typer.Option("--samples", help="Write every reading into watch.mcap, not only the events and one reading a second."),
+    ] = False,
+    trend: Annotated[bool, typer.Option("--trend", help="Show friction over all runs watched so far; watch nothing.")] = False,
+    database: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Table of trends; runs/watch.sqlite if not given.")
+    ] = None,
+    accept_partial: console.AcceptPartial = False,
+    out: console.Out = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print each event as one JSON line as it comes, the result as the last.")
+    ] = False,
+    configs: console.Configs = None,
+) -> None:
+    """Watch an arm at work: payload, contact, friction, and whether the model still holds. It never commands anything.
+
+    Ends with exit code 1 where something needs attention: contact, drift, a wrong declared payload, a model that no longer holds.
+
+    Example:
+
+        calib watch runs/first/excitation.mcap --arm runs/fit/arm
+    """
+    from calib.watch.session import watch
+    from calib.watch.source import open_source
+    from calib.watch.trend import DATABASE
+    from calib.watch.view import WatchView
+
+    table = database or DATABASE
+    if trend:
+        _trend(source or arm, table, out, as_json)
+        return
+    if source is None:
+        raise ConfigError("nothing to watch is named; give a cell or a log, or --trend for what was watched so far")
+    with open_source(source, arm, configs, accept_partial) as opened:
+        for finding in opened.findings:
+            console.warn(f"{source}: {finding}")
+        folder = new_run(opened.arm, "watch", out, source=str(source))
+        with WatchView(f"{opened.arm.name} from {opened.name}") as view:
+
+            def tell(event: WatchEvent) -> None:
+                if as_json:
+                    _json_line(event.as_dict())
+                view.event(event)
+
+            found = watch(
+                opened, folder, seconds=seconds, samples=samples, database=table, on_event=tell, on_picture=view.update
+            )
+    if as_json:
+        _json_line(found.as_dict())
+    else:
+        _show(found)
+        console.say(f"{folder}: watch.json, events.jsonl, watch.mcap" + (f"; kept in {table}" if found.kept else ""))
+    if found.concerns:
+        raise AnswerIsNo(
+            f"{len(found.concerns)} of {len(found.events)} events need attention; the first: {found.concerns[0].message}"
+        )
+
+
+def _json_line(data: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(console.plain(data), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def _show(found: Watched) -> None:
+    p = found.picture
+    rows = [
+        [joint, float(p.seconds[j]), f.coulomb.value, f"± {2 * f.coulomb.std:.2g}", f.viscous.value, f"± {2 * f.viscous.std:.2g}",
+         float(p.residual[j]), f.temperature]
+        for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
+    ]  # fmt: skip
+    console.table(["joint", "motion [s]", "dry [N m]", "", "viscous [N m s/rad]", "", "left [N m]", "[degC]"], rows)
+    com = (
+        ""
+        if p.com is None
+        else ", centre of mass (" + ", ".join(f"{1e3 * c.value:.0f} ± {2e3 * c.std:.0f}" for c in p.com) + ") mm"
+    )
+    console.say(f"{p.sentence}{com}.")
+    console.say(
+        f"{len(found.events)} events in {found.seconds:.1f} s; consistency of the filter (NIS/degrees) {console.cell(p.nis)}."
+    )
+    for kind, count in p.faults.items():
+        console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")
+
+
+def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> None:
+    from calib.report import trend as page
+    from calib.watch.trend import TrendTable, slopes
+    from calib.watch.trend_text import sentence, terminal_plot
+
+    if not database.is_file():
+        raise ConfigError(
+            f"{database}: there is no table of trends; watch a log or a cell first, or name the table with --database"
+        )
+    with TrendTable(database) as table:
+        arms = table.arms()
+        if arm is None and len(arms) != 1:
+            raise ConfigError(f"{database}: holds {', '.join(arms) or 'no arm'}; name one: `calib watch ARM --trend`")
+        name = arm or arms[0]
+        runs = table.runs(name)
+    if not runs:
+        raise ConfigError(f"{database}: has no run of {name!r}; it holds {', '.join(arms) or 'no arm'}")
+    found = slopes(runs)
+    told = sentence(name, runs, found)
+    folder = new_run(name, "trend", out)
+    page.write(folder / "trend.html", name, runs, found, told)
+    if as_json:
+        console.print_json(
+            {
+                "schema": "trend/1",
+                "arm": name,
+                "outcome": told,
+                "slopes": found,
+                "runs": [asdict(r) | {"started": r.started.isoformat()} for r in runs],
+            }
+        )
+        return
+    console.say(terminal_plot(runs, found))
+    rows = [
+        [s.joint, s.kind, s.level, "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
+         "too few runs" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs]
+        for s in found
+    ]  # fmt: skip
+    console.table(["joint", "friction", "level", "in 100 days", "95 % interval", "runs"], rows)
+    console.say(f"{told}.")
+    console.say(f"{folder}: trend.html")

@@ -1,0 +1,61 @@
+"""The page of `calib watch --trend`: friction of every joint over many runs, and whether it wears."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calib.report.figure import LINE, ROLES, axes, name
+from calib.report.page import Page
+from calib.watch.trend import RunRecord, Slope, series
+
+UNITS = {"coulomb": "N m", "viscous": "N m s/rad"}
+WORDS = {"coulomb": "dry friction", "viscous": "viscous friction"}
+
+
+def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sentence: str) -> Path:
+    """Write the page; returns its path."""
+    worn = any(s.wears for s in slopes)
+    judged = any(s.interval is not None for s in slopes)
+    facts = [("runs", len(runs)), ("from", f"{runs[0].started:%Y-%m-%d}"), ("to", f"{runs[-1].started:%Y-%m-%d}")]
+    page = Page(arm, sentence, "found" if worn else "good" if judged else "open", facts, "trend")
+    page.section("Friction, run by run", "Each point is a run with its 95 % interval; the line is the change over time.")
+    joints = list(dict.fromkeys(s.joint for s in slopes))
+    by = {(s.joint, s.kind): s for s in slopes}
+    figure, grid = axes(len(joints), 2, height=1.7, sharex=True)
+    for row, joint in enumerate(joints):
+        for column, kind in enumerate(UNITS):
+            ax = grid[row, column]
+            days, value, std, _ = series(runs, joint, kind)
+            ax.errorbar(days, value, 1.96 * std, fmt="o", markersize=3, color=ROLES["ink"], ecolor=ROLES["muted"], linewidth=1)
+            slope = by[joint, kind]
+            if slope.per_100_days is not None:
+                line = slope.level * (1 + slope.per_100_days / 100 * (days - days.mean()))
+                ax.plot(days, line, **LINE["before" if slope.wears else "after"])
+            name(ax, joint if column == 0 else WORDS[kind], y=UNITS[kind])
+    for ax in grid[-1]:
+        ax.set_xlabel("days since the first run")
+    page.figure(figure, "Dry friction at the left, viscous friction at the right.")
+    page.table(
+        ["joint", "friction", "level", "unit", "change in 100 days", "95 % interval", "runs"],
+        [
+            [
+                s.joint, WORDS[s.kind], s.level, UNITS[s.kind], "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
+                "too few runs" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs,
+            ]
+            for s in slopes
+        ],
+    )  # fmt: skip
+    page.section("Runs")
+    page.table(
+        ["started", "source", "payload [kg]", "± [kg]", "residual [N m], worst joint", "warmest [°C]", "consistency"],
+        [
+            [
+                f"{r.started:%Y-%m-%d %H:%M}", r.source, r.mass, 1.96 * r.mass_std, max((j.residual for j in r.joints), default=np.nan),
+                max((j.temperature for j in r.joints if j.temperature is not None), default=np.nan), r.nis,
+            ]
+            for r in runs
+        ],
+    )  # fmt: skip
+    return page.write(path)

@@ -1,0 +1,99 @@
+"""What the drives report beyond the rigid bodies: friction with its memory, springs, ripple, gain and offset of the reading.
+
+The torque path is the catalogue's own (`sim.effects.effect`); here it is walked a few samples at a time with its memory kept, and
+backwards: from the reported torque to the torque that the gear passes on to the links.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.watch.kernels import slip_on
+from sim.arm import Arm
+from sim.effects.effect import PathState, Stage
+from sim.prediction import SLIP_WIDTH, by_stage
+
+# effects that need the torque of the next instant or the motor's own angle; what they leave goes into the unmodelled torque
+NOT_FOLLOWED = (Stage.TRANSMISSION, Stage.DRIVE)
+
+
+class DriveTorque:
+    """tau_link = (tau_reported - offset)/gain - friction - ..., sample after sample.
+
+    `rotor` (n,) kg m^2 is left to the momentum; `delay` s is how much later than the motion the torque arrives; `coulomb` (n,) N m and
+    `viscous` (n,) N m s/rad are the friction that the arm states.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        n = arm.n
+        self._stages = by_stage(arm.effects, arm)
+        self.rotor = _each(arm, "rotor_inertia", "inertia")
+        self.coulomb = _each(arm, "coulomb_friction", "coulomb")
+        self.viscous = _each(arm, "viscous_friction", "viscous")
+        delays = [e for e in arm.effects if e.effect == "time_delay"]
+        self.delay = float(delays[0].parameters["delay"]) if delays else 0.0
+        self.not_followed = tuple(
+            sorted({item.effect for stage in NOT_FOLLOWED for _, _, item in self._stages[stage]})
+            + sorted({item.effect for effect, _, item in self._stages[Stage.ENCODER]})
+        )
+        self._joint = self._stages[Stage.JOINT]
+        # dry and viscous friction, which every arm has, need no walk along the path
+        self._friction = [x for x in self._stages[Stage.FRICTION] if x[0].name != "coulomb_friction"]
+        self._motor = [x for x in self._stages[Stage.MOTOR] if x[0].name not in ("rotor_inertia", "viscous_friction")]
+        self._offset, self._gain = np.zeros(n), np.ones(n)
+        state = _path(np.zeros(2), np.zeros((2, n)), np.zeros((2, n)))
+        state.tau[1] = 1.0
+        for effect, joint, item in self._stages[Stage.SENSOR]:
+            effect.apply(state, joint, item.parameters)
+        self._offset, self._gain = state.tau[0].copy(), state.tau[1] - state.tau[0]
+        self.forget()
+
+    def forget(self) -> None:
+        """The direction of dry friction is unknown again, as after a gap."""
+        self._slip: np.ndarray | None = None
+        self._angle: np.ndarray | None = None
+
+    def link_torque(
+        self, t: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, gravity: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque on the links (N, n) N m, direction of dry friction (N, n) in [-1, 1], level of dry friction (N, n) N m.
+
+        t (N,) s since the start; gravity (N, n) N m stands for the load where friction depends on it.
+        """
+        state = _path(t, q, dq)
+        state.level += self.coulomb
+        if self._joint or self._friction:
+            state.load[:] = gravity
+        for effect, joint, item in self._joint:
+            effect.apply(state, joint, item.parameters)
+        for effect, joint, item in self._friction:
+            effect.apply(state, joint, item.parameters)
+        state.slip[:] = self._slipping(q, state.width)
+        level = state.warmth * state.level
+        state.tau[:] = level * state.slip + state.warmth * self.viscous * dq
+        if self._joint:
+            state.tau += state.load - gravity
+        for effect, joint, item in self._motor:
+            effect.apply(state, joint, item.parameters)
+        return (tau - self._offset) / self._gain - state.tau, state.slip, level
+
+    def _slipping(self, q: np.ndarray, width: np.ndarray) -> np.ndarray:
+        if self._slip is None or self._angle is None:
+            self._slip, self._angle = np.zeros(q.shape[1]), q[0].copy()
+        out = np.empty_like(q)
+        slip_on(q, self._angle, self._slip, width, out)
+        self._slip, self._angle = out[-1].copy(), q[-1].copy()
+        return out
+
+
+def _each(arm: Arm, effect: str, parameter: str) -> np.ndarray:
+    found = [arm.effect(effect, joint) for joint in arm.joint_names]
+    return np.array([e.parameters[parameter] if e else 0.0 for e in found])
+
+
+def _path(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> PathState:
+    zero = np.zeros_like(q)
+    return PathState(
+        t=t, q=q, dq=dq, ddq=zero, load=zero.copy(), q_motor=q, dq_motor=dq, ddq_motor=zero, level=zero.copy(),
+        width=np.full_like(q, SLIP_WIDTH), warmth=np.ones_like(q), slip=zero.copy(), tau=zero.copy(), force=np.zeros((len(t), 3)),
+    )  # fmt: skip

@@ -1,0 +1,84 @@
+"""What a watcher says: about the arm, or about the readings, and never the one for the other."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Any
+
+from logs.recorder import ERROR, INFO, WARN
+
+SCHEMA = "watch-event/1"
+
+
+class Kind(enum.Enum):
+    """What happened; the value is the name in /events and in JSON lines."""
+
+    LOAD_CHANGED = "load_changed"
+    PAYLOAD_ATTACHED = "payload_attached"
+    PAYLOAD_CHANGED = "payload_changed"
+    PAYLOAD_REMOVED = "payload_removed"
+    DECLARED_PAYLOAD_WRONG = "declared_payload_wrong"
+    UNEXPECTED_CONTACT = "unexpected_contact"
+    CONTACT_ENDED = "contact_ended"
+    FRICTION_DRIFT = "friction_drift"
+    MODEL_INVALID = "model_invalid"
+    BAD_READING = "bad_reading"
+    GAP = "gap"
+    FROZEN = "frozen"
+    WRONG_ARM = "wrong_arm"
+
+
+ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM})
+# somebody should look; work that goes on as it should only makes INFO
+CONCERNS = frozenset(
+    {Kind.DECLARED_PAYLOAD_WRONG, Kind.UNEXPECTED_CONTACT, Kind.FRICTION_DRIFT, Kind.MODEL_INVALID, Kind.WRONG_ARM}
+)
+_ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its standard deviation and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} ± {2 * self.std:.2g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class WatchEvent:
+    """One thing that happened: when it was known and between which instants it began (s, device clock), how large it is, and where."""
+
+    kind: Kind
+    t: float
+    began: tuple[float, float]
+    message: str
+    size: dict[str, Estimate] = field(default_factory=dict)
+    joint: str | None = None
+
+    @property
+    def about(self) -> str:
+        """ "arm" or "input"."""
+        return "input" if self.kind in ABOUT_INPUT else "arm"
+
+    @property
+    def level(self) -> int:
+        """Level of rcl_interfaces/msg/Log."""
+        if self.kind in _ERRORS:
+            return ERROR
+        return WARN if self.kind in CONCERNS or self.about == "input" else INFO
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON lines; `interval` is 95 %."""
+        return {
+            "schema": SCHEMA, "event": self.kind.value, "about": self.about, "t": self.t, "began": list(self.began), "joint": self.joint,
+            "size": {
+                name: {"value": e.value, "std": e.std, "interval": [e.value - 1.96 * e.std, e.value + 1.96 * e.std], "unit": e.unit}
+                for name, e in self.size.items()
+            },
+            "message": self.message,
+        }  # fmt: skip

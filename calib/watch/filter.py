@@ -1,0 +1,249 @@
+"""x = [m, m c, dF_c, dF_v, e]: a Kalman filter over the rows of the momentum balance.
+
+    d = Y (m, m c, I(m, c)) + dF_c slip + dF_v dq + e + white noise
+
+m kg and m c kg m of the body at the flange (beyond what the model has), changes of dry and viscous friction of every joint as random
+walks, and e, the torque that no model explains, as a Gauss-Markov process with `MEMORY` seconds: it is what keeps the filter from
+taking a model error that lasts a second for hundreds of independent witnesses. The sizes of e and of the white noise are estimated.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from calib.watch.momentum import Row
+from sim.arm import Arm
+
+MEMORY = 0.4  # s; residuals of an identified UR10e have lost half their correlation after 0.3 s
+SLOWEST = 0.02  # rad/s: below it dry friction is not known
+PAYLOAD_WALK = 0.004  # of the mass scale per sqrt(s): about ten seconds are remembered
+FRICTION_WALK = 0.006  # of the friction per sqrt(s)
+REVERSAL_DOUBT, REVERSAL_SPEED = (
+    0.15,
+    0.05,
+)  # share of dry friction that is in doubt as a joint turns round, and until which rad/s
+OUTLIER = 4.0  # standard deviations beyond which a row loses weight
+NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estimated
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """What a row said before it was used: used (n,) joints, y (k,), S (k, k), H (k, x), gain (x, k), decay (x,), nis and its degrees."""
+
+    used: np.ndarray
+    y: np.ndarray
+    inverse: np.ndarray
+    h: np.ndarray
+    gain: np.ndarray
+    decay: np.ndarray
+    nis: float
+
+    @property
+    def degrees(self) -> int:
+        """How many joints the row could tell of."""
+        return len(self.y)
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """A change of the load: rows since it and the range that is about as likely, twice its log likelihood ratio as a payload and as any torque on the joints, size (4,) of
+    [m, m c] with its covariance, the change of the filter's state (x, 4) that one unit still has to make, and the torque (n,) N m."""
+
+    rows: int
+    between: tuple[int, int]
+    payload_ratio: float
+    torque_ratio: float
+    size: np.ndarray
+    covariance: np.ndarray
+    response: np.ndarray
+    torque: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The filter's state x and covariance P at one row."""
+
+    x: np.ndarray
+    covariance: np.ndarray
+
+
+class TorqueFilter:
+    """Follows payload and friction; `mass_scale` kg is what an arm of this strength carries, `friction` (n,) N m what its joints have."""
+
+    def __init__(self, arm: Arm, coulomb: np.ndarray, viscous: np.ndarray, first: np.ndarray) -> None:
+        """`first` (4,) [m, m c] is what is believed to be mounted."""
+        n = self.n = arm.n
+        self.mass_scale, self.reach = carrying_scale(arm)
+        cruise = 0.25 * np.where(np.isfinite(arm.dq_max), arm.dq_max, 2.0)
+        torque = np.array(arm.sensors.torque_noise) if any(arm.sensors.torque_noise) else 0.005 * np.where(np.isfinite(arm.tau_max), arm.tau_max, 1.0)  # fmt: skip
+        friction = coulomb + viscous * cruise
+        friction = np.where(friction > 0, friction, 10 * torque)
+        self.dry = np.where(coulomb > 0, coulomb, 0.3 * friction)
+        self.wet = np.where(viscous > 0, viscous, 0.3 * friction / cruise)
+        self.payload, self.coulomb, self.viscous, self.unknown = (
+            slice(0, 4),
+            slice(4, 4 + n),
+            slice(4 + n, 4 + 2 * n),
+            slice(4 + 2 * n, 4 + 3 * n),
+        )
+        size = 4 + 3 * n
+        self._kf = KalmanFilter(dim_x=size, dim_z=n)
+        self._kf.x = np.zeros((size, 1))
+        self._kf.x[:4, 0] = first
+        self._white = self._spread = 0.5 * torque**2  # long-run variance of the white noise, and its variance in one row
+        self._slow = (0.3 * torque + 0.05 * friction) ** 2
+        self._moved = 0.0
+        self._asked: tuple[Row, np.ndarray] | None = None
+        self._recent: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=3)
+        # mean products of what is left: with itself, with the row before, with the one before that
+        self._products = np.stack([self._white + self._slow, 0.25 * self._white + 0.95 * self._slow, 0.9 * self._slow])
+        self._kf.P = np.diag(np.concatenate([self.payload_prior(), (0.3 * self.dry) ** 2, (0.3 * self.wet) ** 2, self._slow]))
+        self._walk = np.concatenate(
+            [PAYLOAD_WALK**2 * self.jump_prior(), (FRICTION_WALK * self.dry) ** 2, (FRICTION_WALK * self.wet) ** 2, np.zeros(n)]
+        )
+
+    def jump_prior(self) -> np.ndarray:
+        """(4,) variances of a change of [m, m c]."""
+        moment = self.mass_scale * 0.1 * self.reach
+        return np.array([self.mass_scale, moment, moment, moment]) ** 2
+
+    def payload_prior(self) -> np.ndarray:
+        """(4,) variances of what may be mounted at the start."""
+        return 4 * self.jump_prior()
+
+    @property
+    def x(self) -> np.ndarray:
+        """The state (4 + 3 n,)."""
+        return self._kf.x[:, 0]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Its covariance."""
+        return self._kf.P
+
+    @property
+    def noise(self) -> np.ndarray:
+        """(n,) N m standard deviation of all that a row has beside the model."""
+        return np.sqrt(self._white + self._slow)
+
+    def snapshot(self) -> Snapshot:
+        """The state as it is; filterpy never changes these arrays in place."""
+        return Snapshot(self._kf.x[:, 0], self._kf.P)
+
+    def restore(self, earlier: Snapshot) -> None:
+        """Go back to an earlier state; the unknown torque is unknown again."""
+        self._kf.x, self._kf.P = earlier.x[:, None].copy(), earlier.covariance.copy()
+        self._kf.x[self.unknown] = 0.0
+        self._kf.P[self.unknown, :] = self._kf.P[:, self.unknown] = 0.0
+        self._kf.P[self.unknown, self.unknown] = np.diag(self._slow)
+
+    def usable(self, row: Row) -> np.ndarray:
+        """(n,) joints whose row tells something: they slide one way, fast enough, and every number is finite."""
+        if self._asked is None or self._asked[0] is not row:
+            finite = np.isfinite(row.residual) & np.isfinite(row.payload).all(axis=1)
+            self._asked = (row, row.sliding & (row.slowest >= SLOWEST) & finite)
+        return self._asked[1]
+
+    def left(self, row: Row, x: np.ndarray) -> np.ndarray:
+        """(n,) N m that payload and friction of state x leave of a row."""
+        return (
+            row.residual
+            - self._known(row, x)
+            - row.payload[:, :4] @ x[self.payload]
+            - row.slip * x[self.coulomb]
+            - row.speed * x[self.viscous]
+        )
+
+    def add(self, row: Row, learn: bool = True, trust: bool = False) -> Innovation | None:
+        """One row; None where no joint tells anything. `learn` follows the sizes of the noise; `trust` takes outliers at full weight."""
+        used = self.usable(row)
+        self._predict(row.seconds)
+        if not used.any():
+            self._recent.clear()
+            return None
+        h = np.zeros((self.n, len(self._kf.x)))
+        h[:, self.payload] = row.payload[:, :4]
+        every = np.arange(self.n)
+        h[every, 4 + every], h[every, 4 + self.n + every], h[every, 4 + 2 * self.n + every] = row.slip, row.speed, 1.0
+        h = h[used]
+        z = (row.residual - self._known(row, self.x))[used]
+        doubt = (REVERSAL_DOUBT * self.dry * np.exp(-row.slowest / REVERSAL_SPEED)) ** 2
+        noise = np.diag((self._white + doubt)[used])
+        y = z - h @ self.x
+        expected = h @ self._kf.P @ h.T
+        s = expected + noise
+        inverse = np.linalg.inv(s)
+        nis = float(y @ np.linalg.solve(expected + np.diag((self._spread + doubt)[used]), y))
+        if not trust:
+            excess = np.maximum(np.abs(y) / (OUTLIER * np.sqrt(np.diag(s))), 1.0) ** 2
+            noise = noise + np.diag((excess - 1) * np.diag(s))
+        self._kf.update(z[:, None], R=noise, H=h)
+        found = Innovation(used, y, inverse, h, self._kf.K, self._decay, nis)
+        if learn:
+            self._learn(row, used)
+        return found
+
+    def shift(self, jump: Jump) -> None:
+        """x += response size, P += response covariance response^T: a change that is known to have happened."""
+        self._kf.x = self._kf.x + (jump.response @ jump.size)[:, None]
+        self._kf.P = self._kf.P + jump.response @ jump.covariance @ jump.response.T
+
+    def open(self) -> None:
+        """The payload may have become anything: its covariance grows by that of a change."""
+        self._kf.P = copy.copy(self._kf.P)
+        self._kf.P[self.payload, self.payload] += np.diag(self.jump_prior())
+
+    def _predict(self, seconds: float) -> None:
+        fade = np.exp(-seconds / MEMORY)
+        self._decay = np.ones(len(self._kf.x))
+        self._decay[self.unknown] = fade
+        walk = self._walk * seconds
+        walk[self.unknown] = self._slow * (1 - fade**2)
+        self._kf.predict(F=np.diag(self._decay), Q=np.diag(walk))
+
+    def _known(self, row: Row, x: np.ndarray) -> np.ndarray:
+        """Torque of the inertia that a point mass m at c has about the last joint's origin: m (c^2 1 - c c^T)."""
+        mass, moment = x[0], x[1:4]
+        if mass < 0.02 * self.mass_scale:
+            return np.zeros(self.n)
+        c = np.clip(moment / mass, -0.5 * self.reach, 0.5 * self.reach)
+        inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return row.payload[:, 4:] @ inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+
+    def _learn(self, row: Row, used: np.ndarray) -> None:
+        """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.
+
+        Neighbouring rows share half of their window, so only rows two apart tell of e alone; what neighbours share beyond e counts
+        as white noise with its long-run variance.
+        """
+        limit = 3.0 * self.noise
+        left = np.clip(self.left(row, self.x), -limit, limit)
+        self._recent.appendleft((used, left))
+        if len(self._recent) < 3:
+            return
+        self._moved += row.seconds
+        gain = row.seconds / min(max(self._moved, 3.0), NOISE_MEMORY)
+        told = used & self._recent[1][0] & self._recent[2][0]
+        products = np.stack([left * before for _, before in self._recent])
+        self._products = np.where(told, (1 - gain) * self._products + gain * products, self._products)
+        self._sizes(np.exp(-row.seconds / MEMORY))
+
+    def _sizes(self, fade: float) -> None:
+        floor = 1e-4 * self.dry**2
+        at_once, next_, after = self._products
+        self._slow = np.clip(after / fade**2, 0.02 * at_once, at_once) + floor
+        self._spread = np.maximum(at_once - self._slow, 0.1 * at_once) + floor
+        self._white = np.maximum(self._spread + 2 * (next_ - self._slow * fade), 0.7 * self._spread)
+
+
+def carrying_scale(arm: Arm) -> tuple[float, float]:
+    """Mass kg that takes a fifth of the strongest joint's torque at full reach, and that reach m."""
+    reach = float(np.linalg.norm(arm.tree.position, axis=1)[1:].sum()) or 1.0
+    strongest = float(np.max(np.where(np.isfinite(arm.tau_max), arm.tau_max, 0.0)))
+    strength = strongest or 10.0
+    return 0.2 * strength / (9.81 * reach), reach

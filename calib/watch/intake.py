@@ -1,0 +1,144 @@
+"""Readings before they count: a reading that is missing, impossible, late or frozen is reported and never reaches an estimate.
+
+A reading waits for the next one, so that a single wild value between two sane ones is seen for what it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.watch.events import Kind
+from sim.arm import Arm
+from sim.errors import ConfigError
+from sim.joint_state import JointState
+
+GAP_PERIODS = 3.5
+FROZEN_SECONDS, FROZEN_PERIODS = 0.03, 3.5  # whichever is longer
+MOVING = 0.05  # rad/s
+SPIKE = 0.3  # of the largest torque: up and down again by that much within two periods is no motion
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A reading that counts: t s device clock, q rad, dq rad/s, tau N m of the drives, temperature degC, (n,) each."""
+
+    t: float
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray
+    temperature: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What is wrong with the readings at t; `message` says it with values."""
+
+    kind: Kind
+    t: float
+    message: str
+
+
+class Intake:
+    """Readings in, samples or faults out; `rate` Hz is what the device promises."""
+
+    def __init__(self, arm: Arm, rate: float) -> None:
+        if not (np.isfinite(rate) and rate > 0):
+            raise ConfigError(f"rate = {rate} Hz of {arm.name}: it must be above zero; see the driver or the log")
+        self._arm, self.period = arm, 1.0 / rate
+        unlimited = lambda x: np.where(np.isfinite(x), x, np.inf)  # noqa: E731
+        self._tau_most, self._dq_most = 3.0 * unlimited(arm.tau_max), 2.0 * unlimited(arm.dq_max)
+        noise = np.array(arm.sensors.torque_noise)
+        self._spike = np.maximum(10 * noise, SPIKE * np.where(np.isfinite(arm.tau_max), arm.tau_max, 10 * noise + 1.0))
+        self._waiting: Sample | None = None
+        self._before: Sample | None = None
+        self._same_q = self._same_tau = 0.0
+        self._frozen = max(FROZEN_SECONDS, FROZEN_PERIODS * self.period)
+        self._moving = max(MOVING, 4 * arm.sensors.encoder_resolution / self._frozen)
+
+    def add(self, state: JointState) -> tuple[Sample | None, Fault | None]:
+        """One reading: the sample before it, where that counts, and what is wrong, where something is.
+
+        After a Fault the samples before and after do not belong together.
+        """
+        sample, fault = self._single(state)
+        if sample is None:
+            self._waiting = self._before = None
+            return None, fault
+        ready, self._waiting = self._waiting, sample
+        if ready is None:
+            return None, None
+        step = sample.t - ready.t
+        if not step > 0:
+            return None, self._broken(Kind.BAD_READING, sample.t, f"device time goes from {ready.t:.6f} to {sample.t:.6f} s")
+        if step > GAP_PERIODS * self.period:
+            return None, self._broken(
+                Kind.GAP, sample.t, f"no reading for {1e3 * step:.0f} ms, one every {1e3 * self.period:.3g} ms is due"
+            )
+        fault = self._continuous(ready, sample, step)
+        if fault is not None:
+            return None, fault
+        self._before = ready
+        return ready, None
+
+    def _single(self, state: JointState) -> tuple[Sample | None, Fault | None]:
+        names = self._arm.joint_names
+        if state.n != self._arm.n:
+            return None, Fault(
+                Kind.WRONG_ARM, state.t_device, f"a reading of {state.n} joints, {self._arm.name} has {self._arm.n}"
+            )
+        tau = state.tau
+        if not np.isfinite(tau).all() and self._arm.torque_constant is not None:
+            tau = np.where(np.isfinite(tau), tau, state.current * self._arm.torque_constant)
+        dq = state.dq
+        if np.isnan(dq).all() and self._waiting is not None and state.t_device > self._waiting.t:
+            dq = (state.q - self._waiting.q) / (state.t_device - self._waiting.t)
+        if not np.isfinite(state.t_device):
+            return None, Fault(Kind.BAD_READING, self._waiting.t if self._waiting else 0.0, f"device time is {state.t_device}")
+        for word, unit, value, most in (
+            ("position", "rad", state.q, 1e3), ("speed", "rad/s", dq, self._dq_most), ("torque", "N m", tau, self._tau_most),
+        ):  # fmt: skip
+            bad = ~(np.abs(value) <= most)
+            if word == "speed" and np.isnan(state.dq).all() and self._waiting is None:
+                dq = np.zeros(self._arm.n)
+            elif bad.any():
+                j = int(np.argmax(bad))
+                rule = (
+                    "it must be a number"
+                    if not np.isfinite(value[j])
+                    else f"no joint of this arm reaches {np.broadcast_to(most, bad.shape)[j]:.4g}"
+                )
+                return None, Fault(Kind.BAD_READING, state.t_device, f"{names[j]}: {word} is {value[j]:.4g} {unit}; {rule}")
+        return Sample(state.t_device, state.q, dq, tau, state.temperature), None
+
+    def _continuous(self, ready: Sample, after: Sample, step: float) -> Fault | None:
+        moved = np.abs(after.q - ready.q)
+        allowed = self._dq_most * step + 0.02
+        if not np.all(moved <= allowed):
+            j = int(np.argmax(moved - allowed))
+            return self._broken(
+                Kind.BAD_READING,
+                after.t,
+                f"{self._arm.joint_names[j]}: position jumps {moved[j]:.4g} rad in {1e3 * step:.3g} ms",
+            )
+        if self._before is not None:
+            rise, fall = ready.tau - self._before.tau, ready.tau - after.tau
+            spike = (np.minimum(np.abs(rise), np.abs(fall)) > self._spike) & (rise * fall > 0)
+            if spike.any():
+                j = int(np.argmax(spike))
+                return self._broken(
+                    Kind.BAD_READING, ready.t,
+                    f"{self._arm.joint_names[j]}: one reading of {ready.tau[j]:.4g} N m between {self._before.tau[j]:.4g} and {after.tau[j]:.4g}",
+                )  # fmt: skip
+        moving = np.abs(after.dq) > self._moving
+        self._same_q = self._same_q + step if moving.any() and np.all(moved[moving] == 0) else 0.0
+        self._same_tau = self._same_tau + step if moving.any() and np.array_equal(after.tau, ready.tau) else 0.0
+        for word, seconds in (("positions", self._same_q), ("torques", self._same_tau)):
+            if seconds > self._frozen:
+                return self._broken(Kind.FROZEN, after.t, f"the {word} have not changed for {1e3 * seconds:.0f} ms of motion")
+        return None
+
+    def _broken(self, kind: Kind, t: float, message: str) -> Fault:
+        self._before = None
+        return Fault(kind, t, message)

@@ -1,0 +1,88 @@
+"""l(k, theta) = d^T C^-1 d: did the load jump at row theta, and by how much?
+
+A. S. Willsky and H. L. Jones (1976), doi:10.1109/TAC.1976.1101146: a jump at theta leaves a known trace G(k; theta) in the filter's
+innovations. For each theta of the last rows C = sum G^T S^-1 G and d = sum G^T S^-1 y are kept; twice the log likelihood ratio is
+d^T C^-1 d, the most likely jump C^-1 d. Two kinds are weighed: a body at the flange (4 numbers), and any torque on the joints (n).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from calib.watch.filter import Innovation, Jump, TorqueFilter
+from calib.watch.kernels import traces
+
+CANDIDATES = 16
+ROWS_LEAST = 3  # a reading that is wrong once touches two rows
+# Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. So the threshold
+# is twice the highest ratio of the last while, within bounds.
+THRESHOLD_LEAST, THRESHOLD_MOST, THRESHOLD_MEMORY = 45.0, 150.0, 20.0
+AS_LIKELY = 9.0  # difference of the ratio up to which the instant may be another: three standard deviations
+CLIP = 8.0  # standard deviations that one joint of one row may bring in
+
+
+class JumpDetector:
+    """Feed it every innovation; `found` is the likeliest jump of the last rows where it is beyond doubt."""
+
+    def __init__(self, filter_: TorqueFilter) -> None:
+        self._n, self._size = filter_.n, len(filter_.x)
+        self._kinds = (4, self._n)
+        prior = filter_.jump_prior()
+        torque = (10 * filter_.dry) ** 2
+        self._prior = [np.diag(1 / prior), np.diag(1 / torque)]
+        self._scale, self._reach = filter_.mass_scale, filter_.reach
+        self._highest = 0.5 * THRESHOLD_MOST
+        self.forget()
+
+    def forget(self) -> None:
+        """No jump is looked for in the rows so far."""
+        self._count = 0
+        self._ratios: deque[float] = deque(maxlen=3 * CANDIDATES)
+        self._lag = [np.zeros((CANDIDATES, self._size, k)) for k in self._kinds]
+        self._c = [np.zeros((CANDIDATES, k, k)) for k in self._kinds]
+        self._d = [np.zeros((CANDIDATES, k)) for k in self._kinds]
+
+    def add(self, innovation: Innovation, seconds: float) -> Jump | None:
+        """One more row; the jump where one is found."""
+        self._count = min(self._count + 1, CANDIDATES)
+        spread = np.sqrt(1 / np.maximum(np.diag(innovation.inverse), 1e-300))
+        y = np.clip(innovation.y, -CLIP * spread, CLIP * spread)
+        direct = (np.ascontiguousarray(innovation.h[:, :4]), np.eye(self._n)[innovation.used])
+        ratios = []
+        for k in range(2):
+            # candidates move one place back, a new one begins at this row
+            for store in (self._lag[k], self._c[k], self._d[k]):
+                store[1:] = store[:-1]
+                store[0] = 0.0
+            size, ratio = np.zeros((CANDIDATES, self._kinds[k])), np.zeros(CANDIDATES)
+            traces(
+                self._lag[k], self._c[k], self._d[k], direct[k], innovation.h, innovation.gain, innovation.decay, innovation.inverse, y,
+                self._prior[k], self._count, size, ratio,
+            )  # fmt: skip
+            ratio[: ROWS_LEAST - 1] = 0.0
+            ratios.append((ratio, size))
+        both = np.maximum(ratios[0][0], ratios[1][0])
+        theta = int(np.argmax(both))
+        self._highest *= float(np.exp(-seconds / THRESHOLD_MEMORY))
+        if not both[theta] > np.clip(2 * self._highest, THRESHOLD_LEAST, THRESHOLD_MOST):
+            # a jump that is just beginning must not raise the bar for itself
+            if len(self._ratios) == self._ratios.maxlen:
+                self._highest = max(self._highest, self._ratios[0])
+            self._ratios.append(float(both[theta]))
+            return None
+        response = -self._lag[0][theta]
+        response[:4] += np.eye(4)
+        covariance = self._likely(theta, float(ratios[0][1][theta][0]))
+        size = covariance @ self._d[0][theta]
+        near = np.flatnonzero(both > both[theta] - AS_LIKELY) + 1
+        return Jump(
+            theta + 1, (int(near[-1]), int(near[0])), float(ratios[0][0][theta]), float(ratios[1][0][theta]), size, covariance, response,
+            ratios[1][1][theta],
+        )  # fmt: skip
+
+    def _likely(self, theta: int, mass: float) -> np.ndarray:
+        """Covariance (4, 4) of a jump of about that mass, whose centre lies about a tenth of the reach from the last joint."""
+        moment = 0.1 * self._reach * max(abs(mass), 0.05 * self._scale)
+        return np.linalg.inv(self._c[0][theta] + np.diag(1 / np.array([self._scale, moment, moment, moment]) ** 2))

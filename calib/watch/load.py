@@ -1,0 +1,245 @@
+"""What is mounted at the flange, and whether what the joints feel is a load, a touch, or nothing: decided over the rows of a motion.
+
+A change that the detector finds is at first only a change. If a load at the flange explains it, it becomes a payload once it has lasted
+`CONFIRM` seconds of motion; if not, or if it passes, it was a contact. A steady push straight down at the flange is a load until it ends.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.filter import Innovation, Snapshot, TorqueFilter
+from calib.watch.jump import CANDIDATES, Jump, JumpDetector
+from calib.watch.momentum import Row
+from sim.arm import Arm
+
+CONFIRM = 0.4  # s of motion after which a change that lasts is a payload
+UNDECIDED = 3.0  # s of motion after which a change that proved nothing is dropped
+SHARE = 0.6  # of the evidence for any torque that a load at the flange must carry
+AS_BEFORE = 2.5  # mean square of what the state of before leaves, in units of its variance
+CALM_ROWS = 6
+LASTS = 5.0  # s of motion of an unexplained torque after which the model is not the arm's any more
+SURE = 5.0  # standard deviations
+FLOOR = 0.03  # of the mass scale: what no claim is made of
+FAR = 0.35  # of the reach: no centre of mass lies further from the last joint
+JOINTS_LEAST, JOINT_SECONDS = 3, 2.0  # motion before a load is known at all
+KNOWN = 0.04  # of the mass scale: standard deviation at which it is known
+
+
+@dataclass
+class _Open:
+    """A change that is not decided: when it began, what was believed before, motion since, how well old and new belief do."""
+
+    began: tuple[float, float]
+    before: Snapshot
+    contact: bool
+    moved: float = 0.0
+    calm: int = 0
+    apart: bool = False
+    peak: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    nis: deque[float] = field(default_factory=lambda: deque(maxlen=15))
+
+
+class LoadWatch:
+    """Rows in, events out. `declared` (4,) [m, m c] is what is said to be mounted, NaN where nobody says; it may change at any time."""
+
+    def __init__(self, arm: Arm, filter_: TorqueFilter, known: np.ndarray) -> None:
+        """`known` (4,) [m, m c] is the payload that the arm's own model already has."""
+        self._arm, self._filter, self._known = arm, filter_, known
+        self._detector = JumpDetector(filter_)
+        self._open: _Open | None = None
+        self._past: deque[tuple[float, float, Snapshot]] = deque(maxlen=CANDIDATES + 2)
+        self._moved = np.zeros(arm.n)
+        self._claim = 0.0
+        self._began = np.nan
+        self.announced = filter_.x[:4].copy()
+        self._announced_std = 0.0
+        self.lost = False
+        self.settled = False
+
+    @property
+    def least(self) -> float:
+        """kg below which nothing is claimed."""
+        return FLOOR * self._filter.mass_scale
+
+    @property
+    def deciding(self) -> bool:
+        """Whether a change is open."""
+        return self._open is not None
+
+    def mass(self) -> Estimate:
+        """Mass at the flange, what the model has included."""
+        return Estimate(float(self._filter.x[0] + self._known[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
+
+    def com(self) -> tuple[Estimate, Estimate, Estimate] | None:
+        """Centre of mass in the last link's frame; None where there is too little mass to have one."""
+        mass = self.mass()
+        if not mass.value > max(3 * mass.std, self.least):
+            return None
+        c = (self._filter.x[1:4] + self._known[1:4]) / mass.value
+        slope = np.column_stack([-c, np.eye(3)]) / mass.value
+        std = np.sqrt(np.diag(slope @ self._filter.covariance[:4, :4] @ slope.T))
+        x, y, z = (Estimate(float(a), float(s), "m") for a, s in zip(c, std, strict=True))
+        return x, y, z
+
+    def add(self, row: Row, trusted: bool) -> tuple[list[WatchEvent], Innovation | None]:
+        """What this row decides; nothing before the model is `trusted` to be this arm's."""
+        if np.isnan(self._began):
+            self._began = row.t
+        used = self._filter.usable(row)
+        if not used.any():
+            self._filter.add(row)
+            return [], None
+        self._moved += used * row.seconds
+        if self._open is not None and self._open.contact:
+            return self._while_contact(row, used), None
+        self._past.append((row.t - 2 * row.seconds, row.t, self._filter.snapshot()))
+        innovation = self._filter.add(row, learn=self._open is None and self.settled, trust=self._open is not None)
+        if innovation is None:
+            return [], None
+        jump = self._detector.add(innovation, row.seconds)
+        if self._open is not None:
+            return self._judge(row, used, innovation, jump), innovation
+        if jump is not None and trusted:
+            return self._begin(row, jump), innovation
+        return self._claimed(row, trusted), innovation
+
+    def _begin(self, row: Row, jump: Jump) -> list[WatchEvent]:
+        before = self._past[-jump.rows][2]
+        first, last = self._past[-jump.between[0]][0], self._past[-jump.between[1]][1]
+        self._detector.forget()
+        load = jump.payload_ratio >= SHARE * jump.torque_ratio
+        self._open = _Open((first, last), before, contact=not load, peak=np.abs(jump.torque))
+        if not load:
+            self._filter.restore(before)
+            return [self._contact(row, jump.torque)]
+        self._filter.shift(jump)
+        change = Estimate(float(self._filter.x[0] - before.x[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
+        text = f"the load changed by {change}; whether it is a payload is known after {CONFIRM:g} s of motion"
+        return [WatchEvent(Kind.LOAD_CHANGED, row.t, (first, last), text, {"mass_change": change})]
+
+    def _judge(self, row: Row, used: np.ndarray, innovation: Innovation, jump: Jump | None) -> list[WatchEvent]:
+        open_ = self._open
+        assert open_ is not None
+        open_.moved += row.seconds
+        open_.nis.append(innovation.nis / innovation.degrees)
+        if self._as_before(row, used, open_):
+            return self._passed(row, open_)
+        if jump is not None:
+            self._detector.forget()
+            if jump.payload_ratio < SHARE * jump.torque_ratio:
+                return self._turned_out_contact(row, open_, jump.torque)
+            self._filter.shift(jump)
+        if open_.moved < CONFIRM:
+            return []
+        if float(np.mean(open_.nis)) > 6.0:
+            return self._turned_out_contact(row, open_, self._filter.left(row, open_.before.x))
+        if self._differs(open_.before.x[:4], np.sqrt(open_.before.covariance[0, 0])):
+            self._open = None
+            return self._announce(row.t, open_.began)
+        if open_.moved > UNDECIDED:
+            self._open = None
+        return []
+
+    def _as_before(self, row: Row, used: np.ndarray, open_: _Open) -> bool:
+        """Whether what was believed before explains the rows again, where it would not if the change were still there."""
+        old = self._filter.left(row, open_.before.x)[used] / self._filter.noise[used]
+        new = self._filter.left(row, self._filter.x)[used] / self._filter.noise[used]
+        apart = float(np.mean((old - new) ** 2))
+        worst = float(np.mean(old**2))
+        if open_.contact:
+            open_.calm = open_.calm + 1 if worst < AS_BEFORE and np.max(np.abs(old)) < 4 else 0
+        else:
+            open_.calm = open_.calm + 1 if worst < AS_BEFORE and apart > 2 * worst + 1 else 0
+        return open_.calm >= CALM_ROWS
+
+    def _passed(self, row: Row, open_: _Open) -> list[WatchEvent]:
+        """The change is over: it was a contact."""
+        seconds = Estimate(row.t - CALM_ROWS * row.seconds - open_.began[0], row.seconds, "s")
+        events = [] if open_.contact else [self._contact(row, open_.peak)]
+        self._filter.restore(open_.before)
+        self._open = None
+        self._detector.forget()
+        text = f"the contact ended after {seconds.value:.2f} s"
+        return [*events, WatchEvent(Kind.CONTACT_ENDED, row.t, open_.began, text, {"duration": seconds})]
+
+    def _turned_out_contact(self, row: Row, open_: _Open, torque: np.ndarray) -> list[WatchEvent]:
+        self._filter.restore(open_.before)
+        open_.contact, open_.calm = True, 0
+        self._detector.forget()
+        return [self._contact(row, torque)]
+
+    def _while_contact(self, row: Row, used: np.ndarray) -> list[WatchEvent]:
+        open_ = self._open
+        assert open_ is not None
+        open_.moved += row.seconds
+        if self._as_before(row, used, open_):
+            return self._passed(row, open_)
+        if open_.moved < LASTS:
+            return []
+        self._open, self.lost = None, True
+        self._filter.open()
+        left = self._filter.left(row, open_.before.x)
+        j = int(np.argmax(np.abs(left) / self._filter.noise * used))
+        size = {"torque": Estimate(float(left[j]), float(self._filter.noise[j]), "N*m")}
+        joint = self._arm.joint_names[j]
+        text = (
+            f"for {LASTS:g} s of motion neither a payload nor friction explains the torque, {joint} by {size['torque']}: the model is "
+            "not this arm's any more; record a log and run calib diagnose"
+        )
+        return [WatchEvent(Kind.MODEL_INVALID, row.t, open_.began, text, size, joint)]
+
+    def _contact(self, row: Row, torque: np.ndarray) -> WatchEvent:
+        open_ = self._open
+        assert open_ is not None
+        j = int(np.argmax(np.abs(torque) / self._filter.noise))
+        joint = self._arm.joint_names[j]
+        size = Estimate(float(torque[j]), float(self._filter.noise[j]), "N*m")
+        text = f"something touched the arm or pulls at it: {joint} carries {size} more, and no load at the flange does that"
+        return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, open_.began, text, {"torque": size}, joint)
+
+    def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
+        """A load that was there from the start, or came while the arm stood or crept: claimed when it has been sure for a while."""
+        enough = np.count_nonzero(self._moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n)
+        self.settled = self.settled or bool(enough and self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
+        if not trusted or not self._differs(self.announced, self._announced_std):
+            self._claim = 0.0
+            return []
+        self._claim += row.seconds
+        return self._announce(row.t, (self._began, row.t)) if self._claim > CONFIRM else []
+
+    def _differs(self, from_: np.ndarray, std: float) -> bool:
+        x, mass = self._filter.x, self._filter.x[0] + self._known[0]
+        spread = float(np.sqrt(self._filter.covariance[0, 0] + std**2))
+        change = abs(x[0] - from_[0])
+        if not (change > SURE * spread and change > self.least):
+            return False
+        if mass < -3 * spread:
+            return False
+        moment = float(np.linalg.norm(x[1:4] - from_[1:4]))
+        return moment < FAR * self._filter.reach * change + 3 * float(np.sqrt(self._filter.covariance[1:4, 1:4].trace()))
+
+    def _announce(self, t: float, began: tuple[float, float]) -> list[WatchEvent]:
+        before, self.announced = self.announced[0] + self._known[0], self._filter.x[:4].copy()
+        self._announced_std = float(np.sqrt(self._filter.covariance[0, 0]))
+        self._began, self._claim = t, 0.0
+        mass = self.mass()
+        light = self.least
+        size = {"mass": mass, "mass_change": Estimate(mass.value - before, mass.std, "kg")}
+        if abs(mass.value) < max(light, 3 * mass.std):
+            return [
+                WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} are left", size)
+            ]
+        com = self.com()
+        if com is not None:
+            size |= dict(zip(("com_x", "com_y", "com_z"), com, strict=True))
+        where = (
+            "" if com is None else " at (" + ", ".join(f"{1e3 * c.value:.0f}" for c in com) + ") mm in the last link's frame"
+        )
+        if abs(before) < light:
+            return [WatchEvent(Kind.PAYLOAD_ATTACHED, t, began, f"payload attached: {mass}{where}", size)]
+        return [WatchEvent(Kind.PAYLOAD_CHANGED, t, began, f"payload changed from {before:.3g} kg to {mass}{where}", size)]

@@ -1,0 +1,118 @@
+"""One watch from the first reading to the last: every event goes to the log's /events, to events.jsonl, and to whoever listens.
+
+DIR/events.jsonl   one event a line, as they came
+DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading
+DIR/watch.json     what was believed at the end; the same goes into the table of trends
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.console import plain
+from calib.watch.events import CONCERNS, WatchEvent
+from calib.watch.source import Source, until
+from calib.watch.trend import RunRecord, TrendTable
+from calib.watch.watcher import Picture, Watcher
+from logs.recorder import COMPLETED, INFO, Recorder
+
+DECLARED_EVERY = 0.2  # s between two questions about the declared payload
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends."""
+
+    source: Source
+    events: tuple[WatchEvent, ...]
+    picture: Picture
+    seconds: float
+    kept: bool
+
+    @property
+    def concerns(self) -> tuple[WatchEvent, ...]:
+        """The events that somebody should look at."""
+        return tuple(e for e in self.events if e.kind in CONCERNS)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Schema watch/1."""
+        p, arm = self.picture, self.source.arm
+        return {
+            "schema": "watch/1", "arm": arm.name, "source": self.source.name, "seconds": self.seconds, "samples": p.samples,
+            "fits": p.fits, "outcome": p.sentence, "payload": p.payload if p.settled else None, "com": p.com, "nis": p.nis,
+            "faults": p.faults, "trend": self.kept,
+            "joints": [
+                {
+                    "joint": joint, "seconds": p.seconds[j], "coulomb": p.friction[j].coulomb, "viscous": p.friction[j].viscous,
+                    "residual": p.residual[j], "temperature": p.friction[j].temperature,
+                }
+                for j, joint in enumerate(arm.joint_names)
+            ],
+            "events": [e.as_dict() for e in self.events],
+        }  # fmt: skip
+
+
+def watch(
+    source: Source,
+    folder: Path,
+    *,
+    seconds: float | None = None,
+    samples: bool = False,
+    database: Path | None = None,
+    on_event: Callable[[WatchEvent], None] = lambda event: None,
+    on_picture: Callable[[float, Watcher], None] = lambda share, watcher: None,
+    asked_to_end: Callable[[], bool] = lambda: False,
+    now: Callable[[], datetime] = lambda: datetime.now(UTC),
+) -> Watched:
+    """Watch to the end of the log, for `seconds` of the device's clock, or until `asked_to_end`; on_picture gets the share done."""
+    started = now()
+    watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
+    events: list[WatchEvent] = []
+    metadata = {
+        "arm": source.arm.name,
+        "arm_sha256": source.arm.sha256,
+        "source": source.name,
+        "rate": source.rate,
+        **source.facts,
+    }
+    first = last = asked = written = np.nan
+    with (
+        (folder / "events.jsonl").open("w", encoding="utf-8") as lines,
+        Recorder(folder / "watch.mcap", source.arm.joint_names, metadata) as recorder,
+    ):
+        try:
+            for state in until(source.states, seconds):
+                if np.isfinite(state.t_device):
+                    first, last = (state.t_device if np.isnan(first) else first), state.t_device
+                if samples or not state.t_device - written < 1.0:
+                    written = state.t_device
+                    recorder.write(replace(state, t_device=source.t_origin + state.t_device))
+                if not last - asked < DECLARED_EVERY:
+                    asked, watcher.declared = last, source.declared_now()
+                for event in watcher.add(state):
+                    events.append(event)
+                    recorder.event(event.level, event.kind.value, event.message, source.t_origin + event.t)
+                    lines.write(json.dumps(plain(event.as_dict()), allow_nan=False) + "\n")
+                    lines.flush()
+                    on_event(event)
+                on_picture((last - first) / source.duration if source.duration else 0.0, watcher)
+                if asked_to_end():
+                    break
+        except KeyboardInterrupt:
+            recorder.event(INFO, "watch", "ended by the operator", source.t_origin + (last if np.isfinite(last) else 0.0))
+        recorder.close(COMPLETED)
+    picture = watcher.picture()
+    kept = bool(picture.fits) and picture.settled and database is not None
+    if kept and database is not None:
+        with TrendTable(database) as table:
+            table.add(RunRecord.of(source.arm, source.name, started, picture))
+    found = Watched(source, tuple(events), picture, float(last - first), kept)
+    (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    return found

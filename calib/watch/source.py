@@ -1,0 +1,143 @@
+"""Where readings come from: a cell that somebody else moves, or a log; for a watcher both are the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.watch.watcher import Declared
+from drivers import open_driver
+from logs import read_log
+from logs.log import Log
+from sim.arm import Arm, load_arm
+from sim.cell import load_cell
+from sim.errors import BadLog, ConfigError
+from sim.joint_state import JointState
+
+
+@dataclass(frozen=True)
+class Source:
+    """Readings of an arm: `states` gives each once, in order; `declared_now` what is said to be mounted, asked at any time.
+
+    duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s on the
+    device clock is where the readings' own time is zero; facts go into the record.
+    """
+
+    name: str
+    arm: Arm
+    rate: float
+    states: Iterator[JointState]
+    declared_now: Callable[[], Declared | None]
+    gravity: np.ndarray | None = None
+    duration: float | None = None
+    live: bool = False
+    t_origin: float = 0.0
+    findings: tuple[str, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+def is_log(reference: str) -> bool:
+    """Whether the word on the command line is a recording and not a cell."""
+    path = Path(reference)
+    return path.suffix.lower() in (".mcap", ".csv", ".db3") or (path.is_dir() and path.suffix != ".toml")
+
+
+@contextmanager
+def open_source(
+    reference: str, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False
+) -> Iterator[Source]:
+    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should."""
+    if is_log(reference):
+        yield from_log(Path(reference), arm, configs, accept_partial)
+        return
+    cell = load_cell(reference, configs)
+    model = load_arm(arm or cell.table.arm, configs)
+    driver = open_driver(cell, model)
+    info = driver.listen()
+    try:
+        table = cell.table.payload
+
+        def declared_now() -> Declared | None:
+            said = driver.declared_payload()
+            if said is not None:
+                return Declared(said[0], said[1], "the controller")
+            return None if table is None else Declared(table.mass, (table.com[0], table.com[1], table.com[2]), "the cell file")
+
+        def states() -> Iterator[JointState]:
+            while True:
+                yield driver.read()
+
+        yield Source(
+            cell.name, model, driver.rate, states(), declared_now, None if info.gravity is None else np.array(info.gravity), live=True,
+            facts={"cell": cell.name, "device": info.model, "serial": info.serial, "firmware": info.firmware},
+        )  # fmt: skip
+    finally:
+        driver.close()
+
+
+def from_log(path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False) -> Source:
+    """The readings of a log, of the arm that it names or that is named for it; BadLog where the two are not the same arm."""
+    about = read_log(path, accept_partial=accept_partial)
+    said = about.metadata.get("arm")
+    if not (arm or said):
+        raise ConfigError(f"{path}: does not say which arm it is of; name it with --arm")
+    model = load_arm(arm or str(said), configs)
+    if said and model.name != said:
+        raise BadLog(
+            f"{path}: was recorded of {said}, the arm given is {model.name}: nothing that it shows would be about this arm; "
+            "leave --arm out, or name an arm folder of that arm"
+        )
+    log = read_log(path, model.joint_names, accept_partial=accept_partial)
+    if len(log) < 2:
+        raise BadLog(f"{path}: {len(log)} samples; there is nothing to watch")
+    silent = ~np.isfinite(log.tau).any(axis=0)
+    if silent.any() and (model.torque_constant is None or not np.isfinite(log.current[:, silent]).any(axis=0).all()):
+        names = ", ".join(j for j, s in zip(model.joint_names, silent, strict=True) if s)
+        raise ConfigError(
+            f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to make one of; write torque_constant "
+            "into its arm.toml, or record effort"
+        )
+    declared = _declared(log)
+    gravity = log.metadata.get("mounting")
+    return Source(
+        path.name, model, 1.0 / float(np.median(np.diff(log.t))), _states(log), lambda: declared,
+        None if gravity is None else np.array(json.loads(gravity), dtype=float), float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
+        facts={"log": str(path)},
+    )  # fmt: skip
+
+
+def _states(log: Log) -> Iterator[JointState]:
+    for k in range(len(log)):
+        yield JointState(float(log.t[k]), float(log.t[k]), log.q[k], log.dq[k], log.tau[k], log.current[k], log.temperature[k])
+
+
+def _declared(log: Log) -> Declared | None:
+    """What the device, else the cell file, said was mounted while the log was recorded."""
+    about = log.metadata
+    try:
+        if "device_payload_mass" in about:
+            x, y, z = json.loads(about.get("device_payload_com", "[0, 0, 0]"))
+            return Declared(float(about["device_payload_mass"]), (float(x), float(y), float(z)), "the controller")
+        if "payload" in about:
+            table = json.loads(about["payload"])
+            x, y, z = table["com"]
+            return Declared(float(table["mass"]), (float(x), float(y), float(z)), "the cell file")
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadLog(f"{log.path}: what it says about its payload is not understood ({error}); correct its metadata") from error
+    return None
+
+
+def until(states: Iterator[JointState], seconds: float | None) -> Iterator[JointState]:
+    """The readings of the first `seconds` on the device's clock; all of them where None."""
+    first: float | None = None
+    for state in states:
+        first = state.t_device if first is None else first
+        yield state
+        if seconds is not None and state.t_device - first >= seconds:
+            return

@@ -1,0 +1,45 @@
+"""Trends in words and as a plot on the terminal."""
+
+from __future__ import annotations
+
+import plotext
+from numpy import ptp
+
+from calib.watch.trend import RunRecord, Slope, series
+
+WIDTH, HEIGHT = 60, 11
+PLOTS_MOST = 4
+
+
+def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
+    """What the trends say, the largest first."""
+    worn = sorted((s for s in slopes if s.wears), key=lambda s: -abs(s.per_100_days or 0.0))
+    if worn:
+        told = ", ".join(
+            f"{s.kind} friction of {s.joint} changes by {s.per_100_days:+.0%} in 100 days ({s.interval[0]:+.0%} to {s.interval[1]:+.0%})"
+            for s in worn
+            if s.interval is not None and s.per_100_days is not None
+        )
+        return f"{arm}, {len(runs)} runs: {told}"
+    if all(s.interval is None for s in slopes):
+        return f"{arm}, {len(runs)} runs: too few for a trend"
+    return f"{arm}, {len(runs)} runs: no joint's friction changes for sure"
+
+
+def terminal_plot(runs: list[RunRecord], slopes: list[Slope]) -> str:
+    """Friction over days with 95 % intervals, of the joints that change most, as text."""
+    shown = sorted(slopes, key=lambda s: (-int(s.wears), -abs(s.per_100_days or 0.0)))[:PLOTS_MOST]
+    return "\n".join(_plot(runs, s) for s in shown)
+
+
+def _plot(runs: list[RunRecord], s: Slope) -> str:
+    days, value, std, _ = series(runs, s.joint, s.kind)
+    unit = "N m" if s.kind == "coulomb" else "N m s/rad"
+    figure = plotext.figure
+    figure.clear()
+    figure.plot_size(WIDTH, HEIGHT)
+    if ptp(days) < 1e-3:
+        days = days + range(len(days))
+    figure.draw(figure.error(list(days), list(value), list(2 * 1.96 * std), [0.0] * len(days)))
+    figure.title(f"{s.joint}: {s.kind} [{unit}] over days")
+    return str(plotext.uncolorize(str(figure.build())))

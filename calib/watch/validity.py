@@ -1,0 +1,103 @@
+"""Does the model still say what this arm does? The torque that nothing explains, against the torque and against what it was.
+
+Readings that the model never fits are no statement about the arm: they are of another arm, or the model never was this arm's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.filter import TorqueFilter
+from calib.watch.momentum import Row
+from sim.arm import Arm
+
+FIRST = 4.0  # s of motion after which the first verdict is given
+UNFIT = 0.35  # share of the variation of a loaded joint's torque that may stay unexplained at first
+REFERENCE = 20.0  # s of motion that say how much is left of a healthy arm
+RECENT = 8.0  # s of motion over which it is compared
+WORSE = 3.0  # times as much as was left then
+HOLDS = 4.0
+
+
+class ValidityWatch:
+    """Rows in; `fits` is None until the first verdict, and no claim is made where it is not True."""
+
+    def __init__(self, arm: Arm, filter_: TorqueFilter) -> None:
+        self._arm, self._filter = arm, filter_
+        n = arm.n
+        self.fits: bool | None = None
+        self._seconds = np.zeros(n)
+        self._sums = np.zeros((3, n))
+        self._reference = np.full(n, np.nan)
+        self._recent = np.zeros(n)
+        self._worse = np.zeros(n)
+        self._told = False
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(n,) N m RMS of what was left over all rows, NaN for a joint that never moved."""
+        return np.sqrt(self._sums[2] / np.where(self._seconds > 0, self._seconds, np.nan))
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """(n,) s of motion that told something."""
+        return self._seconds
+
+    def add(self, row: Row, settled: bool) -> list[WatchEvent]:
+        """A row of an arm that nothing touches; `settled` once the payload is known."""
+        used = self._filter.usable(row)
+        left = self._filter.left(row, self._filter.x)
+        if not settled:
+            return []
+        self._seconds += used * row.seconds
+        self._sums += row.seconds * np.where(used, np.stack([row.torque, row.torque**2, left**2]), 0.0)
+        if self.fits is None:
+            return self._first(row)
+        gain = np.minimum(row.seconds / RECENT, 1.0) * used
+        self._recent = np.where(self._recent > 0, self._recent + gain * (left**2 - self._recent), np.where(used, left**2, 0.0))
+        learnt = np.isnan(self._reference) & (self._seconds > REFERENCE)
+        self._reference[learnt] = self.residual[learnt]
+        return self._against_reference(row, used)
+
+    def _first(self, row: Row) -> list[WatchEvent]:
+        known = self._seconds > 0.5 * FIRST
+        if self._seconds.max() < FIRST or known.sum() < min(2, self._arm.n):
+            return []
+        mean, square, left = self._sums[:, known] / self._seconds[known]
+        variation = np.sqrt(np.maximum(square - mean**2, 0.0))
+        # joints that hardly load themselves prove nothing: their friction is all there is
+        loaded = variation > 0.5 * self._filter.dry[known]
+        share = np.sqrt(left) / np.maximum(variation, 1e-12)
+        mass = self._filter.x[0]
+        impossible = mass < -5 * np.sqrt(self._filter.covariance[0, 0]) - 0.1 * self._filter.mass_scale
+        heavy = abs(mass) > 5 * self._filter.mass_scale
+        self.fits = not (float(share.max(initial=0.0, where=loaded)) > UNFIT or impossible or heavy)
+        if self.fits:
+            return []
+        j = int(np.flatnonzero(known)[np.argmax(np.where(loaded, share, 0.0))])
+        detail = (
+            f"a load of {mass:.3g} kg would be needed to explain them" if impossible or heavy
+            else f"{float(share.max(initial=0.0, where=loaded)):.0%} of the torque's variation at {self._arm.joint_names[j]} stays unexplained"
+        )  # fmt: skip
+        text = (
+            f"these readings do not fit {self._arm.name}: {detail}; another arm, another mounting, or a model that never was this "
+            "arm's: no claim about the arm is made. Name the right arm, or calibrate it first"
+        )
+        return [WatchEvent(Kind.WRONG_ARM, row.t, (row.t - FIRST, row.t), text)]
+
+    def _against_reference(self, row: Row, used: np.ndarray) -> list[WatchEvent]:
+        worse = self._recent > WORSE**2 * np.where(np.isfinite(self._reference), self._reference, np.inf) ** 2
+        self._worse = np.where(worse, self._worse + row.seconds * used, 0.0)
+        if self._told or not np.any(self._worse > HOLDS):
+            self._told = self._told and bool(worse.any())
+            return []
+        self._told = True
+        j = int(np.argmax(self._worse))
+        now = Estimate(float(np.sqrt(self._recent[j])), float(self._filter.noise[j]) / np.sqrt(RECENT), "N*m")
+        joint = self._arm.joint_names[j]
+        text = (
+            f"the model of {joint} leaves {now.value:.3g} N m, {now.value / self._reference[j]:.1f} times as much as at the start: it is "
+            "not this arm's any more; record a log and run calib diagnose"
+        )
+        return [WatchEvent(Kind.MODEL_INVALID, row.t, (row.t - HOLDS, row.t), text, {"residual": now}, joint)]

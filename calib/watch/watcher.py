@@ -1,0 +1,210 @@
+"""A watcher takes readings, one after the other, and says what changed about the arm. It only ever reads.
+
+Blocks of about 20 ms make rows of the momentum balance; the filter follows payload and friction; load, wear and validity decide.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.filter import TorqueFilter
+from calib.watch.intake import Fault, Intake, Sample
+from calib.watch.load import LoadWatch
+from calib.watch.momentum import MomentumBalance, Row
+from calib.watch.validity import ValidityWatch
+from calib.watch.wear import JointFriction, WearWatch
+from sim.arm import Arm
+from sim.joint_state import JointState
+
+BLOCK = 0.02  # s
+AGAIN = 10.0  # s before the same kind of fault is told again
+NIS_MEMORY = 10.0  # s of motion
+DECLARED_SHARE = 0.05  # of the declared mass that it may be off
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What somebody says is mounted at the flange: kg, m in the last link's frame, and who says it."""
+
+    mass: float
+    com: tuple[float, float, float]
+    by: str
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a watcher believes now.
+
+    nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
+    consistent, NaN before the first motion. seconds (n,) of motion that told something; residual (n,) N m RMS that nothing explains;
+    hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves.
+    """
+
+    t: float
+    payload: Estimate
+    com: tuple[Estimate, Estimate, Estimate] | None
+    settled: bool
+    deciding: bool
+    fits: bool | None
+    friction: list[JointFriction]
+    nis: float
+    seconds: np.ndarray
+    residual: np.ndarray
+    hidden: float | None
+    samples: int
+    faults: dict[str, int]
+
+    @property
+    def sentence(self) -> str:
+        """The state in words; nothing is claimed without motion."""
+        if self.fits is False:
+            return "the readings do not fit the arm: no claim"
+        if not np.any(self.seconds > 0) and not self.settled:
+            hides = "" if self.hidden is None else f" up to {self.hidden:.2g} kg"
+            return f"no claim without motion: at rest static friction hides{hides} at the flange"
+        if not self.settled:
+            return "too little motion for a claim: three joints must move"
+        load = f"{self.payload} at the flange" if self.payload.value > 3 * self.payload.std else "nothing at the flange"
+        if self.deciding:
+            return f"the load has just changed: {load}, not yet decided"
+        if self.hidden is not None:
+            return f"standing, no claim without motion (static friction hides up to {self.hidden:.2g} kg); before: {load}"
+        return load
+
+
+class Watcher:
+    """`add` takes every reading of an arm and returns what it shows; `rate` Hz is the device's; `gravity` (3,) its mounting."""
+
+    def __init__(self, arm: Arm, rate: float, declared: Declared | None = None, gravity: np.ndarray | None = None) -> None:
+        self.arm, self.declared = arm, declared
+        self._intake = Intake(arm, rate)
+        self._balance = MomentumBalance(arm, gravity)
+        drives = self._balance.drives
+        known = _modelled_payload(arm)
+        first = np.zeros(4)
+        if declared is not None:
+            first = np.array([declared.mass, *(declared.mass * np.array(declared.com))]) - known
+        self._filter = TorqueFilter(arm, drives.coulomb, drives.viscous, first)
+        self._load = LoadWatch(arm, self._filter, known)
+        self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
+        self._validity = ValidityWatch(arm, self._filter)
+        self._length = max(2, round(BLOCK * rate))
+        self._block: list[Sample] = []
+        self._since: float | None = None
+        self._temperature = np.full(arm.n, np.nan)
+        self._told: dict[Kind, float] = {}
+        self._faults: dict[str, int] = {}
+        self._nis = np.nan
+        self._samples = 0
+        self._row: Row | None = None
+        self._still = True
+        self._complained = np.nan
+        self._delay: deque[Sample] = deque(maxlen=max(2, int(np.ceil(max(drives.delay, 0.0) * rate)) + 2))
+
+    @property
+    def not_followed(self) -> tuple[str, ...]:
+        """Effects of the arm that a watcher leaves in the unexplained torque."""
+        return self._balance.drives.not_followed
+
+    def add(self, state: JointState) -> list[WatchEvent]:
+        """One reading; the events that it brings."""
+        self._samples += 1
+        sample, fault = self._intake.add(state)
+        if fault is not None:
+            return self._faulty(fault)
+        if sample is None:
+            return []
+        if self._since is None:
+            self._since = sample.t
+        self._temperature = sample.temperature
+        self._block.append(self._aligned(sample))
+        if len(self._block) <= self._length:
+            return []
+        block, self._block = self._block, self._block[-1:]
+        t, q, dq, tau = (np.array([getattr(s, name) for s in block]) for name in ("t", "q", "dq", "tau"))
+        row = self._balance.add(t, self._since, q, dq, tau)
+        return [] if row is None else self._decide(row)
+
+    def picture(self) -> Picture:
+        """What is believed now."""
+        return Picture(
+            t=self._row.t if self._row is not None else np.nan, payload=self._load.mass(), com=self._load.com() if self._load.settled else None,
+            settled=self._load.settled, deciding=self._load.deciding, fits=self._validity.fits, friction=self._wear.now(self._temperature),
+            nis=self._nis, seconds=self._validity.seconds.copy(), residual=self._validity.residual, hidden=self._hidden(),
+            samples=self._samples, faults=dict(self._faults),
+        )  # fmt: skip
+
+    def _decide(self, row: Row) -> list[WatchEvent]:
+        self._row = row
+        self._still = not self._filter.usable(row).any()
+        events, innovation = self._load.add(row, self._validity.fits is True)
+        if innovation is not None:
+            share = min(row.seconds / NIS_MEMORY, 1.0)
+            now = innovation.nis / innovation.degrees
+            self._nis = now if np.isnan(self._nis) else self._nis + share * (now - self._nis)
+        if not self._load.deciding and not self._still:
+            events = self._validity.add(row, self._load.settled) + events
+            if self._validity.fits:
+                events += self._wear.add(row, self._temperature)
+        return events + self._compared(row)
+
+    def _compared(self, row: Row) -> list[WatchEvent]:
+        """Whether what is declared is what is mounted; told once for every declared value."""
+        declared = self.declared
+        if declared is None or not self._validity.fits or self._load.deciding or self._complained == declared.mass:
+            return []
+        mass = self._load.mass()
+        off = abs(mass.value - declared.mass)
+        if not (off > 5 * mass.std and off > max(self._load.least, DECLARED_SHARE * declared.mass)):
+            return []
+        self._complained = declared.mass
+        text = f"{declared.by} says {declared.mass:.3g} kg at the flange, the torques say {mass}; correct the declared payload"
+        size = {"mass": mass, "declared_mass": Estimate(declared.mass, 0.0, "kg")}
+        return [WatchEvent(Kind.DECLARED_PAYLOAD_WRONG, row.t, (row.t, row.t), text, size)]
+
+    def _faulty(self, fault: Fault) -> list[WatchEvent]:
+        """A balance never reaches across a fault; the same kind of fault is told at most every `AGAIN` seconds."""
+        self._block.clear()
+        self._delay.clear()
+        self._balance.forget()
+        self._faults[fault.kind.value] = self._faults.get(fault.kind.value, 0) + 1
+        if fault.t - self._told.get(fault.kind, -np.inf) < AGAIN:
+            return []
+        self._told[fault.kind] = fault.t
+        return [
+            WatchEvent(fault.kind, fault.t, (fault.t, fault.t), f"{fault.message}; left out, it says nothing about the arm")
+        ]
+
+    def _aligned(self, sample: Sample) -> Sample:
+        """The torque with the motion that it belongs to, where the arm's torque channel lags."""
+        delay = self._balance.drives.delay
+        if delay <= 0:
+            return sample
+        self._delay.append(sample)
+        then = sample.t - delay
+        for before, after in zip(self._delay, list(self._delay)[1:], strict=False):
+            if before.t <= then <= after.t:
+                share = (then - before.t) / (after.t - before.t)
+                q, dq = (getattr(before, x) + share * (getattr(after, x) - getattr(before, x)) for x in ("q", "dq"))
+                return Sample(sample.t, q, dq, sample.tau, sample.temperature)
+        return sample
+
+    def _hidden(self) -> float | None:
+        """kg whose weight stays below the dry friction of every joint in the present pose."""
+        if self._row is None or not self._still:
+            return None
+        lever = np.abs(self._row.payload[:, 0])
+        return float(np.min(self._filter.dry / np.maximum(lever, 1e-9)))
+
+
+def _modelled_payload(arm: Arm) -> np.ndarray:
+    """[m, m c] that the arm's own effects already state."""
+    payload = arm.effect("payload")
+    if payload is None:
+        return np.zeros(4)
+    p = payload.parameters
+    return p["mass"] * np.array([1.0, p["com_x"], p["com_y"], p["com_z"]])

@@ -1,0 +1,91 @@
+"""Bad readings: each is reported with its value, none becomes an event about the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.watch.events import Kind, WatchEvent
+from calib.watch.watcher import Watcher
+from sim.joint_state import JointState
+from tests.calib.watch.conftest import AT
+
+Fresh = Callable[[], Watcher]
+
+
+def spoiled(readings: list[JointState], **changes: Any) -> list[JointState]:
+    """The readings from `AT` on, the first of them spoiled."""
+    return [replace(readings[AT], **changes), *readings[AT + 1 : AT + 400]]
+
+
+def watched(watcher: Watcher, readings: list[JointState]) -> list[WatchEvent]:
+    return [event for state in readings for event in watcher.add(state)]
+
+
+def one(value: np.ndarray, j: int, wrong: float) -> np.ndarray:
+    out = value.copy()
+    out[j] = wrong
+    return out
+
+
+@pytest.mark.parametrize("field", ["q", "dq", "tau"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e279, -1e6])
+def test_a_value_that_no_arm_has(at_work: Fresh, calm: list[JointState], field: str, wrong: float) -> None:
+    readings = spoiled(calm, **{field: one(getattr(calm[AT], field), 2, wrong)})
+    events = watched(at_work(), readings)
+    assert [e.kind for e in events] == [Kind.BAD_READING]
+    assert "elbow_joint" in events[0].message
+    assert events[0].about == "input"
+
+
+def test_one_wild_torque_between_two_sane_ones(at_work: Fresh, calm: list[JointState]) -> None:
+    events = watched(at_work(), spoiled(calm, tau=calm[AT].tau + np.array([0, 20.0, 0, 0, 0, 0])))
+    assert [e.kind for e in events] == [Kind.BAD_READING]
+    assert "one reading of" in events[0].message
+
+
+def test_a_jump_of_position(at_work: Fresh, calm: list[JointState]) -> None:
+    events = watched(at_work(), spoiled(calm, q=one(calm[AT].q, 0, calm[AT].q[0] + 0.5)))
+    assert {e.kind for e in events} == {Kind.BAD_READING}
+
+
+def test_a_gap(at_work: Fresh, calm: list[JointState]) -> None:
+    events = watched(at_work(), [calm[AT], *calm[AT + 61 :]])
+    assert [e.kind for e in events] == [Kind.GAP]
+    assert "no reading for 305 ms" in events[0].message
+
+
+@pytest.mark.parametrize("t_device", [np.nan, -5.0, 14.0])
+def test_a_clock_that_jumps(at_work: Fresh, calm: list[JointState], t_device: float) -> None:
+    events = watched(at_work(), spoiled(calm, t_device=t_device))
+    assert {e.about for e in events} == {"input"}
+
+
+def test_torques_that_have_frozen(at_work: Fresh, calm: list[JointState]) -> None:
+    frozen = [replace(s, tau=calm[AT].tau) for s in calm[AT : AT + 300]]
+    events = watched(at_work(), [*frozen, *calm[AT + 300 :]])
+    assert Kind.FROZEN in {e.kind for e in events}
+    assert {e.about for e in events} == {"input"}
+
+
+def test_another_number_of_joints(at_work: Fresh, calm: list[JointState]) -> None:
+    short = [
+        JointState(s.t, s.t_device, *(getattr(s, x)[:5] for x in ("q", "dq", "tau", "current", "temperature")))
+        for s in calm[:50]
+    ]
+    events = watched(at_work(), short)
+    assert [e.kind for e in events] == [Kind.WRONG_ARM]
+
+
+def test_many_faults_are_told_once_in_a_while_and_counted(at_work: Fresh, calm: list[JointState]) -> None:
+    watcher = at_work()
+    rng = np.random.default_rng(0)
+    readings = [replace(s, tau=one(s.tau, 1, np.nan)) if rng.random() < 0.02 else s for s in calm[AT:]]
+    events = [event for state in readings for event in watcher.add(state)]
+    assert {e.kind for e in events} <= {Kind.BAD_READING}
+    assert len(events) <= 3
+    assert watcher.picture().faults["bad_reading"] > 10

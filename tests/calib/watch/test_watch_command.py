@@ -1,0 +1,134 @@
+"""`calib watch` as a user runs it: a log in, events out, the same in /events, JSON lines and the table of trends."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.main import main
+from logs import Recorder, read_log
+from sim.arm import Arm
+from sim.joint_state import JointState
+
+DATA = os.environ.get("ARM_CALIB_DATA")
+
+
+def recorded(path: Path, arm: Arm, readings: list[JointState], **metadata: object) -> Path:
+    with Recorder(path, arm.joint_names, {"arm": arm.name, **metadata}) as recorder:
+        for state in readings:
+            recorder.write(state)
+    return path
+
+
+@pytest.fixture(scope="module")
+def watched(
+    tmp_path_factory: pytest.TempPathFactory, servo6: Arm, shift: tuple[list[JointState], float, float]
+) -> tuple[Path, Path, int]:
+    folder = tmp_path_factory.mktemp("watch")
+    log = recorded(folder / "shift.mcap", servo6, shift[0])
+    code = main(["watch", str(log), "--out", str(folder / "out"), "--database", str(folder / "trend.sqlite")])
+    return folder, folder / "out", code
+
+
+def test_events_stand_in_the_log_in_json_lines_and_in_the_result(watched: tuple[Path, Path, int]) -> None:
+    _, out, code = watched
+    assert code == 0
+    lines = [json.loads(text) for text in (out / "events.jsonl").read_text().splitlines()]
+    names = [e["event"] for e in lines]
+    assert names == ["load_changed", "payload_attached", "load_changed", "payload_removed"]
+    low, high = lines[1]["size"]["mass"]["interval"]
+    assert low < 0.3 < high
+    events = read_log(out / "watch.mcap").events
+    assert [e.name for e in events] == names
+    apart = np.diff([e["t"] for e in lines])
+    assert np.allclose(np.diff([e.t for e in events]), apart, atol=1e-6)
+    result = json.loads((out / "watch.json").read_text())
+    assert result["schema"] == "watch/1"
+    assert result["fits"]
+    assert result["trend"]
+
+
+def test_json_lines_are_for_other_programs(
+    watched: tuple[Path, Path, int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _, _ = watched
+    capsys.readouterr()
+    assert (
+        main(
+            [
+                "watch",
+                str(folder / "shift.mcap"),
+                "--seconds",
+                "22",
+                "--json",
+                "--out",
+                str(tmp_path / "o"),
+                "--database",
+                str(tmp_path / "t"),
+            ]
+        )
+        == 0
+    )
+    lines = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
+    assert [line.get("event") for line in lines[:-1]] == ["load_changed", "payload_attached"]
+    assert lines[-1]["schema"] == "watch/1"
+
+
+def test_trend_needs_runs_and_a_replay_counts_once(
+    watched: tuple[Path, Path, int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _, _ = watched
+    capsys.readouterr()
+    code = main(["watch", "--trend", "--json", "--out", str(tmp_path / "trend"), "--database", str(folder / "trend.sqlite")])
+    assert code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["arm"] == "servo6"
+    assert "too few for a trend" in told["outcome"]
+    assert len(told["runs"]) == 1
+    assert (tmp_path / "trend" / "trend.html").read_text().startswith("<!")
+    assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
+
+
+def test_a_log_of_another_arm_is_refused(
+    tmp_path: Path, servo6: Arm, calm: list[JointState], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = recorded(tmp_path / "log.mcap", servo6, calm[:200])
+    assert main(["watch", str(log), "--arm", "ur3e", "--out", str(tmp_path / "o")]) == 2
+    assert "was recorded of servo6" in capsys.readouterr().err
+
+
+def test_the_payload_that_the_log_declares_is_compared(tmp_path: Path, servo6: Arm, calm: list[JointState]) -> None:
+    log = recorded(tmp_path / "log.mcap", servo6, calm, device_payload_mass=0.5, device_payload_com=[0.0, 0.0, 0.03])
+    assert main(["watch", str(log), "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 1
+    names = [json.loads(text)["event"] for text in (tmp_path / "o" / "events.jsonl").read_text().splitlines()]
+    assert "declared_payload_wrong" in names
+
+
+def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
+    assert "no claim without motion" in capsys.readouterr().out
+    assert (tmp_path / "o" / "events.jsonl").read_text() == ""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(DATA is None, reason="real recordings are not here: set ARM_CALIB_DATA to their folder")
+def test_real_recordings_free_and_loaded(tmp_path: Path) -> None:
+    for name, expected in (("excitation_free_b", []), ("excitation_40s_12h", []), ("excitation_load_b", ["payload_attached"])):
+        out = tmp_path / name
+        arguments = [
+            "watch",
+            str(Path(str(DATA)) / "ur10e" / f"{name}.csv"),
+            "--arm",
+            "ur10e",
+            "--out",
+            str(out),
+            "--database",
+            str(tmp_path / "t"),
+        ]
+        assert main([*arguments, "--accept-partial"]) == 0
+        found = [json.loads(text) for text in (out / "events.jsonl").read_text().splitlines()]
+        assert [e["event"] for e in found if e["about"] == "arm"] == expected

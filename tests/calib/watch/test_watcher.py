@@ -1,0 +1,122 @@
+"""What a watcher says of a shift of work: the load when it comes and goes, nothing of what is normal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from calib.watch.events import Kind, WatchEvent
+from calib.watch.watcher import Declared, Watcher
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
+from sim.joint_state import JointState
+from tests.calib.watch.conftest import LOAD, moving_at, states, work
+
+
+def watched(watcher: Watcher, readings: Iterable[JointState]) -> list[WatchEvent]:
+    return [event for state in readings for event in watcher.add(state)]
+
+
+def kinds(events: list[WatchEvent]) -> list[Kind]:
+    return [e.kind for e in events]
+
+
+def test_a_load_is_told_when_it_comes_and_when_it_goes(servo6: Arm, shift: tuple[list[JointState], float, float]) -> None:
+    readings, on, off = shift
+    events = watched(Watcher(servo6, 200.0), readings)
+    assert kinds(events) == [Kind.LOAD_CHANGED, Kind.PAYLOAD_ATTACHED, Kind.LOAD_CHANGED, Kind.PAYLOAD_REMOVED]
+    first, attached, _, removed = events
+    assert 0 < first.t - on < 0.15
+    assert first.began[0] <= on <= first.began[1] + 0.02
+    assert attached.t - on < 0.7
+    mass = attached.size["mass"]
+    assert abs(mass.value - LOAD["mass"]) < 3 * mass.std
+    assert mass.std < 0.03
+    assert 0 < removed.t - off < 0.9
+    assert all(e.about == "arm" for e in events)
+
+
+def test_normal_work_brings_no_event_and_the_filter_is_consistent(servo6: Arm, calm: list[JointState]) -> None:
+    watcher = Watcher(servo6, 200.0)
+    assert watched(watcher, calm) == []
+    picture = watcher.picture()
+    assert picture.fits
+    assert picture.settled
+    assert 0.4 < picture.nis < 1.5
+    assert abs(picture.payload.value) < 3 * picture.payload.std + 0.01
+
+
+def test_standing_still_claims_nothing_and_says_why(servo6: Arm, loaded: Arm) -> None:
+    still = (np.tile([0.0, -1.4, 1.3, -1.4, -1.2, 0.3], (1200, 1)), np.zeros((1200, 6)))
+    watcher = Watcher(servo6, 200.0)
+    assert watched(watcher, states(servo6, still, 0, [(2.0, loaded)])) == []
+    picture = watcher.picture()
+    assert not picture.settled
+    assert picture.hidden is not None
+    assert picture.hidden > 0.05
+    assert "no claim without motion" in picture.sentence
+
+
+def test_a_load_taken_up_at_rest_is_told_once_the_arm_moves(servo6: Arm, loaded: Arm) -> None:
+    motion = work(servo6, 26.0, seed=3, pause=1.0)
+    speed = np.abs(motion[1]).max(axis=1)
+    rests = [k for k in range(18 * 200, len(speed)) if speed[k] == 0 and speed[k - 1] > 0]
+    taken = rests[0] / 200 + 0.4
+    events = watched(Watcher(servo6, 200.0), states(servo6, motion, 0, [(taken, loaded)]))
+    assert Kind.PAYLOAD_ATTACHED in kinds(events)
+    assert not any(e.t < taken + 0.5 for e in events)
+
+
+def test_what_is_declared_is_compared(servo6: Arm, loaded: Arm, calm: list[JointState]) -> None:
+    events = watched(Watcher(servo6, 200.0, Declared(0.4, (0.0, 0.0, 0.05), "the cell file")), calm)
+    assert Kind.DECLARED_PAYLOAD_WRONG in kinds(events)
+    wrong = next(e for e in events if e.kind is Kind.DECLARED_PAYLOAD_WRONG)
+    assert "the cell file says 0.4 kg" in wrong.message
+    carried = states(servo6, work(servo6, 20.0, seed=1), 1, truth=loaded)
+    com = (LOAD["com_x"], LOAD["com_y"], LOAD["com_z"])
+    assert watched(Watcher(servo6, 200.0, Declared(LOAD["mass"], com, "the controller")), carried) == []
+
+
+@pytest.mark.parametrize("seconds", [0.25, 1.0])
+def test_a_push_from_the_side_is_a_contact_and_no_payload(servo6: Arm, seconds: float) -> None:
+    motion = work(servo6, 24.0, seed=0)
+    start = moving_at(servo6, motion, 18.0)
+    push = {"start": start, "duration": seconds, "force_x": 6.0, "force_y": 8.0, "force_z": 3.0}
+    touched = with_effect(servo6, ArmEffect("external_contact", None, push))
+    events = watched(Watcher(servo6, 200.0), states(servo6, motion, 0, truth=touched))
+    told = kinds(events)
+    assert Kind.UNEXPECTED_CONTACT in told
+    assert not {Kind.PAYLOAD_ATTACHED, Kind.PAYLOAD_CHANGED, Kind.PAYLOAD_REMOVED} & set(told)
+    contact = next(e for e in events if e.kind is Kind.UNEXPECTED_CONTACT)
+    assert contact.t - start < 0.5
+
+
+def test_the_wrong_arm_is_no_event_about_the_arm(calm: list[JointState]) -> None:
+    events = watched(Watcher(load_arm("ur3e"), 200.0), calm)
+    assert events
+    assert {e.about for e in events} == {"input"}
+
+
+@pytest.mark.slow
+def test_growing_viscous_friction_is_drift_of_its_joint_and_warming_is_normal(servo6: Arm) -> None:
+    joint = "elbow_joint"
+    motion = work(servo6, 400.0, seed=5, pause=0.1)
+    viscous = servo6.effect("viscous_friction", joint)
+    assert viscous is not None
+    warm = servo6
+    for name in servo6.joint_names:
+        warm = with_effect(warm, ArmEffect("thermal_friction", name, {"relative_drop": 0.25, "time_constant": 200.0}))
+    assert watched(Watcher(servo6, 200.0), states(servo6, motion, 5, truth=warm)) == []
+    worn = [
+        (
+            t,
+            with_effect(
+                servo6, ArmEffect("viscous_friction", joint, {"viscous": viscous.parameters["viscous"] * (1 + 0.8 * t / 400)})
+            ),
+        )
+        for t in np.arange(5.0, 400.0, 5.0)
+    ]
+    events = watched(Watcher(servo6, 200.0), states(servo6, motion, 5, worn))
+    assert {(e.kind, e.joint) for e in events} == {(Kind.FRICTION_DRIFT, joint)}
