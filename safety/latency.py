@@ -12,7 +12,7 @@ SECONDS = 2.0
 
 def latency_of(cell: Cell, rate: float, clock: Clock) -> float:
     """How late a loop of `rate` Hz may be in a cell, s: what is measured now, at least what the cell states; none where time is simulated."""
-    return 0.0 if isinstance(clock, SimulatedClock) else max(worst_latency(rate), cell.table.motion.latency)
+    return 0.0 if isinstance(clock, SimulatedClock) else max(worst_latency(rate, clock=clock), cell.table.motion.latency)
 
 
 def worst_latency(rate: float, seconds: float = SECONDS, clock: Clock | None = None) -> float:

@@ -32,7 +32,7 @@ class Joints:
         self.fresh = [True] * len(drives)
         self.lost = 0
         self._waiting_since = [clock.now()] * len(drives)
-        self._owed = [0] * len(drives)
+        self._owed: list[deque[float]] = [deque() for _ in drives]
         self._unasked = [0] * len(drives)
         self._surplus = [False] * len(drives)
         self._rejected = [0] * len(drives)
@@ -48,8 +48,12 @@ class Joints:
                 self._unasked[j] = 0
             self._surplus[j] = False
             if self.fresh[j]:
-                self.fresh[j], self._waiting_since[j], self._owed[j] = False, now, 0
-            self._owed[j] += 1
+                self.fresh[j], self._waiting_since[j] = False, now
+            owed = self._owed[j]
+            # a late answer is still owed in the next cycles; one that is silent for so long is lost
+            while owed and now - owed[0] > PERIODS_MAX * self.period:
+                owed.popleft()
+            owed.append(now)
 
     def drain(self) -> None:
         """Sort in everything that is there already, without waiting."""
@@ -76,8 +80,8 @@ class Joints:
             return
         self._rejected[j] = 0
         if not drive.pushes:
-            if self._owed[j] > 0:
-                self._owed[j] -= 1
+            if self._owed[j]:
+                self._owed[j].popleft()
             else:
                 self._surplus[j] = True
                 self._unasked[j] += 1

@@ -44,6 +44,28 @@ def test_what_was_handed_over_is_read(tmp_path):
     assert log.events[1].message == f"{Status.FAULT.value} joint 2"
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="this system has no real-time priority to inherit")
+def test_the_recording_process_does_not_keep_the_control_loop_s_priority(tmp_path):
+    program = """
+import os, sys
+from logs import RecorderProcess
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+except PermissionError:
+    pass
+with RecorderProcess(sys.argv[1], ("a",)) as recorder:
+    print(os.sched_getscheduler(recorder._process.pid) == os.SCHED_OTHER)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path / "a.mcap")],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert done.stdout.split() == ["True"]
+
+
 def test_a_slow_disk_is_counted_and_stops_the_run(tmp_path):
     recorder = RecorderProcess(tmp_path / "a.mcap", NAMES, slots=16, stall=0.01)
     with pytest.raises(DeviceError, match="the ring of 16 is full and 1 are lost"):

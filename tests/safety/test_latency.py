@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from safety.latency import worst_latency
-from sim.clock import SimulatedClock
+from safety.latency import latency_of, worst_latency
+from sim.cell import Cell, MotionTable
+from sim.clock import Clock, SimulatedClock
 
 
 class LateClock(SimulatedClock):
@@ -39,3 +42,24 @@ def test_a_pause_is_counted_once_and_not_for_every_wake_up_after_it() -> None:
 
 def test_the_real_clock_by_default() -> None:
     assert worst_latency(1000.0, 0.05) >= 1e-3
+
+
+def test_a_cell_may_state_more_than_is_measured_and_simulated_time_has_none(cell: Cell) -> None:
+    patient = replace(cell, table=cell.table.model_copy(update={"motion": MotionTable(latency=0.3)}))
+    assert latency_of(patient, 500.0, LateClock(lambda k: 0.0)) == 0.0
+    assert latency_of(patient, 500.0, WallClock(0.0)) == 0.3
+    assert latency_of(patient, 500.0, WallClock(0.4)) == pytest.approx(0.402, abs=1e-6)
+    assert latency_of(cell, 500.0, WallClock(0.0)) == pytest.approx(0.002, abs=1e-6)
+
+
+class WallClock(Clock):
+    """Not a simulated one, to those who ask; late by `late` s once."""
+
+    def __init__(self, late: float) -> None:
+        self._inner = LateClock(lambda k: late if k == 7 else 0.0)
+
+    def now(self) -> float:
+        return self._inner.now()
+
+    def sleep_until(self, instant: float) -> None:
+        self._inner.sleep_until(instant)

@@ -40,3 +40,20 @@ def test_what_is_refused_is_told() -> None:
     assert not collecting
     assert not real_time
     assert granted == {"no garbage collection": True, "memory locked": False, "real-time priority": False}
+
+
+UNHURRIED = """
+import os
+from safety.realtime import prepare, unhurried
+granted = prepare()["real-time priority"]
+before = os.sched_getscheduler(0)
+with unhurried():
+    within = os.sched_getscheduler(0)
+print(granted == (before == os.SCHED_FIFO), within == os.SCHED_OTHER, os.sched_getscheduler(0) == before)
+"""
+
+
+def test_proofs_run_at_ordinary_priority_and_the_loop_has_its_own_back() -> None:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", UNHURRIED], capture_output=True, text=True, cwd=root, check=True)
+    assert done.stdout.split() == ["True", "True", "True"]

@@ -19,10 +19,12 @@ from sim.plant import Plant
 from sim.resources import nearest
 
 NOISE_PERIOD = 0.0005  # s between two frames of a disturbance
+LATE = 0.006  # s that a busy computer gets its frames later
 BABBLE = 0x123  # identifier of the node that does not stop talking
 JOINT_FAULTS = ("silent", "over-temperature", "frozen", "restarted", "twin", "short-frames")
 BUS_FAULTS = (
-    "bus-off", "error-passive", "error-frames", "tx-full", "unplugged", "babble", "second-host", "swapped", "lost-frames", "restore",
+    "bus-off", "error-passive", "error-frames", "tx-full", "unplugged", "babble", "second-host", "swapped", "lost-frames", "late",
+    "restore",
 )  # fmt: skip
 
 
@@ -143,7 +145,8 @@ class EmulatedBus:
     def _emit(self, message: can.Message, now: float) -> None:
         if self.active & {"bus-off", "unplugged"}:
             return
-        self._out.append((self._occupy(message, now), message))
+        arrival = self._occupy(message, now) + (LATE if "late" in self.active else 0.0)
+        self._out.append((max([arrival, *(t for t, _ in self._out[-1:])]), message))
 
     def _occupy(self, message: can.Message, now: float) -> float:
         bits = (67 if message.is_extended_id else 47) + 8 * message.dlc

@@ -89,6 +89,20 @@ def test_one_lost_answer_is_asked_for_again_and_counted(bench):
     b.bus.inject("restore")
 
 
+@pytest.mark.parametrize("cycles", [1, 3, 12])
+def test_answers_that_come_later_than_a_period_are_late_and_not_two_drives(bench, cycles):
+    b = bench()
+    b.driver.connect()
+    b.stream(20)
+    for _ in range(3):
+        b.bus.inject("late")
+        b.stream(cycles)
+        b.bus.inject("restore")
+        b.stream(7)
+    assert b.driver.joints.lost >= 3
+    assert all(servo.on and not servo.error for servo in b.bus.servos)
+
+
 def test_reading_never_returns_the_last_known_value(bench):
     b = bench()
     b.driver.connect()
