@@ -30,6 +30,9 @@ def command(
     home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
     starts: Annotated[int, typer.Option(min=0, help="Starts of the optimiser; 0 keeps the best random motion.")] = 8,
     seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
+    viewer: Annotated[
+        bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, where there is a display.")
+    ] = False,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -48,7 +51,10 @@ def command(
     from safety.plan import write_plan
     from sim.arm import load_arm
     from sim.cell import load_cell
+    from sim.viewer import play, require_display
 
+    if viewer:
+        require_display()
     nominal = load_arm(arm, configs)
     where = load_cell(cell, configs) if cell else None
     asked = replace(
@@ -83,3 +89,5 @@ def command(
     )
     console.say(f"{sentence}.")
     console.say(f"{folder}: plan.toml, plan.html; approve it after looking at it, then `calib record CELL {folder}`.")
+    if viewer:
+        play(nominal, stands.table.obstacles, [m.trajectory for m in designed.motions])
