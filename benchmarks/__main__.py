@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 # each is a module of this package with run() -> rows of what, value, unit, bar, note
-TOPICS = ("logs", "ur", "can", "operator")
+TOPICS = ("logs", "ur", "can", "operator", "fleet")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

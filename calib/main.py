@@ -26,6 +26,7 @@ COMMANDS: dict[str, str] = {
     "validate": "validate",
     "diagnose": "diagnose",
     "watch": "watch",
+    "fleet": "fleet",
     "export": "export",
     "import": "import_",
     "replay": "replay",

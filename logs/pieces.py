@@ -42,6 +42,12 @@ class Pieces(Sequence[Log]):
         out.seconds = tuple(s for p in parts for s in p.seconds)
         return out
 
+    def taken(self, first: int, stop: int) -> Pieces:
+        """The pieces from `first` to the one before `stop`."""
+        out = Pieces()
+        out._bounds, out.seconds = self._bounds[first:stop], self.seconds[first:stop]
+        return out
+
     def _cut(self, source: Log | Spool) -> None:
         if isinstance(source, Spool):
             marks, samples, duration = np.array(source.marks), source.samples, source.duration

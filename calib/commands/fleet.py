@@ -1,0 +1,84 @@
+"""`calib fleet`: every arm of a plant, from a folder of recordings."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any
+
+import typer
+
+from calib import console
+from calib.run_folder import RUNS, conclude, new_run
+
+
+def command(
+    folder: Annotated[
+        str, typer.Argument(metavar="FOLDER", help="Folder of recordings: a path, or an address that fsspec reads.")
+    ],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://host:port; processes of this computer if not given."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Processes of this computer; one for each processor if not given, none for 0.")
+    ] = None,
+    session: Annotated[
+        float,
+        typer.Option(min=0.0, help="Days before an arm's newest recording that say what it is now; older ones say since when."),
+    ] = 1.0,
+    no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only.")] = False,
+    accept_partial: console.AcceptPartial = False,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> int:
+    """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
+
+    Writes fleet.parquet, report.html and arms/<arm>/ into DIR, runs/fleet-<folder>/ if not given; called again, it does only
+    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be judged.
+
+    Example:
+
+        calib fleet /data/plant-a --workers 2
+    """
+    from calib.fleet.fleet import Progress, Settings, run_fleet
+    from calib.fleet.told import arm_rows, deviation_rows, sentence
+    from calib.report import fleet as page
+
+    place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
+    run = new_run("fleet", "fleet", place, recordings=folder)
+    settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
+    with console.progress("fleet", None) as advance:
+
+        def told(progress: Progress) -> None:
+            if progress.dashboard:
+                console.warn(f"{progress.total} arms to do; Dask's page: {progress.dashboard}")
+            elif progress.status is not None:
+                count[0] += 1
+                advance(1, f"{count[0]} of {progress.total}, {progress.arm_id}: {progress.status.name.lower()}")
+
+        count = [0]
+        found = run_fleet(folder, run, settings, told, configs)
+        page.write(run / "report.html", folder, found)
+    said = sentence(found)
+    conclude(said)
+    deviating = deviation_rows(found)
+    judged = all(row["status"] == "done" for row in found.rows)
+    code = 0 if judged and not deviating and not found.unassigned else 1
+    if as_json:
+        answer: dict[str, Any] = {
+            "schema": "fleet/1",
+            "arms": found.rows,
+            "unassigned": found.unassigned,
+            "done_now": found.done,
+        }
+        console.print_json(answer)
+        return code
+    console.table(["arm", "status", "logs", "minutes", "left of torque", "verdict", "farthest from siblings"], arm_rows(found))
+    if deviating:
+        console.table(["arm", "what", "joint", "how large", "since"], deviating, "arms that deviate")
+    for address, why in found.unassigned:
+        console.warn(f"{address}: {why}")
+    console.say(f"{said}.")
+    console.say(f"{run}: fleet.parquet, report.html, arms/")
+    return code

@@ -1,0 +1,87 @@
+"""Dask: processes of this computer by default, an existing cluster where its scheduler's address is given; the same tasks either way."""
+
+from __future__ import annotations
+
+import logging
+import os
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster, as_completed
+from distributed.scheduler import KilledWorker
+
+from sim.errors import ConfigError
+
+# Each worker does one arm at a time: threads below it would only contend, and sums would depend on how many there are
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")  # fmt: skip
+ALLOWED_DEATHS = 3  # workers that may die over one arm before the others go on without it
+CONNECT_SECONDS = 10.0
+
+
+@contextmanager
+def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client | None]:
+    """A client of the scheduler at an address (tcp://host:port), or of so many processes of this computer (one for each processor if
+    None); with no worker at all, none, and `results` does the work itself.
+
+    ConfigError where nobody answers at the address. `client.dashboard_link` is the page that shows what the workers do.
+    """
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=CONNECT_SECONDS)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ConfigError(
+                f"--scheduler {scheduler}: nobody answers ({error}); start one with `dask scheduler`, or leave the option away to use "
+                "this computer"
+            ) from error
+        with client:
+            yield client
+        return
+    if workers == 0:
+        yield None
+        return
+    settings = {
+        "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
+        "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+    }
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
+            dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
+        ) as local,
+        Client(local) as client,
+    ):  # fmt: skip
+        yield client
+
+
+def results(
+    client: Client | None, task: Callable[[Any], Any], items: Iterable[tuple[str, Any]]
+) -> Iterator[tuple[str, Any | None, str]]:
+    """task(item) of every (key, item), in the order in which they are finished: key, result or None, and why there is none.
+
+    A task whose worker dies is done by another one; results are handed on, and forgotten by the cluster, as they come. Without a
+    client the tasks are done here, one after the other.
+    """
+    if client is None:
+        for key, item in items:
+            yield key, task(item), ""
+        return
+    run = uuid.uuid4().hex[:12]  # a cluster may still hold the results of an earlier run under the same names
+    futures = {client.submit(task, item, key=f"{key}-{run}"): key for key, item in items}
+    for future in as_completed(list(futures)):
+        key = futures.pop(future)
+        try:
+            yield key, future.result(), ""
+        except KilledWorker as error:
+            yield (
+                key,
+                None,
+                f"{ALLOWED_DEATHS + 1} workers died over it, the last at {getattr(error.last_worker, 'address', '?')}",
+            )
+        except Exception as error:  # whatever the cluster answers, the other arms go on
+            yield key, None, f"{type(error).__name__}: {error}"
+        finally:
+            future.release()

@@ -1,0 +1,199 @@
+"""A folder of recordings in, a row and a folder for every arm out; what was done before and is still true is not done again."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.console import plain
+from calib.fleet.engine import cluster, results
+from calib.fleet.inventory import Recorded, by_arm, inventory
+from calib.fleet.job import Answer, Job, Status, refusal
+from calib.fleet.shrunk import FOLDER, Shrunk, shrunk_files
+from calib.fleet.siblings import OUTLIER, Siblings, compare
+from calib.fleet.table import write_table
+from calib.fleet.task import work
+from sim.arm import Arm, load_arm
+from sim.errors import AnswerIsNo, CalibError
+
+ANSWER, ESTIMATE, PORTIONS, ARMS = "answer.json", "estimate.npz", "portions", "arms"
+BORROWED = 0.5  # of the knowledge of some parameter: from here on the others' help changes what the arm's folder would say
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a fleet is worked through; see `Job`. workers: processes of this computer, one for each processor if
+    None, this process if 0."""
+
+    scheduler: str | None = None
+    workers: int | None = None
+    session_days: float = 1.0
+    accept_partial: bool = False
+    diagnose: bool = True
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Told as the work goes on: the address of Dask's page once it is known, then every arm with its status."""
+
+    total: int
+    dashboard: str = ""
+    arm_id: str = ""
+    status: Status | None = None
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Rows in the order of the arms' names; recordings that do not say whose they are, with the reason; arms done in this call."""
+
+    rows: list[dict[str, Any]]
+    unassigned: list[tuple[str, str]]
+    done: tuple[str, ...]
+
+
+def run_fleet(
+    address: str, out: Path, settings: Settings, told: Callable[[Progress], None] = lambda p: None, configs: Path | None = None
+) -> Fleet:
+    """Every arm below `address`, into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those of
+    an answer in `out` keeps that answer.
+    """
+    recordings, unassigned = inventory(address)
+    answers: dict[str, Answer] = {}
+    arms: dict[str, Arm] = {}
+    jobs: dict[str, Job] = {}
+    for arm_id, own in by_arm(recordings).items():
+        try:
+            arms[arm_id] = load_arm(own[-1].arm, configs)
+        except CalibError as error:
+            answers[arm_id] = _unknown(arm_id, own, str(error))
+            continue
+        kept = str((out / PORTIONS / arm_id).resolve())
+        jobs[arm_id] = Job(arm_id, arms[arm_id], own, kept, settings.session_days, settings.accept_partial, settings.diagnose)
+        known = stored(out / ARMS / arm_id, jobs[arm_id])
+        if known is not None:
+            answers[arm_id] = known
+    missing = [(arm_id, job) for arm_id, job in jobs.items() if arm_id not in answers]
+    told(Progress(len(missing)))
+    if missing:
+        with cluster(settings.scheduler, settings.workers) as client:
+            if client is not None:
+                told(Progress(len(missing), dashboard=client.dashboard_link))
+            for arm_id, answer, why in results(client, work, missing):
+                answers[arm_id] = answer if answer is not None else refusal(jobs[arm_id], Status.WORKER_LOST, why)
+                store(out / ARMS / arm_id, answers[arm_id])
+                shutil.rmtree(out / PORTIONS / arm_id, ignore_errors=True)
+                told(Progress(len(missing), arm_id=arm_id, status=answers[arm_id].status))
+    rows = _compared(answers, arms, out, {arm_id for arm_id, _ in missing})
+    ordered = [
+        rows[arm_id] | {"notes": [*rows[arm_id].get("notes", ()), *_notes(arms.get(arm_id), jobs.get(arm_id))]}
+        for arm_id in sorted(rows)
+    ]
+    write_table(out / "fleet.parquet", ordered)
+    return Fleet(ordered, unassigned, tuple(arm_id for arm_id, _ in missing))
+
+
+def stored(folder: Path, job: Job) -> Answer | None:
+    """The answer that `folder` holds, if it is one to this very job and would not come out differently now."""
+    try:
+        row = json.loads((folder / ANSWER).read_text(encoding="utf-8"))
+        status = Status[row["status"].upper()]
+        if row["digest"] != job.digest or not status.settled:
+            return None
+        if status is not Status.DONE:
+            return Answer(job.arm_id, status, row)
+        with np.load(folder / ESTIMATE, allow_pickle=False) as file:
+            return Answer(job.arm_id, status, row, {}, tuple(row["parameters"]), file["theta"], file["covariance"])
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def store(folder: Path, answer: Answer) -> None:
+    """The arm's folder, whole or not at all: what stood there before is replaced."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    try:
+        for name, content in answer.files.items():
+            (draft / name).parent.mkdir(parents=True, exist_ok=True)
+            (draft / name).write_bytes(content)
+        np.savez(draft / ESTIMATE, theta=answer.theta, covariance=answer.covariance)
+        (draft / ANSWER).write_text(json.dumps(plain(answer.row), indent=1) + "\n", encoding="utf-8")
+        os.chmod(draft, 0o755)
+        if folder.exists():
+            shutil.rmtree(folder)
+        draft.rename(folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _unknown(arm_id: str, own: Sequence[Recorded], sentence: str) -> Answer:
+    row = {
+        "arm": arm_id, "model": own[-1].arm, "cell": own[-1].cell, "serial": own[-1].serial, "first_recording": own[0].started,
+        "last_recording": own[-1].started, "logs": [r.address for r in own], "status": Status.CONFIGURATION.name.lower(),
+        "sentence": sentence, "bad_logs": [],
+    }  # fmt: skip
+    return Answer(arm_id, Status.CONFIGURATION, row)
+
+
+def _notes(arm: Arm | None, job: Job | None) -> list[str]:
+    if arm is None or job is None:
+        return []
+    others = [r for r in job.recordings if r.arm_sha256 and r.arm_sha256 != arm.sha256]
+    return [f"{len(others)} of its recordings were made with another state of the folder of {arm.name}"] if others else []
+
+
+def _compared(answers: dict[str, Answer], arms: dict[str, Arm], out: Path, changed: set[str]) -> dict[str, dict[str, Any]]:
+    """The rows, each with what the arms of its model say together; an arm that borrows much gets a second arm folder."""
+    rows = {arm_id: dict(answer.row) for arm_id, answer in answers.items()}
+    families: dict[str, list[Answer]] = {}
+    for answer in answers.values():
+        if answer.status is Status.DONE:
+            families.setdefault(arms[answer.arm_id].sha256, []).append(answer)
+    for family in families.values():
+        family.sort(key=lambda a: a.arm_id)
+        together = compare(np.array([a.theta for a in family]), [a.covariance for a in family])
+        for k, answer in enumerate(family):
+            row = rows[answer.arm_id]
+            row["siblings"] = len(family) - 1
+            if together is None:
+                continue
+            row |= _beside(together, k, answer.names)
+            folder = out / ARMS / answer.arm_id
+            fresh = (folder / FOLDER).is_dir() and not changed.intersection(a.arm_id for a in family)
+            if together.borrowed[k].max() > BORROWED and not fresh:
+                asked = Shrunk(arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
+                try:
+                    _write(folder, shrunk_files(asked))
+                except AnswerIsNo as error:
+                    row["notes"] = [str(error)]
+    return rows
+
+
+def _beside(together: Siblings, k: int, names: Sequence[str]) -> dict[str, Any]:
+    worst = int(np.argmax(np.abs(together.score[k])))
+    return {
+        "shrunk": together.shrunk[k].tolist(),
+        "shrunk_std": together.std[k].tolist(),
+        "score": together.score[k].tolist(),
+        "outlier_parameter": names[worst],
+        "outlier_score": float(together.score[k][worst]),
+        "borrowed": float(together.borrowed[k].mean()),
+    }
+
+
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+def deviates(row: Mapping[str, Any]) -> bool:
+    """Whether an arm has an effect that its model lacks, structure without a name, or numbers that its siblings do not have."""
+    return bool(row.get("effects")) or row.get("verdict") == "unexplained" or abs(row.get("outlier_score") or 0.0) > OUTLIER

@@ -1,0 +1,114 @@
+"""Which recordings there are, and which arm each is of: read from what a recording says of itself, not from its name.
+
+An arm is told apart by its model, the cell it stands in and its serial number: an arm that was replaced, or moved, is another one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import fsspec
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from logs.mcap_records import MAGIC
+from logs.schemas import RECORDING
+from sim.errors import BadLog, ConfigError
+
+SUFFIX = ".mcap"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording: address, size in bytes and a mark that changes with its content, and what it says of itself.
+
+    arm is the model's name in configs/arms, with the hash of the folder that it was recorded with; motion is its name in the plan;
+    started is in the ISO form, UTC, "" where it does not say.
+    """
+
+    address: str
+    size: int
+    mark: str
+    arm: str
+    arm_sha256: str
+    cell: str
+    serial: str
+    motion: str
+    started: str
+
+    @property
+    def arm_id(self) -> str:
+        """The arm's name in the fleet."""
+        words = [re.sub(r"[^A-Za-z0-9._-]+", "_", word) for word in (self.arm, self.cell, self.serial) if word]
+        return "-".join(words)
+
+
+def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
+    """The recordings below a folder (a path, or any address that fsspec reads), and those that do not say whose they are, with the reason.
+
+    ConfigError where there is no such folder or it holds no recording.
+    """
+    try:
+        system, root = fsspec.core.url_to_fs(address)
+        if not system.isdir(root):
+            raise ConfigError(f"{address}: is not a folder; give the folder that the recordings are below")
+        found = system.find(root, detail=True)
+    except (OSError, ValueError, ImportError) as error:
+        raise ConfigError(
+            f"{address}: cannot be listed ({error}); give a path or an address whose fsspec package is installed"
+        ) from error
+    recordings, unknown = [], []
+    for path, about in sorted(found.items()):
+        if not path.endswith(SUFFIX):
+            continue
+        full = system.unstrip_protocol(path)
+        try:
+            recordings.append(_recorded(system, path, full, about))
+        except (BadLog, OSError) as error:
+            unknown.append((full, str(error)))
+    if not recordings and not unknown:
+        raise ConfigError(f"{address}: holds no {SUFFIX} file; give the folder that the recordings are below")
+    return recordings, unknown
+
+
+def by_arm(recordings: Iterable[Recorded]) -> dict[str, tuple[Recorded, ...]]:
+    """The recordings of every arm, oldest first; arms in the order of their names."""
+    out: dict[str, list[Recorded]] = {}
+    for recording in recordings:
+        out.setdefault(recording.arm_id, []).append(recording)
+    return {arm: tuple(sorted(out[arm], key=lambda r: (r.started, r.address))) for arm in sorted(out)}
+
+
+def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded:
+    with system.open(path, "rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise BadLog(f"{address}: is not an MCAP file; import it with `calib import`, which also says whose it is")
+        words = _words(file, address)
+    if not words.get("arm"):
+        raise BadLog(f"{address}: does not say of which arm it is; record with `calib record`, which writes that down")
+    started = ""
+    if words.get("wall_clock_start_ns", "").isdigit():
+        started = datetime.fromtimestamp(int(words["wall_clock_start_ns"]) / 1e9, UTC).isoformat(timespec="seconds")
+    mark = next((str(about[key]) for key in ("ETag", "etag", "md5Hash", "mtime", "LastModified") if about.get(key)), "")
+    return Recorded(
+        address, int(about["size"]), mark, words["arm"], words.get("arm_sha256", ""), words.get("cell", ""), words.get("serial", ""),
+        words.get("motion", ""), started,
+    )  # fmt: skip
+
+
+def _words(file: Any, address: str) -> dict[str, str]:
+    """The metadata record `recording`; its end says where it is, so that little of the file is read."""
+    try:
+        file.seek(0)
+        for record in make_reader(file).iter_metadata():
+            if record.name == RECORDING:
+                return dict(record.metadata)
+    except (McapError, ValueError, EOFError, StopIteration, RuntimeError) as error:
+        raise BadLog(
+            f"{address}: its metadata cannot be read ({type(error).__name__}: {error}); recover it with `calib import`"
+        ) from error
+    return {}

@@ -1,0 +1,39 @@
+"""The arm folder of an arm with little data: its estimate with what its siblings know, as an arm that can exist."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.identification.calibrated import calibrated_arm, write_calibrated
+from calib.identification.consistency import possible_arm
+from calib.identification.model import TorqueModel
+from calib.identification.prior import full_nominal
+from sim.arm import Arm
+
+FOLDER = "arm_with_siblings"
+
+
+@dataclass(frozen=True)
+class Shrunk:
+    """theta (p,) with covariance (p, p) of an arm of this model, with the help of so many siblings."""
+
+    arm: Arm
+    theta: np.ndarray
+    covariance: np.ndarray
+    siblings: int
+
+
+def shrunk_files(asked: Shrunk) -> dict[str, bytes]:
+    """The files of arm_with_siblings/, by relative path."""
+    model = TorqueModel.of_arm(asked.arm)
+    possible = possible_arm(model, asked.theta, asked.covariance, full_nominal(asked.arm, model))
+    std = np.sqrt(np.diag(asked.covariance))
+    found = calibrated_arm(asked.arm, model, possible, std, [f"its own recordings and {asked.siblings} arms of its model"])
+    with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
+        folder = Path(scratch) / FOLDER
+        write_calibrated(folder, asked.arm, found)
+        return {f"{FOLDER}/{f.relative_to(folder)}": f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}

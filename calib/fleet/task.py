@@ -1,0 +1,220 @@
+"""One arm, from its recordings' addresses to its answer: what a worker does. The same arm gives the same answer on any worker."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import numpy as np
+
+from calib.console import plain
+from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.fleet.inventory import Recorded
+from calib.fleet.job import Answer, Job, Status, base_row, refusal
+from calib.fleet.since import History, histories
+from calib.identification.calibrated import write_calibrated
+from calib.identification.identify import Identification, identify
+from calib.identification.portions import Kept
+from calib.validation import Validation, validate
+from logs import Log, Pieces, open_pieces
+from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
+
+DIAGNOSED_SECONDS = 300.0
+APART = ("validation", "holdout")
+ANSWERS: tuple[tuple[type[CalibError], Status], ...] = (
+    (AnswerIsNo, Status.NO_EXCITATION),
+    (BadLog, Status.BAD_LOGS),
+    (ConfigError, Status.CONFIGURATION),
+)
+
+
+@dataclass
+class Opened:
+    """The recordings of the newest session that could be read, the older ones, and those that could not be, with the reason."""
+
+    fitted: Pieces
+    apart: Pieces
+    older: list[Recorded]
+    bad: list[str]
+
+
+def work(job: Job) -> Answer:
+    """The answer about one arm; an arm about which nothing can be said gives a row that says why, and no exception."""
+    begin = time.process_time()
+    bad: list[str] = []
+    try:
+        with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
+            opened = _open(job, Path(scratch))
+            bad = opened.bad
+            return _answer(job, opened, Path(scratch), begin)
+    except CalibError as error:
+        status = next((s for kind, s in ANSWERS if isinstance(error, kind)), Status.FAILED)
+        return refusal(job, status, str(error), tuple(bad))
+    except Exception as error:  # one arm's defect must not take the other arms' results
+        return refusal(job, Status.FAILED, f"{type(error).__name__}: {error}", tuple(bad))
+
+
+def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
+    """The recordings from `days` before the newest on; those that do not say when they were made belong to it."""
+    dated = [r for r in recordings if r.started]
+    if not dated:
+        return list(recordings)
+    first = datetime.fromisoformat(max(r.started for r in dated)) - timedelta(days=days)
+    return [r for r in recordings if not r.started or datetime.fromisoformat(r.started) >= first]
+
+
+def _open(job: Job, scratch: Path) -> Opened:
+    newest = session(job.recordings, job.session_days)
+    now: list[tuple[Recorded, Pieces]] = []
+    bad: list[str] = []
+    for k, recording in enumerate(newest):
+        try:
+            now.append((recording, _pieces(job, recording, scratch / str(k))))
+        except CalibError as error:
+            bad.append(str(error))
+    if not now:
+        raise BadLog("; ".join(bad) or f"{job.arm_id}: there is no recording")
+    apart = Pieces.joined(p for r, p in now if r.motion.startswith(APART))
+    fitted = Pieces.joined(p for r, p in now if not r.motion.startswith(APART))
+    if not len(fitted):
+        fitted, apart = apart, fitted
+    if not len(apart) and len(fitted) >= 3:
+        fitted, apart = fitted.taken(0, len(fitted) - 1), fitted.taken(len(fitted) - 1, len(fitted))
+    return Opened(fitted, apart, [r for r in job.recordings if r not in newest], bad)
+
+
+def _pieces(job: Job, recording: Recorded, folder: Path) -> Pieces:
+    folder.mkdir()
+    path = _here(recording.address, folder / "copy.mcap")
+    return open_pieces(path, job.arm.joint_names, folder / "unpacked", job.accept_partial)
+
+
+def _here(address: str, copy: Path) -> Path:
+    """The recording as a file on this computer; a copy where it lies elsewhere."""
+    system, path = fsspec.core.url_to_fs(address)
+    try:
+        if "file" in np.atleast_1d(system.protocol):
+            return Path(path)
+        with system.open(path, "rb") as source, copy.open("wb") as target:
+            shutil.copyfileobj(source, target, 1 << 22)
+        return copy
+    except OSError as error:
+        raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
+
+
+def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
+    arm, out = job.arm, scratch / "out"
+    out.mkdir()
+    kept = Kept(Path(job.kept)) if job.kept else None
+    # what is held out of a long session is as short as a piece of it
+    held = list(opened.apart)[:2]
+    found = identify(arm, opened.fitted, held, kept=kept)
+    calibrated = write_calibrated(out / "arm", arm, found.arm)
+    found.result.write(out / "result.json")
+    checked = validate(calibrated, held or [opened.fitted[len(opened.fitted) - 1]])
+    (out / "validation.json").write_text(json.dumps(checked.as_dict(), indent=1) + "\n", encoding="utf-8")
+    named: Diagnosis | None = None
+    trouble = ""
+    if job.diagnose:
+        try:
+            named = diagnose(arm, _spread(opened.fitted), held)
+            (out / "diagnosis").mkdir()
+            named.write(out / "diagnosis", arm)
+        except CalibError as error:
+            trouble = str(error)
+    past = _histories(job, opened, named, scratch) if named else []
+    row = base_row(job) | _identified(found, opened) | _validated(checked, bool(held)) | _diagnosed(named, past, trouble)
+    row |= {"status": Status.DONE.name.lower(), "sentence": found.result.outcome, "bad_logs": opened.bad}
+    row["cpu_seconds"] = time.process_time() - begin
+    files = {str(f.relative_to(out)): f.read_bytes() for f in sorted(out.rglob("*")) if f.is_file()}
+    return Answer(job.arm_id, Status.DONE, row, files, found.model.names, found.solution.theta, found.solution.covariance)
+
+
+def _spread(pieces: Pieces) -> list[Log]:
+    """Pieces that together last DIAGNOSED_SECONDS or little more, spread evenly over all."""
+    count = len(pieces)
+    if sum(pieces.seconds) > DIAGNOSED_SECONDS:
+        count = max(1, int(DIAGNOSED_SECONDS / (sum(pieces.seconds) / len(pieces))))
+    return [pieces[int((k + 0.5) * len(pieces) / count)] for k in range(count)]
+
+
+def _histories(job: Job, opened: Opened, named: Diagnosis, scratch: Path) -> list[History]:
+    """The named effects in the longest piece of each older recording, oldest first, and of the newest session."""
+
+    def longest() -> Iterator[tuple[str, Log]]:
+        for k, recording in enumerate(opened.older):
+            folder = scratch / f"older-{k}"
+            try:
+                pieces = _pieces(job, recording, folder)
+                yield recording.started, pieces[int(np.argmax(pieces.seconds))]
+            except CalibError as error:
+                opened.bad.append(str(error))
+            shutil.rmtree(folder)
+        newest = [r.started for r in job.recordings if r not in opened.older and r.started]
+        yield min(newest, default=""), opened.fitted[int(np.argmax(opened.fitted.seconds))]
+
+    return histories(job.arm, named.accepted, longest())
+
+
+def _identified(found: Identification, opened: Opened) -> dict[str, Any]:
+    result, solution = found.result, found.solution
+    gap = result.holdout or result.training
+    return {
+        "joints": list(result.joint_names),
+        "seconds": float(sum(opened.fitted.seconds)),
+        "rows": result.training.rows.tolist(),
+        "condition": result.condition,
+        "regularised": bool(solution.regularised),
+        "residual_before": plain(gap.before),
+        "residual_after": plain(gap.after),
+        "residual_signal": plain(gap.signal),
+        "parameters": list(found.model.names),
+        "units": list(found.model.units),
+        "values": solution.theta.tolist(),
+        "std": np.sqrt(np.diag(solution.covariance)).tolist(),
+    }
+
+
+def _validated(checked: Validation, apart: bool) -> dict[str, Any]:
+    left = np.array([c.residual / np.where(c.signal > 0, c.signal, np.nan) for c in checked.checks])
+    return {
+        "validated_on": "held-out" if apart else "training",
+        "validation": checked.outcome,
+        "left_of_torque": plain(np.nanmean(left, axis=0)),
+    }
+
+
+def _diagnosed(named: Diagnosis | None, past: Sequence[History], trouble: str) -> dict[str, Any]:
+    if named is None:
+        return {"verdict": "not_diagnosed", "diagnosis_trouble": trouble, "effects": [], "unexplained": []}
+    when = {(h.effect, h.joint): h for h in past}
+    effects = []
+    for e in named.answer["effects"]:
+        history = when.get((e["effect"], e["joint"]))
+        effects.append(
+            {
+                "effect": e["effect"],
+                "joint": e["joint"],
+                "parameters": [
+                    {"name": k, "value": p["value"], "std": p["std"], "unit": p["unit"]} for k, p in e["parameters"].items()
+                ],
+                "confidence": e["confidence"],
+                "gap_share": e["gap_share"],
+                "since": history.since if history else "",
+                "began": bool(history and history.began),
+            }
+        )
+    return {
+        "verdict": named.answer["verdict"],
+        "diagnosis_trouble": trouble,
+        "effects": effects,
+        "unexplained": [u["joint"] for u in named.answer["unexplained"]],
+    }

@@ -1,0 +1,87 @@
+"""What people are shown of a fleet: the sentence, the table of all arms, and the arms that deviate with what, how much and since when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.fleet.fleet import Fleet, deviates
+from calib.fleet.job import Status
+from calib.fleet.siblings import OUTLIER
+
+
+def sentence(fleet: Fleet) -> str:
+    """The fleet in one sentence."""
+    rows = fleet.rows
+    done = [row for row in rows if row["status"] == "done"]
+    deviating = [row for row in done if deviates(row)]
+    told = f"{len(done)} of {len(rows)} arms judged"
+    told += f", {len(deviating)} deviate" if deviating else ", none deviates" if done else ""
+    if len(done) < len(rows):
+        told += f"; {len(rows) - len(done)} could not be judged"
+    if fleet.unassigned:
+        told += f"; {len(fleet.unassigned)} recordings do not say whose they are"
+    return told
+
+
+def arm_rows(fleet: Fleet) -> list[list[Any]]:
+    """Arm, status, recordings, minutes, worst share of torque that is left, verdict, parameter farthest from the siblings'."""
+    return [
+        [
+            row["arm"], row["status"].replace("_", " "), len(row["logs"]), row["seconds"] / 60 if row.get("seconds") else None,
+            _worst(row), str(row.get("verdict") or "").replace("_", " "), _farthest(row),
+        ]
+        for row in fleet.rows
+    ]  # fmt: skip
+
+
+def deviation_rows(fleet: Fleet) -> list[list[Any]]:
+    """Arm, what, joint, how large, since when: a line for every named effect, joint without a name, and arm unlike its siblings."""
+    out = []
+    for row in fleet.rows:
+        for e in row.get("effects") or ():
+            size = ", ".join(f"{p['name']} {p['value']:.3g} {unit(p['unit'])}".strip() for p in e["parameters"])
+            out.append([row["arm"], e["effect"].replace("_", " "), e["joint"] or "whole arm", size, since(e)])
+        out += [[row["arm"], "something without a name", joint, "", ""] for joint in row.get("unexplained") or ()]
+        if abs(row.get("outlier_score") or 0.0) > OUTLIER:
+            out.append([row["arm"], "unlike its siblings", "", _farthest(row), ""])
+    return out
+
+
+def trouble_rows(fleet: Fleet) -> list[list[str]]:
+    """Arm, status, why: arms that could not be judged, and recordings that could not be used."""
+    out = [[row["arm"], Status[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"]
+    out += [
+        [row["arm"], "judged without a recording", bad]
+        for row in fleet.rows
+        if row["status"] == "done"
+        for bad in row["bad_logs"]
+    ]
+    out += [[row["arm"], "not diagnosed", row["diagnosis_trouble"]] for row in fleet.rows if row.get("diagnosis_trouble")]
+    return out + [["", "recording of no arm", f"{address}: {why}"] for address, why in fleet.unassigned]
+
+
+def since(effect: Mapping[str, Any]) -> str:
+    """Since when an effect has been there, as far as the recordings tell."""
+    when = str(effect["since"])[:10]
+    if not when:
+        return "not seen alone"
+    return f"since {when}" if effect["began"] else f"in every recording from {when} on"
+
+
+def unit(text: str) -> str:
+    """A unit as people write it."""
+    return "" if text == "1" else text.replace("*", " ")
+
+
+def _worst(row: Mapping[str, Any]) -> str:
+    left = np.array(row.get("left_of_torque") or [np.nan], dtype=float)
+    return f"{np.nanmax(left):.1%}" if np.isfinite(left).any() else ""
+
+
+def _farthest(row: Mapping[str, Any]) -> str:
+    if row.get("outlier_score") is None:
+        return ""
+    return f"{row['outlier_parameter'].split(' ')[0]}, {row['outlier_score']:+.1f} standard deviations"
