@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: peers coverage player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -46,9 +46,16 @@ exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings where AR
 exam-quick: $(VENV)/ready  ## the first 25 of them
 	$(BIN)/python -m benchmarks.exam run --count 25 $(EXAM)
 
+peers:  ## figaroh and mujoco.sysid in an environment of their own, for `make bench` to measure beside us
+	$(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/python -m pip install --quiet --disable-pip-version-check "figaroh==1.0.2" "mujoco[sysid]==4.0.0"
+
+coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; a quarter of an hour
+	$(BIN)/python -m benchmarks coverage
+
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
 	cd calib/report/web && npm ci && npm run build
 	cd calib/report/web && sha256sum player.js package-lock.json > ../assets/player.sha256
 
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) .venv-peers build dist

@@ -15,18 +15,20 @@ from rich.console import Console
 from rich.table import Table
 
 # each is a module of this package with run() -> rows of what, value, unit, bar, note
-TOPICS = ("logs", "ur", "can", "operator", "fleet")
+TOPICS = ("logs", "ur", "can", "operator", "fleet", "identification", "excitation", "peers.compare")
+# minutes to a quarter of an hour each: run when named
+SLOW = ("coverage",)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The table of every topic asked for, with the load of the computer beside it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("topic", nargs="*", help=f"of {', '.join(TOPICS)}; all if none is named")
+    parser.add_argument("topic", nargs="*", help=f"of {', '.join(TOPICS)}, which run if none is named, and {', '.join(SLOW)}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
     given = parser.parse_args(arguments)
-    unknown = [topic for topic in given.topic if topic not in TOPICS]
+    unknown = [topic for topic in given.topic if topic not in (*TOPICS, *SLOW)]
     if unknown:
-        parser.error(f"unknown topic {unknown[0]!r}; known: {', '.join(TOPICS)}")
+        parser.error(f"unknown topic {unknown[0]!r}; known: {', '.join((*TOPICS, *SLOW))}")
     console = Console()
     console.print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores")
     rows: list[dict[str, Any]] = []

@@ -67,9 +67,9 @@ def recorded(arm: Arm, motion: Trajectory, seed: int = 0, noise: float = 1.0, me
     return Log(arm.joint_names, motion.t, motion.t, q, motion.dq, tau, nan, nan, motion.q, motion.dq, nan)
 
 
-def recorded_on_mock(truth: Arm, drive: Arm, motion: Trajectory, seed: int = 0) -> Log:
+def recorded_on_mock(truth: Arm, drive: Arm, motion: Trajectory, seed: int = 0, timestep: float | None = None) -> Log:
     """What a position-controlled mock of `truth`, whose controller knows `drive`, reports while it follows the motion."""
-    plant = Plant(truth, drive=drive, seed=seed)
+    plant = Plant(truth, drive=drive, seed=seed, timestep=timestep)
     plant.reset(motion.q[0])
     period, nothing = float(motion.t[1] - motion.t[0]), np.zeros(truth.n)
     states = []

@@ -53,7 +53,8 @@ class Estimate:
 class Gap:
     """Torque residual of one log or of several together, RMS per joint: N m, and A where a torque constant is known.
 
-    before: the nominal arm; after: the fitted one; signal: standard deviation of the torque itself; rows: filtered rows used.
+    before: the nominal arm; after: the fitted one; sliding: the fitted one without the rows about a change of direction, where a joint that
+    sticks may hold any torque within its dry friction; signal: standard deviation of the torque itself; rows: filtered rows used.
     """
 
     logs: tuple[str, ...]
@@ -63,6 +64,7 @@ class Gap:
     rows: np.ndarray
     before_ampere: np.ndarray | None = None
     after_ampere: np.ndarray | None = None
+    sliding: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

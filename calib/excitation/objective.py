@@ -33,9 +33,16 @@ class Objective:
     """
 
     def __init__(
-        self, room: Room, model: TorqueModel, sigma: np.ndarray, start: Fourier, samples: int = 120, weight: float = 300.0
+        self,
+        room: Room,
+        model: TorqueModel,
+        sigma: np.ndarray,
+        start: Fourier,
+        samples: int = 120,
+        weight: float = 300.0,
+        capped: bool = True,
     ) -> None:
-        self.room, self.model, self.weight = room, model, weight
+        self.room, self.model, self.weight, self.capped = room, model, weight, capped
         self.start, n = start, model.arm.n
         self.inverse_variance = 1 / sigma**2
         t = np.arange(samples) * (start.basis.period / samples)
@@ -114,7 +121,7 @@ class Objective:
         eigen, vectors = np.linalg.eigh(np.einsum("kjp,kjr->pr", base, base, optimize=True))
         low = max(float(eigen[0]), 1e-12 * float(eigen[-1]))
         over = 0.5 * np.log(eigen[-1] / low) - np.log(CONDITION_AIM)
-        if over <= 0:
+        if over <= 0 or not self.capped:
             return 0.0, np.zeros_like(base)
         weight = CONDITION_WEIGHT
         factor = 2 * weight * over

@@ -72,19 +72,22 @@ def preference(worth: Worth) -> tuple[bool, float]:
     return worth.condition <= CONDITION_CAP, worth.log_det
 
 
-def descended(arm: Arm, cell: Cell, best: Fourier, seed: int | None) -> Start:
-    """One descent from `best`, or from a random motion of that seed; where the end does not fit better than its start, the start."""
+def descended(arm: Arm, cell: Cell, best: Fourier, seed: int | None, capped: bool = True) -> Start:
+    """One descent from `best`, or from a random motion of that seed; where the end does not fit better than its start, the start.
+
+    Without `capped` the condition number plays no part: the D-optimum, to compare with.
+    """
     began = time.process_time()
     room, model = Room(arm, cell), TorqueModel.of_arm(arm)
     information = Information(model, noise_of(model))
     start = best
     if seed is not None:
         start, _ = random_start(room, information, best.basis, best.home, np.random.default_rng(seed), TRIES)
-    objective = Objective(room, model, noise_of(model), start)
+    objective = Objective(room, model, noise_of(model), start, capped=capped)
     ended = fitted_to_room(room, Fourier(start.basis, start.home, adam(objective, start.x)), grow=False)
     options = [start] if ended is None else [start, ended]
     worths = [information.worth(coarse(m)) for m in options]
-    chosen = max(range(len(options)), key=lambda k: preference(worths[k]))
+    chosen = max(range(len(options)), key=lambda k: preference(worths[k]) if capped else (True, worths[k].log_det))
     return Start(options[chosen], worths[chosen], time.process_time() - began)
 
 

@@ -80,6 +80,7 @@ def identify(
     fit = fitted(arm, logs, options, progress, kept)
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
+    kept_rows = Rows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
@@ -91,8 +92,8 @@ def identify(
         joint_names=arm.joint_names,
         estimates=base_estimates(model, solution, nominal_prior(arm, model)),
         covariance=solution.covariance,
-        training=gap(model, sums.usable, fit.names, possible.theta),
-        holdout=gap(model, plain(Rows(model, held)), [m.name for m in held], possible.theta) if held else None,
+        training=gap(model, sums.plain, sums.apart, fit.names, possible.theta),
+        holdout=gap(model, plain(kept_rows), plain(kept_rows, apart=True), [m.name for m in held], possible.theta) if held else None,
         condition=solution.condition,
         condition_scaled=solution.condition_scaled,
         verdict=verdict,
@@ -194,17 +195,24 @@ def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     return replace(m, tau=m.tau - extra)
 
 
-def gap(model: TorqueModel, rows: Sequence[Information], names: Sequence[str], after: np.ndarray) -> Gap:
-    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave; `rows`: per joint those of [A_j b_j]."""
+def gap(
+    model: TorqueModel, rows: Sequence[Information], apart: Sequence[Information], names: Sequence[str], after: np.ndarray
+) -> Gap:
+    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave.
+
+    rows: per joint those of [A_j b_j] that a fit would use; apart: those about reversals, which count for all but `sliding`.
+    """
+    slid, rows = rows, [Information.merged(pair) for pair in zip(rows, apart, strict=True)]
     n = model.arm.n
     used = [model.used_by(j) for j in range(n)]
     count = np.array([r.rows for r in rows])
     safe = np.where(count > 0, count, np.nan)
 
-    def rms(theta: np.ndarray) -> np.ndarray:
-        return np.sqrt([rows[j].squares(np.append(-theta[used[j]], 1.0)) for j in range(n)] / safe)
+    def rms(theta: np.ndarray, of: Sequence[Information]) -> np.ndarray:
+        squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
+        return np.sqrt(squares / [x.rows or np.nan for x in of])
 
-    before, left = rms(model.nominal()), rms(after)
+    before, left = rms(model.nominal(), rows), rms(after, rows)
     total, mean = (
         np.array([r.gram[k, -1] for r in rows]) / safe for k in (-1, -2)
     )  # the column before the torque is the constant
@@ -217,6 +225,7 @@ def gap(model: TorqueModel, rows: Sequence[Information], names: Sequence[str], a
         rows=count,
         before_ampere=None if constant is None else before / constant,
         after_ampere=None if constant is None else left / constant,
+        sliding=rms(after, slid),
     )
 
 

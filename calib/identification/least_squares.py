@@ -103,6 +103,24 @@ def estimate(model: TorqueModel, sums: Sums, prior: Prior | None = None, nominal
     )  # fmt: skip
 
 
+def ordinary(
+    model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """theta (p,), its std (p,) and the condition number from arrays (N, n) as they are: each joint weighed by its own residual.
+
+    For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `solve` is for.
+    """
+    columns = model.joint_columns(q, dq, ddq)
+    sums = tuple(Information.of(np.column_stack([a, tau[:, j]])) for j, a in enumerate(columns))
+    prior, condition, _, _ = _regularised(model, sums, None, None)
+    variance, used = np.ones(model.arm.n), [model.used_by(j) for j in range(model.arm.n)]
+    for _ in range(3):
+        together = _together(model, sums, variance)
+        theta = _solution(together, prior)
+        variance = _residual_variance(sums, theta, used)
+    return theta, np.sqrt(np.diag(inverse(_together(model, sums, variance).gram[:-1, :-1]))), condition
+
+
 def combined(a: Prior, b: Prior) -> Prior:
     """The two independent sources as one."""
     precision = a.precision + b.precision

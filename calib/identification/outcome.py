@@ -15,12 +15,18 @@ MOST_ROWS = 20_000
 
 
 def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
-    """RMS residual before and after, N m and, with torque constants, A."""
-    headers = ["joint", "before [N m]", "after [N m]", "signal [N m]", "left"]
+    """RMS residual before and after, N m and, with torque constants, A; sliding: without the rows about changes of direction."""
+    headers = ["joint", "before [N m]", "after [N m]", "sliding [N m]", "signal [N m]", "left"]
     rows: list[list[Any]] = []
     for j, joint in enumerate(joint_names):
         left = gap.after[j] / gap.signal[j] if gap.signal[j] > 0 else np.nan
-        row = [joint, float(gap.before[j]), float(gap.after[j]), float(gap.signal[j]), f"{left:.1%}"]
+        row = [
+            joint,
+            float(gap.before[j]),
+            float(gap.after[j]),
+            *[float(x[j]) for x in (gap.after if gap.sliding is None else gap.sliding, gap.signal)],
+            f"{left:.1%}",
+        ]
         if gap.before_ampere is not None and gap.after_ampere is not None:
             row += [float(gap.before_ampere[j]), float(gap.after_ampere[j])]
         rows.append(row)

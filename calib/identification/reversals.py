@@ -14,7 +14,7 @@ import numpy as np
 from calib.preprocessing import Measurement
 from sim.arm import Arm
 
-SLOW = 0.003  # of dq_max, or of the fastest motion where the arm states no limit
+SLOW = 0.01  # of dq_max, or of the fastest motion where the arm states no limit; a filtered speed passes 0 more slowly than the joint
 SHARE = 0.05
 MOST = 0.5
 

@@ -13,6 +13,7 @@ import pytest
 from calib import main as program
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Options, identify
+from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
@@ -87,6 +88,26 @@ def test_masses_only_keeps_the_inertias(ur5e: Arm) -> None:
         # inertia about the nominal centre of mass stays: about its own it is less by m |shift|^2 at most
         change = np.abs(found.arm.tree.inertia[i] - ur5e.tree.inertia[i]).max()
         assert change <= found.arm.tree.mass[i] * (shift[i] @ shift[i]) + 1e-6
+
+
+def test_reversals_count_apart(ur5e: Arm) -> None:
+    truth = varied(ur5e, 1)
+    found = identify(ur5e, [recorded(truth, fourier_motion(ur5e, 1))], [recorded(truth, fourier_motion(ur5e, 9))])
+    for gap in (found.result.training, found.result.holdout):
+        assert gap is not None
+        assert gap.sliding is not None
+        assert np.all(gap.sliding <= 1.05 * gap.after)
+
+
+def test_arrays_that_were_filtered_elsewhere(ur5e: Arm) -> None:
+    model, motion = TorqueModel.of_arm(ur5e), fourier_motion(ur5e, 1)
+    noise = 0.1 * np.random.default_rng(0).standard_normal(motion.q.shape)
+    tau = np.einsum("kjp,p->kj", model.columns(motion.q, motion.dq, motion.ddq), model.nominal())
+    theta, std, condition = ordinary(model, motion.q, motion.dq, motion.ddq, tau + noise)
+    assert np.mean(np.abs(theta - model.nominal()) < 2 * std) > 0.85
+    exact, _, _ = ordinary(model, motion.q, motion.dq, motion.ddq, tau)
+    assert exact == pytest.approx(model.nominal(), abs=1e-8)
+    assert 10 < condition < 1e3
 
 
 @pytest.mark.skipif(DATA is None, reason="ARM_CALIB_DATA names no folder with the real recordings")

@@ -1,0 +1,29 @@
+"""Stated uncertainties are true: many seeded arms on the mock and by formula (slow lane; `make coverage` prints the figures)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks import coverage
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", ["ur5e", "servo6"])
+def test_intervals_cover_on_the_mock(name: str) -> None:
+    found = coverage.on_mock(name, 50)
+    assert 0.90 <= found.within(1.96) <= 0.98
+    assert found.least_of_any(3.0) >= 0.90
+    assert coverage.worst(found, 0) < 5.0
+
+
+def test_intervals_cover_under_coloured_noise() -> None:
+    found = coverage.by_formula("ur5e", 200)
+    for kind in coverage.KINDS:
+        assert 0.90 <= found.within(1.96, kind) <= 0.98
+
+
+def test_the_intervals_of_a_payload_cover() -> None:
+    z = coverage.of_payload("ur5e", 200)
+    assert 0.90 <= np.mean(np.abs(z) < 1.96) <= 0.98
