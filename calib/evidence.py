@@ -51,9 +51,10 @@ def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis) -> dict[s
 def _candidates(found: Diagnosis) -> list[tuple[str, str | None, float]]:
     """Effect, joint and score of the best candidates at the first step, and of every effect that was accepted later."""
     best: dict[tuple[str, str | None], float] = {}
-    for step in found.found.ladder[:1]:
+    ladder = found.found.ladder if found.found else []
+    for step in ladder[:1]:
         best |= {s.key: s.gain for s in step[:MOST_CANDIDATES]}
-    for step in found.found.ladder[1:]:
+    for step in ladder[1:]:
         accepted = {(e.effect, e.joint) for e in found.accepted}
         best |= {s.key: max(s.gain, best.get(s.key, 0.0)) for s in step if s.key in accepted}
     return sorted(((effect, joint, gain) for (effect, joint), gain in best.items()), key=lambda c: -c[2])

@@ -10,16 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.integrity import Check, checks
+from calib.diagnosis.judge import Judged, judge
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.rows import Rows, noise_of
-from calib.diagnosis.search import THRESHOLD, Found, search
+from calib.diagnosis.search import Found, search, without
 from calib.diagnosis.unexplained import unexplained
 from calib.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.effects import effect_named
+
+BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
 
 
 @dataclass
@@ -28,7 +32,7 @@ class Diagnosis:
 
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]
-    found: Found
+    found: Found | None
 
     def write(self, folder: Path, arm: Arm) -> None:
         """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
@@ -44,27 +48,55 @@ def diagnose(
     """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
     told("preparing")
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
-    fitted, apart = every[: len(logs)], every[len(logs) :] or every[-1:]
-    found = search(fitted, Hypothesis.nominal(arm), told)
+    fitted, apart = every[: len(logs)], every[len(logs) :]
+    shown = apart or every[-1:]
+    start = Hypothesis.nominal(arm)
+    trusted = checks((*logs, *holdout), every, [LogModel(m, start) for m in every], arm)
+    if not all(c.ok for c in trusted):
+        return Diagnosis(_answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
+    found = search(fitted, start, told)
+    told("weighing the names")
+    judged = judge(fitted, found.best, apart)
+    while any(j.vetoed for j in judged):
+        worst = min(range(len(judged)), key=lambda i: judged[i].held_out)
+        found.best = without(fitted, found.best, worst)
+        judged = judge(fitted, found.best, apart)
+    told("looking at what is left")
     odd = unexplained(found.baseline, found.best)
-    # Beside structure that no name explains, a name is worth little: it may be the nearest thing in the catalogue.
-    kept = () if odd else found.best.accepted
+    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
+    at = {u["joint"] for u in odd}
+    kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
     stds = dict(zip([id(e) for e in found.best.accepted], found.best.std(), strict=True))
-    gap = _gaps(found, apart)
-    entries = [_entry(arm, e, stds[id(e)], found) for e in kept]
+    total = max(sum(j.lost for j in judged), 1e-9)
+    entries = [_entry(arm, j, stds[id(j.effect)], j.lost / total) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    answer = {
+    gap = _gaps(found, shown)
+    answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
+    return Diagnosis(answer, tuple(j.effect for j in kept), found)
+
+
+def _answer(
+    arm: Arm,
+    verdict: str,
+    effects: list[dict[str, Any]],
+    odd: list[dict[str, Any]],
+    gap: dict[str, list[float]] | None,
+    log: str,
+    trusted: list[Check],
+) -> dict[str, Any]:
+    """diagnosis.json (design.md section 7)."""
+    none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}
+    return {
         "schema": "diagnosis/1",
         "arm": arm.name,
         "verdict": verdict,
-        "effects": entries,
+        "effects": effects,
         "unexplained": odd,
-        "gap": {"unit": "N*m", "log": apart[0].name, "joints": list(arm.joint_names), **gap},
-        "data_checks": [{"check": "readable", "ok": True, "detail": m.name} for m in (*fitted, *apart)],
+        "gap": {"unit": "N*m", "log": log, "joints": list(arm.joint_names), **(gap or none)},
+        "data_checks": [c.entry() for c in trusted],
         "arm_out": "arm",
     }
-    return Diagnosis(answer, kept, found)
 
 
 def _gaps(found: Found, apart: list[Measurement]) -> dict[str, list[float]]:
@@ -90,17 +122,15 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
 
 
-def _entry(arm: Arm, item: ArmEffect, std: dict[str, float], found: Found) -> dict[str, Any]:
+def _entry(arm: Arm, judged: Judged, std: dict[str, float], share: float) -> dict[str, Any]:
     """One effect as diagnosis.json has it."""
+    item = judged.effect
     effect = effect_named(item.effect)
     own = arm.effect(item.effect, item.joint)
     nominal: dict[str, float] = dict(own.parameters) if own else effect.none()
     if item.effect == "link_inertia" and item.joint is not None:
         j = arm.joint_index(item.joint)
         nominal = dict(zip(("mass", "com_x", "com_y", "com_z"), (arm.tree.mass[j], *arm.tree.com[j]), strict=True))
-    gain = max((s.gain for step in found.ladder for s in step if s.key == (item.effect, item.joint)), default=THRESHOLD)
-    total = max(found.baseline.objective - found.best.objective, 1e-9)
-    rivals = [s for step in found.ladder[:1] for s in step if s.key != (item.effect, item.joint) and s.gain > 0.9 * gain]
     return {
         "effect": item.effect,
         "joint": item.joint,
@@ -113,8 +143,8 @@ def _entry(arm: Arm, item: ArmEffect, std: dict[str, float], found: Found) -> di
             }
             for p in effect.parameters
         },
-        "confidence": float(1.0 / (1.0 + np.exp(-(gain - THRESHOLD) / 10.0))),
-        "gap_share": float(min(1.0, gain / total)),
-        "indistinguishable_from": [{"effect": s.effect.effect, "joint": s.effect.joint} for s in rivals[:3]],
-        "experiment": effect.experiment or None if rivals else None,
+        "confidence": judged.confidence,
+        "gap_share": float(min(1.0, max(0.0, share))),
+        "indistinguishable_from": [{"effect": name, "joint": joint} for name, joint in judged.rivals],
+        "experiment": effect.experiment or None if judged.rivals else None,
     }

@@ -18,6 +18,7 @@ MOST_EFFECTS = 4
 TRIED = 3
 LEAST_GAP = 3e-4  # rad; less than that is what dry friction's own width looks like
 LEAST_TWIST = 1.2e-3  # rad of the gear under the largest load; less is stiff
+LEAST_DELAY = 1e-3  # s beyond the ordinary lead of a drive's reading
 # Fall of -2 log likelihood that a name must bring. On clean recordings of the exam (benchmarks/exam) no effect of one parameter and
 # ordinary form brings more than some 15; those in EXTRA bring more, because they imitate what the model leaves at reversals
 # (presliding, elasticity, backlash), because many are tried (contact, ripple, eccentricity), or because they bend to anything.
@@ -30,7 +31,7 @@ EXTRA = {
     "joint_elasticity": 15.0,
     "presliding_friction": 12.0,
     "backlash": 8.0,
-    "nonlinear_viscous_friction": 5.0,
+    "nonlinear_viscous_friction": 12.0,
     "time_delay": 5.0,
 }
 
@@ -60,10 +61,14 @@ class Found:
     alternatives: dict[tuple[str, str | None], list[tuple[Scored, float]]] = field(default_factory=dict)
 
 
+def price(item: ArmEffect) -> float:
+    """What a name costs on the scale of -2 log likelihood."""
+    return THRESHOLD + EXTRA.get(item.effect, 0.0) + PER_PARAMETER * (len(parameters_of([item])) - 1)
+
+
 def penalty(accepted: Sequence[ArmEffect]) -> float:
-    """What a set of names costs on the scale of -2 log likelihood."""
-    extra = sum(EXTRA.get(e.effect, 0.0) for e in accepted)
-    return extra + THRESHOLD * len(accepted) + PER_PARAMETER * max(0, len(parameters_of(accepted)) - len(accepted))
+    """What a set of names costs."""
+    return sum(price(e) for e in accepted)
 
 
 def cost(f: Fit) -> float:
@@ -124,7 +129,7 @@ def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
     """Without the effects that the others have made superfluous."""
     while len(f.accepted) > 1:
-        fewer = [_without(measurements, f, i) for i in range(len(f.accepted))]
+        fewer = [without(measurements, f, i) for i in range(len(f.accepted))]
         better = min(fewer, key=cost)
         if cost(better) >= cost(f):
             return f
@@ -132,7 +137,8 @@ def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
     return f
 
 
-def _without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
+def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
+    """The fit with the i-th effect left out."""
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
     event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
     return fit(measurements, f.hypothesis.with_effects(rest, event), rounds=3, noise=f.solved.noise, like=f.models)
@@ -143,7 +149,7 @@ def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Sc
     if len(f.accepted) < 2:
         return f
     for i in range(len(f.accepted) - 1):
-        rest = _without(measurements, f, i)
+        rest = without(measurements, f, i)
         here = {(e.effect, e.joint) for e in f.accepted}
         lost = rest.objective - f.objective
         ranked = [s for s in scored(rest) if s.key not in here][:TRIED]
@@ -162,6 +168,8 @@ def _sensible(item: ArmEffect, f: Fit) -> bool:
         j = f.hypothesis.arm.joint_index(item.joint)
         load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in f.models)
         return load / p["stiffness"] > LEAST_TWIST
+    if item.effect == "time_delay":
+        return p["delay"] > LEAST_DELAY
     if item.effect == "presliding_friction":
         return p["stiffness"] < 1e6
     if item.effect == "nonlinear_viscous_friction":

@@ -137,18 +137,18 @@ def _features(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
     names, link, dt = m.arm.joint_names, m.link, 1.0 / m.measurement.rate
     out: dict[str, list[np.ndarray]] = {}
     for k, name in enumerate(names):
-        out[f"q[{name}]"] = [link.q[:, k]]
-        out[f"dq[{name}]"] = [link.dq[:, k]]
-    out[f"ddq[{names[j]}]"] = [link.ddq[:, j]]
-    out[f"load[{names[j]}]"] = [link.load[:, j]]
+        out[f"q:{name}"] = [link.q[:, k]]
+        out[f"dq:{name}"] = [link.dq[:, k]]
+    out[f"ddq:{names[j]}"] = [link.ddq[:, j]]
+    out[f"load:{names[j]}"] = [link.load[:, j]]
     out["time"] = [link.t]
     sign = np.tanh(link.dq[:, j] / 0.02)
-    out[f"q[{names[j]}] x sign dq[{names[j]}]"] = [link.q[:, j], sign]
-    out[f"load[{names[j]}] x sign dq[{names[j]}]"] = [link.load[:, j], sign]
+    out[f"q:{names[j]}*sign(dq)"] = [link.q[:, j], sign]
+    out[f"load:{names[j]}*sign(dq)"] = [link.load[:, j], sign]
     for memory in MEMORIES:
         decay = np.exp(-dt / memory)
         slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
-        out[f"memory of q[{names[j]}]"] = [*out.get(f"memory of q[{names[j]}]", []), link.q[:, j] - slow]
+        out[f"memory:{names[j]}"] = [*out.get(f"memory:{names[j]}", []), link.q[:, j] - slow]
     return out
 
 

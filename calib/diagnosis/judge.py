@@ -1,0 +1,73 @@
+"""How sure each name is: what its absence costs, who could stand in its place, and whether a log that was kept apart agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.fit import HUBER, Fit
+from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.rows import Rows
+from calib.diagnosis.search import add, cost, price, scored, without
+from calib.preprocessing import Measurement
+from sim.arm import ArmEffect
+
+# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) are not told apart.
+APART = 8.0
+MOST_RIVALS = 2
+Key = tuple[str, str | None]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One accepted effect.
+
+    lost      rise of -2 log likelihood when it is left out and everything else refitted
+    rivals    effects that explain the recordings as well in its place, best first
+    held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there
+    """
+
+    effect: ArmEffect
+    lost: float
+    rivals: tuple[Key, ...]
+    held_out: float
+
+    @property
+    def vetoed(self) -> bool:
+        """Whether a motion that was not fitted speaks against it; a contact happens in one log only."""
+        return self.effect.effect != CONTACT and self.held_out < 0.0
+
+    @property
+    def confidence(self) -> float:
+        """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
+        own = 1.0 / (1.0 + np.exp(-(self.lost - price(self.effect)) / 8.0))
+        return float(own / (1 + len(self.rivals)))
+
+
+def judge(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> list[Judged]:
+    """Every accepted effect of a fit, in its order."""
+    out = []
+    for i, item in enumerate(best.accepted):
+        rest = without(measurements, best, i)
+        lost = rest.objective - best.objective
+        own = (item.effect, item.joint)
+        others = {(e.effect, e.joint) for e in best.accepted}
+        near = [s for s in scored(rest, others) if s.gain > 0.8 * lost][:MOST_RIVALS]
+        rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
+        brings = held_out(rest, apart) - held_out(best, apart) if apart else 0.0
+        out.append(Judged(item, lost, tuple(k for k in rivals if k != own), brings))
+    return out
+
+
+def held_out(f: Fit, apart: Sequence[Measurement]) -> float:
+    """Huber's loss of whitened rows of logs that were not fitted, with the nuisance as it was fitted."""
+    total = 0.0
+    for m in apart:
+        rows = Rows([LogModel(m, f.hypothesis)])
+        for j in range(rows.n):
+            rest = f.solved.noise.whiten(j, rows.r[j] - rows.x[j] @ f.solved.theta, rows.joined[j])
+            size = np.abs(rest)
+            total += float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
+    return total
