@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.fit import HUBER, Fit
 from calib.diagnosis.model import CONTACT, LogModel
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.rows import Noise, Rows
 from calib.diagnosis.search import add, cost, price, scored, without
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
@@ -56,18 +56,18 @@ def judge(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measur
         others = {(e.effect, e.joint) for e in best.accepted}
         near = [s for s in scored(rest, others) if s.gain > 0.8 * lost][:MOST_RIVALS]
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
-        brings = held_out(rest, apart) - held_out(best, apart) if apart else 0.0
+        brings = held_out(rest, apart, best.solved.noise) - held_out(best, apart, best.solved.noise)
         out.append(Judged(item, lost, tuple(k for k in rivals if k != own), brings))
     return out
 
 
-def held_out(f: Fit, apart: Sequence[Measurement]) -> float:
-    """Huber's loss of whitened rows of logs that were not fitted, with the nuisance as it was fitted."""
+def held_out(f: Fit, apart: Sequence[Measurement], noise: Noise) -> float:
+    """Huber's loss of rows of logs that were not fitted, whitened by one noise for all fits, with the nuisance as it was fitted."""
     total = 0.0
     for m in apart:
         rows = Rows([LogModel(m, f.hypothesis)])
         for j in range(rows.n):
-            rest = f.solved.noise.whiten(j, rows.r[j] - rows.x[j] @ f.solved.theta, rows.joined[j])
+            rest = noise.whiten(j, rows.r[j] - rows.x[j] @ f.solved.theta, rows.joined[j])
             size = np.abs(rest)
             total += float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
     return total
