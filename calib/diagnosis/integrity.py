@@ -110,8 +110,9 @@ def _torque(models: Sequence[LogModel], arm: Arm) -> list[Check]:
     """Torque readings against the nominal model: a sign, unit or gear ratio is a factor, not an effect."""
     out = []
     for j, joint in enumerate(arm.joint_names):
-        read = np.concatenate([m.rows(m.measurement.tau[:, j])[m.measurement.row_usable[:, j]] for m in models])
-        wanted = np.concatenate([m.rows(m.tau_hat[:, j])[m.measurement.row_usable[:, j]] for m in models])
+        # All rows: a reading in wrong units lies beyond the joint's limit, and would be left out as clipped.
+        read = np.concatenate([m.rows(m.measurement.tau[:, j]) for m in models])
+        wanted = np.concatenate([m.rows(m.tau_hat[:, j]) for m in models])
         if len(read) < 50 or np.std(wanted) == 0 or np.std(read) == 0:
             continue
         slope = float(read @ wanted) / float(wanted @ wanted)

@@ -1,0 +1,119 @@
+"""What is hidden is named, what is not hidden is not, and what has no name is said to have none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.diagnose import Diagnosis, diagnose
+from sim.arm import Arm, load_arm
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+from tests.calib.diagnosis.conftest import Hidden, at, recording
+
+ELBOW = 2
+
+
+def asked(arm: Arm, hidden: Hidden | None = None, truth: Arm | None = None) -> Diagnosis:
+    logs = [recording(arm, seed, hidden, truth) for seed in (1, 2, 3)]
+    return diagnose(arm, logs[:2], logs[2:])
+
+
+def names(found: Diagnosis) -> list[tuple[str, str | None]]:
+    return [(e["effect"], e["joint"]) for e in found.answer["effects"]]
+
+
+def test_where_nothing_is_hidden_nothing_is_found(ur10e: Arm) -> None:
+    found = asked(ur10e)
+    assert found.answer["verdict"] == "no_missing_effect"
+    assert found.answer["effects"] == []
+    assert found.answer["unexplained"] == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value", "hidden"),
+    [
+        ("joint_spring", "stiffness", 12.0, at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))),
+    ],
+)
+def test_a_hidden_torque_gets_its_name(ur10e: Arm, effect: str, parameter: str, value: float, hidden: Hidden) -> None:
+    found = asked(ur10e, hidden)
+    assert found.answer["verdict"] == "effects_found"
+    assert names(found) == [(effect, "elbow_joint")]
+    entry = found.answer["effects"][0]["parameters"][parameter]
+    assert entry["value"] == pytest.approx(value, rel=0.15)
+    assert 0 < entry["std"] < 0.3 * value
+    gap = found.answer["gap"]
+    assert gap["after"][ELBOW] < 0.6 * gap["before"][ELBOW]
+    assert gap["after"][ELBOW] < 0.8 * gap["refit"][ELBOW]
+
+
+def test_a_payload_is_named_with_its_mass_and_the_corrected_arm_carries_it(ur10e: Arm, tmp_path: Path) -> None:
+    tree = ur10e.tree
+    mass, com = 2.0, np.array([0.0, 0.02, 0.1])
+    whole = tree.mass.copy()
+    whole[5] += mass
+    centre = tree.com.copy()
+    centre[5] = (tree.mass[5] * tree.com[5] + mass * com) / whole[5]
+    found = asked(ur10e, truth=replace(ur10e, tree=replace(tree, mass=whole, com=centre)))
+    assert names(found) == [("payload", None)]
+    assert found.answer["effects"][0]["parameters"]["mass"]["value"] == pytest.approx(mass, rel=0.08)
+    found.write(tmp_path, ur10e)
+    assert json.loads((tmp_path / "diagnosis.json").read_text()) == found.answer
+    still = np.zeros((1, 6))
+    loaded = RigidBody(load_arm(tmp_path / "arm")).inverse_dynamics(still, still, still)
+    assert abs(loaded[0, 1]) > abs(RigidBody(ur10e).inverse_dynamics(still, still, still)[0, 1]) + 15.0
+
+
+def test_what_has_no_name_in_the_catalogue_is_said_to_have_none(ur10e: Arm) -> None:
+    def drag_of_a_neighbour(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        out[:, ELBOW] = 14.0 * np.tanh(motion.dq[:, 3] / 0.3)
+        return out
+
+    found = asked(ur10e, drag_of_a_neighbour)
+    assert found.answer["verdict"] == "unexplained"
+    assert [u["joint"] for u in found.answer["unexplained"]] == ["elbow_joint"]
+    assert "dq:wrist_1_joint" in found.answer["unexplained"][0]["depends_on"]
+    assert found.answer["unexplained"][0]["rms"] > 3.0
+    assert names(found) == []
+
+
+def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_path: Path) -> None:
+    def pushed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        window = np.clip(1 - np.abs(motion.t - 7.0) / 0.6, 0, None)  # a triangle
+        linear, _ = RigidBody(ur10e).jacobian(motion.q)
+        return -np.einsum("kcj,c->kj", linear, np.array([25.0, -20.0, 30.0])) * window[:, None]
+
+    logs = [recording(ur10e, 1), recording(ur10e, 2, pushed), recording(ur10e, 3)]
+    found = diagnose(ur10e, logs[:2], logs[2:])
+    assert names(found) == [("external_contact", None)]
+    push = found.answer["effects"][0]["parameters"]
+    assert push["start"]["value"] + push["duration"]["value"] / 2 == pytest.approx(7.0, abs=0.15)
+    found.write(tmp_path, ur10e)
+    assert [e.effect for e in load_arm(tmp_path / "arm").effects] == [e.effect for e in ur10e.effects]
+
+
+@pytest.mark.parametrize(("factor", "check"), [(-1.0, "sign"), (101.0, "scale")])
+def test_a_wrong_sign_or_unit_is_a_fault_of_the_recording(ur10e: Arm, factor: float, check: str) -> None:
+    logs = [recording(ur10e, seed) for seed in (1, 2)]
+    wrong = [replace(log, tau=log.tau * np.where(np.arange(6) == 1, factor, 1.0)) for log in logs]
+    found = diagnose(ur10e, wrong)
+    assert found.answer["verdict"] == "bad_data"
+    assert [c["check"] for c in found.answer["data_checks"] if not c["ok"]] == [check]
+    assert found.answer["effects"] == []
+
+
+def test_a_frozen_joint_and_speed_in_degrees_are_faults_of_the_recording(ur10e: Arm) -> None:
+    log = recording(ur10e, 1)
+    q, tau = log.q.copy(), log.tau.copy()
+    q[500:700, 1], tau[500:700, 1] = q[500, 1], tau[500, 1]
+    failed = [c for c in diagnose(ur10e, [replace(log, q=q, tau=tau)]).answer["data_checks"] if not c["ok"]]
+    assert "frozen joints" in [c["check"] for c in failed]
+    assert "shoulder_lift_joint" in next(c["detail"] for c in failed if c["check"] == "frozen joints")
+    degrees = replace(log, dq=np.degrees(log.dq))
+    assert [c["check"] for c in diagnose(ur10e, [degrees]).answer["data_checks"] if not c["ok"]] == ["units"]
