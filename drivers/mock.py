@@ -14,6 +14,7 @@ from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock, SimulatedClock
 from sim.effects import with_effect
 from sim.errors import DeviceError
+from sim.finite import is_finite
 from sim.joint_state import JointState, Status
 from sim.plant import Plant
 from sim.strict import Positive, StrictTable, validated
@@ -104,8 +105,8 @@ class MockDriver(Driver):
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Command the plant; a command that is not finite or has a wrong length is a DeviceError."""
         self._require_connection()
-        arrays = [np.asarray(x, dtype=float) for x in (q, dq, tau)]
-        if not all(x.shape == (self.arm.n,) and bool(np.all(np.isfinite(x))) for x in arrays):
+        arrays = [np.asarray(x) for x in (q, dq, tau)]
+        if not all(is_finite(x, self.arm.n) for x in arrays):
             raise DeviceError(f"mock: command {q!r}: needs {self.arm.n} finite numbers; nothing was sent")
         self._stopping = None
         self._q_cmd, self._dq_cmd, self._tau_cmd = arrays

@@ -15,6 +15,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from sim.arm import Arm
 from sim.errors import SafetyStop
+from sim.finite import is_finite
 from sim.trajectory import Trajectory
 
 # Shares of the arm's limits that an approach may use, tried in this order; jerk is halved so that no knot needs more than its limit
@@ -38,6 +39,7 @@ def joined(motion: Trajectory, q: np.ndarray, arm: Arm, rate: float, share: floa
 
     The approach takes a whole number of periods, so that the motion's samples are sent as they were planned.
     """
+    _require_posture(q, arm)
     approach = None if _same(q, motion) else _approach(q, motion, arm, rate, share)
     parts = [motion] if approach is None else [approach, motion]
     if np.any(np.abs(motion.dq[-1]) > SAME) or np.any(np.abs(motion.ddq[-1]) > SAME):
@@ -48,9 +50,16 @@ def joined(motion: Trajectory, q: np.ndarray, arm: Arm, rate: float, share: floa
 
 def move(q_from: np.ndarray, q_to: np.ndarray, arm: Arm, rate: float, share: float) -> Trajectory:
     """From rest at q_from (n,) rad to rest at q_to (n,) rad, in a straight line of joint angles."""
+    for q in (q_from, q_to):
+        _require_posture(q, arm)
     zero = np.zeros((2, arm.n))
     target = Trajectory(np.array([0.0, 1.0]), np.vstack((q_to, q_to)), zero, zero)
     return _approach(q_from, target, arm, rate, share)
+
+
+def _require_posture(q: np.ndarray, arm: Arm) -> None:
+    if not is_finite(q, arm.n):
+        raise SafetyStop(f"posture {q!r} is not {arm.n} finite numbers; no way leads there")
 
 
 def _same(q: np.ndarray, motion: Trajectory) -> bool:

@@ -100,7 +100,9 @@ def clear(
     rate = arm.sensors.rate if rate is None else rate
     if not (isinstance(rate, float | int) and np.isfinite(rate) and 10 <= rate <= 2000):
         raise SafetyStop(f"rate {rate!r} Hz: a control rate is a number from 10 to 2000")
-    stop = stop or DeviceStop()
+    stop = DeviceStop() if stop is None else stop
+    if not isinstance(stop, DeviceStop):
+        raise SafetyStop(f"{stop!r} is not a DeviceStop; state how the device brakes")
     clearance = clearance or Clearance(arm, cell)
     used = check_limits(trajectory, arm)
     used["point speed"] = check_point_speed(trajectory, arm, cell)

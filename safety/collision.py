@@ -28,6 +28,7 @@ from safety.reach import joint_reach
 from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell, MeshObstacle, PlaneObstacle
 from sim.errors import ConfigError, SafetyStop
+from sim.finite import is_finite
 from sim.model import Shape
 from sim.rigid_body import RigidBody
 
@@ -164,7 +165,7 @@ class Clearance:
 
         SafetyStop where q is not finite: the libraries would call such a posture free.
         """
-        if not (q.shape == (self.arm.n,) and np.all(np.isfinite(q))):
+        if not is_finite(q, self.arm.n):
             raise SafetyStop(
                 f"posture {q!r} has a number that is not finite or a wrong length; it is not checked for collision"
             )

@@ -57,7 +57,10 @@ class Monitor:
         self._residual = RESIDUAL * arm.tau_max + torque_noise
         self._step = RESIDUAL_STEP * arm.tau_max + 2 * friction + 2 * torque_noise
         self._blend = self._period / SLOW
-        self._clearance, self._every = clearance, max(1, round(CLEARANCE_EVERY * rate))
+        self._clearance = clearance
+        # some pairs in every cycle and all of them in CLEARANCE_EVERY: no cycle is much longer than the others
+        turns = max(1, round(CLEARANCE_EVERY * rate))
+        self._turns = [part.tolist() for part in np.array_split(np.arange(len(clearance.pairs)), turns)]
         self._has_tau = np.isfinite(self._torque(first))
         self._has_temperature = np.isfinite(first.temperature)
         self._n, self._count = n, 0
@@ -177,13 +180,14 @@ class Monitor:
         return None
 
     def _check_clearance(self, state: JointState) -> Trip | None:
-        if self._count % self._every or not self._clearance.pairs:
+        pairs = self._turns[self._count % len(self._turns)]
+        if not pairs:
             return None
-        spare = self._clearance.distances(state.q) - self._clearance.margin / 2
+        spare = self._clearance.distances(state.q, pairs) - self._clearance.margin[pairs] / 2
         if not (spare >= 0).all():
-            p = int(np.argmin(spare))
-            margin = float(self._clearance.margin[p])
-            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(spare[p]) + margin / 2, margin / 2, "m",
+            k = int(np.argmin(spare))
+            p, margin = pairs[k], float(self._clearance.margin[pairs[k]])
+            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(spare[k]) + margin / 2, margin / 2, "m",
                         "the arm is not where it was sent: look for a following error or a wrong model")  # fmt: skip
         return None
 

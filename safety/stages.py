@@ -14,6 +14,7 @@ from safety.plan import Plan, hashes_of
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
+from sim.finite import real_array
 
 STAGES = (0.1, 0.25, 0.5, 1.0)
 # Where a tunnel to a real controller usually ends on this computer; an emulated one stands at 127.0.0.2 and the like
@@ -36,7 +37,7 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell) -> None:
 
     Following error grows with speed, so it is scaled by the ratio of speeds; a torque residual is a wrong model at any speed.
     """
-    error = np.array(result.following_error) * faster / result.speed
+    error = real_array(result.following_error, "following error") * faster / result.speed
     limit = cell.table.motion.following_error_max
     if not (error <= limit).all():
         j = int(np.argmax(error))
@@ -45,7 +46,7 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell) -> None:
             f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion, or raise motion.following_error_max in "
             f"{cell.path.name} if the arm really follows so late"
         )
-    residual, most = np.array(result.residual), RESIDUAL_SHARE * RESIDUAL
+    residual, most = real_array(result.residual, "residual"), RESIDUAL_SHARE * RESIDUAL
     if not (residual <= most).all():
         j = int(np.argmax(residual))
         raise SafetyStop(

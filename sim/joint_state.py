@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim.finite import real_array
+
 
 class Status(enum.Enum):
     """Condition of the device; the value is the sentence shown to people."""
@@ -43,9 +45,11 @@ class JointState:
     detail: str = field(default="")
 
     def __post_init__(self) -> None:
+        if not isinstance(self.status, Status):
+            raise ValueError(f"JointState.status is {self.status!r}: give one of Status")
         n = np.shape(self.q)
         for name in ("q", "dq", "tau", "current", "temperature"):
-            value = np.array(getattr(self, name), dtype=float)
+            value = real_array(getattr(self, name), f"JointState.{name}")
             if value.ndim != 1 or value.shape != n:
                 raise ValueError(f"JointState.{name} has shape {value.shape}, q has {n}: give one number for each joint")
             value.flags.writeable = False

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from sim.errors import ConfigError
 from sim.resources import nearest
@@ -18,9 +18,10 @@ def _finite(value: float) -> float:
     return value
 
 
-Finite = Annotated[float, AfterValidator(_finite)]
-Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
-NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
+# strict: "1" and true are not numbers; 1 is
+Finite = Annotated[float, Strict(), AfterValidator(_finite)]
+Positive = Annotated[float, Strict(), AfterValidator(_finite), Field(gt=0)]
+NotNegative = Annotated[float, Strict(), AfterValidator(_finite), Field(ge=0)]
 
 T = TypeVar("T", bound=BaseModel)
 

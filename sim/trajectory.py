@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.finite import real_array
+
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
@@ -26,12 +28,12 @@ class Trajectory:
     ddq: np.ndarray
 
     def __post_init__(self) -> None:
-        t = np.array(self.t, dtype=float)
+        t = real_array(self.t, "Trajectory.t")
         if t.ndim != 1 or len(t) < 2:
             raise ValueError(f"Trajectory.t has shape {t.shape}: a motion needs at least two instants in one dimension")
         arrays = {"t": t}
         for name in ("q", "dq", "ddq"):
-            value = np.array(getattr(self, name), dtype=float)
+            value = real_array(getattr(self, name), f"Trajectory.{name}")
             if value.ndim != 2 or value.shape[0] != len(t) or value.shape != np.shape(self.q):
                 raise ValueError(f"Trajectory.{name} has shape {value.shape}: expected ({len(t)}, n) like q")
             arrays[name] = value

@@ -1,0 +1,137 @@
+"""The tests of each rule must notice when the rule is changed: every comparison turned, every `and`, `all` and sign swapped, one by one.
+
+Each mutant of a module runs that module's own tests in a forked process; a mutant that no test notices is a survivor. Mutants that
+change nothing that can be observed are listed with the reason, and the list may not hold anything else.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import importlib.machinery
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SWAPS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.LtE: ast.Gt, ast.GtE: ast.Lt, ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+    ast.And: ast.Or, ast.Or: ast.And, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+}  # fmt: skip
+CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
+# function -> the tests that have to notice; what is mutated is the predicate, not what is said when it breaks
+TARGETS = {
+    "monitor": (("_check_device", "_check_motion", "_check_feedback", "_check_torque", "_check_clearance"), ("test_monitor",)),
+    "limits": (("first_excess", "check_sent"), ("test_limits",)),
+    "torque": (("check_torque",), ("test_clear",)),
+    "clear": (("require_cleared", "clear"), ("test_clear",)),
+    "braking": (("_check_range",), ("test_braking", "test_clear")),
+    "collision": (("distances", "_check_sizes"), ("test_collision",)),
+    "stages": (("gate", "stages_due"), ("test_stages",)),
+    "approval": (("check_approval",), ("test_plan",)),
+    "guard": (("_check_start", "_first_reading", "_send"), ("test_guard",)),
+}
+
+
+def mutants(tree: ast.Module, functions: tuple[str, ...]) -> Iterator[tuple[str, ast.Module]]:
+    """Every mutant of the named functions, with the line and the change."""
+    places = [
+        (f.name, k, node) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and f.name in functions
+        for k, node in enumerate(ast.walk(f))
+    ]  # fmt: skip
+    for name, k, node in places:
+        for change in changes(node):
+            mutant = copy.deepcopy(tree)
+            function = next(f for f in ast.walk(mutant) if isinstance(f, ast.FunctionDef) and f.name == name)
+            target = list(ast.walk(function))[k]
+            apply(target, change)
+            said = ast.unparse(target).split("\n")[0][:90]
+            yield f"{name}:{getattr(node, 'lineno', '?')} {change} -> {said}", ast.fix_missing_locations(mutant)
+
+
+def changes(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Compare):
+        return [f"compare {k}" for k, op in enumerate(node.ops) if type(op) in SWAPS]
+    if isinstance(node, ast.BoolOp) or (isinstance(node, ast.BinOp) and type(node.op) in SWAPS):
+        return ["operator"]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.Invert)):
+        return ["not"]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CALLS:
+        return ["call"]
+    return []
+
+
+def apply(node: ast.AST, change: str) -> None:
+    if isinstance(node, ast.Compare):
+        k = int(change.split()[1])
+        node.ops[k] = SWAPS[type(node.ops[k])]()  # type: ignore[assignment]
+    elif isinstance(node, ast.BoolOp | ast.BinOp):
+        node.op = SWAPS[type(node.op)]()  # type: ignore[assignment]
+    elif isinstance(node, ast.UnaryOp):
+        node.op = ast.UAdd() if isinstance(node.op, ast.Invert) else ast.Not()
+        if isinstance(node.op, ast.Not):
+            node.operand = ast.UnaryOp(ast.Not(), node.operand)
+        else:
+            node.operand = ast.UnaryOp(ast.Invert(), ast.UnaryOp(ast.Invert(), node.operand))
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        node.func.attr = CALLS[node.func.attr]
+
+
+class Mutated(importlib.machinery.SourceFileLoader):
+    """Loads one module from the mutated tree."""
+
+    def __init__(self, name: str, path: str, tree: ast.Module) -> None:
+        super().__init__(name, path)
+        self.tree = tree
+
+    def get_code(self, fullname: str):  # type: ignore[no-untyped-def]
+        return compile(self.tree, self.path, "exec")
+
+
+class Finder:
+    def __init__(self, name: str, loader: Mutated) -> None:
+        self.name, self.loader = name, loader
+
+    def find_spec(self, name: str, path: object = None, target: object = None):  # type: ignore[no-untyped-def]
+        return importlib.machinery.ModuleSpec(name, self.loader, origin=self.loader.path) if name == self.name else None
+
+
+def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
+    """Whether the tests fail with the mutant in place of the module, in a forked process."""
+    child = os.fork()
+    if child == 0:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+        for name in [n for n in sys.modules if n == "safety" or n.startswith(("safety.", "tests.safety"))]:
+            del sys.modules[name]
+        path = str(ROOT / "safety" / f"{module}.py")
+        sys.meta_path.insert(0, Finder(f"safety.{module}", Mutated(f"safety.{module}", path, tree)))  # type: ignore[arg-type]
+        code = 70
+        try:
+            files = [str(ROOT / "tests" / "safety" / f"{test}.py") for test in tests]
+            code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", *files]))
+        finally:
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status) != 0
+
+
+# Nothing that can be observed changes:
+EQUIVALENT: set[str] = set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", TARGETS)
+def test_no_change_of_a_predicate_goes_unnoticed(module: str) -> None:
+    functions, tests = TARGETS[module]
+    tree = ast.parse((ROOT / "safety" / f"{module}.py").read_text())
+    assert not noticed(module, tree, tests)
+    survivors = [what for what, mutant in mutants(tree, functions) if not noticed(module, mutant, tests)]
+    unexplained = [what for what in survivors if what.split(" ", 1)[1] not in EQUIVALENT]
+    assert unexplained == [], f"{len(survivors)} survivors"
