@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: peers coverage player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -21,6 +21,12 @@ test-docs: $(VENV)/ready  ## every command block of README and docs, in the orde
 
 test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 	$(BIN)/python -m pytest -m slow
+
+branches: $(VENV)/ready  ## every branch of safety/, its child processes included
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest tests/safety -m "slow or not slow" --ignore=tests/safety/test_mutated_predicates.py --ignore=tests/safety/test_mutants.py
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 check: $(VENV)/ready  ## style, types, direction of imports
 	$(BIN)/ruff check .
