@@ -66,10 +66,13 @@ def command(
             ["effect", "joint", "parameter", "value", "std", "nominal", "unit", "confidence"], rows, "missing effects"
         )
     gap = answer["gap"]
-    columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)
-    console.table(
-        ["joint", "before", "refitted only", "after", "noise floor"], [list(c) for c in columns], f"gap [N m] on {gap['log']}"
-    )
+    if gap["before"]:
+        columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)
+        title = f"gap [N m] on {gap['log']}"
+        console.table(["joint", "before", "refitted only", "after", "noise floor"], [list(c) for c in columns], title)
+    for check in answer["data_checks"]:
+        if not check["ok"]:
+            console.say(f"{check['check']}: {check['detail']}")
     console.say(f"{page.sentence(answer)}.")
     for step in page.next_steps(answer):
         console.say(f"- {step}")

@@ -36,7 +36,7 @@ def command(
 
 def _describe(effect: Effect) -> None:
     console.say(f"{effect.name}: {effect.summary}")
-    console.say(f"  law         {(effect.__doc__ or '').strip()}")
+    console.say(f"  law         {effect.law}.")
     console.say(f"  looks like  {effect.looks}")
     if effect.experiment:
         console.say(f"  shown by    {effect.experiment}")
@@ -53,7 +53,7 @@ def _plain(effect: Effect) -> dict[str, object]:
         "name": effect.name,
         "scope": effect.scope,
         "summary": effect.summary,
-        "law": (effect.__doc__ or "").strip(),
+        "law": effect.law,
         "looks": effect.looks,
         "experiment": effect.experiment or None,
         "reference": effect.reference,

@@ -70,7 +70,7 @@ def page() -> str:
         lines += [
             f"## {effect.name}",
             "",
-            f"{effect.summary[0].upper()}{effect.summary[1:]}: `{_law(effect)}`",
+            f"{effect.summary[0].upper()}{effect.summary[1:]}: `{effect.law}`",
             "",
             f"![{effect.name} as it shows in what a model without it leaves](effects/{effect.name}.svg)",
             "",
@@ -108,10 +108,6 @@ def picture(effect: Effect) -> str:
     text = str(svg(figure, f"What a model without {effect.name} leaves"))
     text = re.sub(r'\b(id="|href="#|url\(#|aria-labelledby=")f\d+-', r"\1", text)
     return text.replace(">", f"><style>{_INK}</style>", 1) + "\n"
-
-
-def _law(effect: Effect) -> str:
-    return (effect.__doc__ or "").strip().rstrip(".")
 
 
 def _values(effect: Effect) -> dict[str, float]:

@@ -137,7 +137,7 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
     page.section("Where the gap is")
     gap = diagnosis.get("gap") or {}
-    if len(gap.get("noise_floor", [])) == len(gap.get("joints", [])) > 0:
+    if gap.get("noise_floor"):
         levels = {role: np.asarray(gap[role], float) for role in ("before", "refit", "after")}
         noise = np.asarray(gap["noise_floor"], float)
         page.figure(
@@ -231,7 +231,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
 
 def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
     gap = diagnosis.get("gap") or {}
-    if gap.get("joints"):
+    if gap.get("before"):
         unit = _unit(gap["unit"])
         columns = ["noise_floor", "before", "refit", "after"]
         page.section("The gap in numbers").table(

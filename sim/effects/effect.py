@@ -123,6 +123,11 @@ class Effect:
     scope: ClassVar[Literal["joint", "arm"]] = "joint"
     parameters: ClassVar[tuple[Parameter, ...]]
 
+    @property
+    def law(self) -> str:
+        """The effect as an equation: the first paragraph of its docstring, in one line."""
+        return " ".join((self.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Change `state` by this effect with parameter values `p`; every stage but RIGID."""
         raise TypeError(f"{self.name} acts on the rigid bodies, not on a motion")

@@ -59,6 +59,6 @@ def diagnosis(verdict: str = "effects_found") -> tuple[dict[str, Any], dict[str,
         ]
     if verdict == "bad_data":
         data["data_checks"] = [{"check": "time", "ok": False, "detail": "time runs backwards at sample 812"}]
-        data["gap"] |= {"joints": [], "noise_floor": [], "before": [], "refit": [], "after": []}
+        data["gap"] |= {"noise_floor": [], "before": [], "refit": [], "after": []}
         evidence = {}
     return data, evidence
