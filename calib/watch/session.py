@@ -20,7 +20,7 @@ from calib.console import plain
 from calib.watch.events import CONCERNS, WatchEvent
 from calib.watch.source import Source, until
 from calib.watch.trend import RunRecord, TrendTable
-from calib.watch.watcher import Picture, Watcher
+from calib.watch.watcher import Picture, Watcher, rehearse
 from logs.recorder import COMPLETED, INFO, Recorder
 
 DECLARED_EVERY = 0.2  # s between two questions about the declared payload
@@ -73,6 +73,7 @@ def watch(
 ) -> Watched:
     """Watch to the end of the log, for `seconds` of the device's clock, or until `asked_to_end`; on_picture gets the share done."""
     started = now()
+    rehearse(source.arm, source.rate)
     watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
     events: list[WatchEvent] = []
     metadata = {

@@ -201,6 +201,14 @@ class Watcher:
         return float(np.min(self._filter.dry / np.maximum(lever, 1e-9)))
 
 
+def rehearse(arm: Arm, rate: float) -> None:
+    """Run everything once on invented readings, so that the first real ones do not wait for a compiler."""
+    watcher, nothing = Watcher(arm, rate), np.full(arm.n, np.nan)
+    for k in range(8 * watcher._length):
+        t = k / rate
+        watcher.add(JointState(t, t, np.full(arm.n, 0.1 * t), np.full(arm.n, 0.1), 1e-6 * k * np.ones(arm.n), nothing, nothing))
+
+
 def _modelled_payload(arm: Arm) -> np.ndarray:
     """[m, m c] that the arm's own effects already state."""
     payload = arm.effect("payload")

@@ -22,6 +22,7 @@ from sim.strict import validated
 
 JOINTS = 6
 PERIODS = 3.0
+LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
 TORQUE = "actual_current_as_torque"
 
 
@@ -42,7 +43,7 @@ class UrDriver(Driver):
         self.device_stop = DeviceStop(reaction=PERIODS / self.rate, deceleration=options.stop_deceleration)
         self._receiver = receiver or Receiver(options.host)
         self._commands: CommandProcess | None = None
-        self._commanding = self._moving = False
+        self._commanding = self._moving = self._listening = False
         self._last: Frame | None = None
         self._facts = DashboardFacts("")
 
@@ -84,6 +85,7 @@ class UrDriver(Driver):
         try:
             self.rate = self._receiver.rate
             self._facts = facts(self.options.host, self._receiver.version)
+            self._listening = True
             return self._info(self._next())
         except DeviceError:
             self.close()
@@ -136,7 +138,7 @@ class UrDriver(Driver):
 
     def close(self) -> None:
         """Stop the arm, end the control program, close every connection."""
-        self._commanding = self._moving = False
+        self._commanding = self._moving = self._listening = False
         if self._commands is not None:
             self._commands.end()
             self._commands = None
@@ -167,6 +169,9 @@ class UrDriver(Driver):
                     "cable is in; on a busy computer raise frame_timeout in the cell's [options]"
                 )
             waited = time.monotonic() - frame.t
+            if self._listening and waited <= LISTEN_PATIENCE:
+                self._last = frame
+                return frame
             if not self._moving and waited > PERIODS / self.rate and self._receiver.waiting:
                 continue
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device

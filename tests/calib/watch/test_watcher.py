@@ -7,12 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from benchmarks.shift import moving_at, states, work
 from calib.watch.events import Kind, WatchEvent
 from calib.watch.watcher import Declared, Watcher
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.joint_state import JointState
-from tests.calib.watch.conftest import LOAD, moving_at, states, work
+from tests.calib.watch.conftest import LOAD
 
 
 def watched(watcher: Watcher, readings: Iterable[JointState]) -> list[WatchEvent]:

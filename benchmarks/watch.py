@@ -1,0 +1,251 @@
+"""Watching an arm at work: how soon and how well a load is known, what a quiet half hour brings, wear, real recordings, cost."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.shift import moving_at, states, work
+from calib.watch.events import Kind, WatchEvent
+from calib.watch.source import from_log
+from calib.watch.watcher import Watcher
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
+from sim.joint_state import JointState
+
+LOADS = {
+    "ur10e": {"mass": 3.0, "com_x": 0.02, "com_y": 0.0, "com_z": 0.12},
+    "servo6": {"mass": 0.3, "com_x": 0.0, "com_y": 0.01, "com_z": 0.05},
+}
+ATTACHED, WRIST_SECONDS = 22.0, 2.0
+ABOUT_LOAD = {Kind.LOAD_CHANGED, Kind.PAYLOAD_ATTACHED, Kind.PAYLOAD_CHANGED, Kind.PAYLOAD_REMOVED}
+
+
+def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:
+    return {"what": what, "value": value, "unit": unit, "bar": bar, "note": note}
+
+
+@dataclass
+class Attached:
+    """One load attached in motion: s to detection, relative error of the mass after 0.5 s of motion, m of the centre after 2 s of wrists."""
+
+    detected: float = np.nan
+    named: float = np.nan
+    mass: float = np.nan
+    com: float = np.nan
+    others: int = 0
+    costs: list[float] = field(default_factory=list)
+
+
+def attach(arm: Arm, load: dict[str, float], seed: int) -> Attached:
+    """Attach a load to the arm in motion, about 22 s into a shift."""
+    motion = work(arm, ATTACHED + 12, seed)
+    start = moving_at(arm, motion, ATTACHED)
+    heavy = with_effect(arm, ArmEffect("payload", None, load))
+    return followed(arm, states(arm, motion, seed, [(start, heavy)]), lambda: start, load)
+
+
+def followed(arm: Arm, readings: Iterable[JointState], came: Callable[[], float], load: dict[str, float]) -> Attached:
+    """What a watcher says of a load; `came` tells when it came, infinity before."""
+    watcher, out, moved, wrists = Watcher(arm, arm.sensors.rate), Attached(), 0.0, 0.0
+    com = np.array([load["com_x"], load["com_y"], load["com_z"]])
+    period = 1 / arm.sensors.rate
+    for state in readings:
+        began = time.thread_time()
+        events = watcher.add(state)
+        start = came()
+        out.costs.append(time.thread_time() - began)
+        for event in events:
+            if event.kind in (Kind.LOAD_CHANGED, Kind.UNEXPECTED_CONTACT) and event.t >= start and np.isnan(out.detected):
+                out.detected = event.t - start
+            elif event.kind is Kind.PAYLOAD_ATTACHED and np.isnan(out.named) and event.t >= start:
+                out.named = event.t - start
+            else:
+                out.others += 1
+        if state.t_device < start:
+            continue
+        moved += period * bool(np.all(np.abs(state.dq[1:3]) > 0.05))
+        wrists += period * bool(np.any(np.abs(state.dq[3:5]) > 0.1))
+        if moved >= 0.5 and np.isnan(out.mass):
+            out.mass = abs(watcher.picture().payload.value / load["mass"] - 1)
+        if wrists >= WRIST_SECONDS and np.isnan(out.com):
+            found = watcher.picture().com
+            out.com = np.inf if found is None else float(np.linalg.norm(np.array([c.value for c in found]) - com))
+    return out
+
+
+def attachments(name: str, repeats: int) -> list[dict[str, Any]]:
+    """The figures of an attached load over many shifts."""
+    arm, load = load_arm(name), LOADS[name]
+    found = [attach(arm, load, 100 + seed) for seed in range(repeats)]
+    detected, mass, com = (np.array([getattr(f, x) for f in found]) for x in ("detected", "mass", "com"))
+    within = [np.mean(detected <= 0.1), np.mean(mass <= 0.05), np.mean(com <= 0.01)]
+    what = f"mock {name}, {load['mass']:g} kg attached in motion, {repeats} shifts"
+    costs = 1e6 * np.concatenate([f.costs for f in found])
+    cost = f"{costs.mean():.0f} / {np.percentile(costs, 50):.0f} / {np.percentile(costs, 99):.0f}"
+    return [
+        row(f"{what}: detected, median / 90 % / within", _told(detected, within[0]), "s", "<= 0.1"),
+        row(f"{what}: mass after 0.5 s of motion", _told(mass, within[1], 100), "%", "<= 5"),
+        row(f"{what}: centre of mass after 2 s of wrist motion", _told(com, within[2], 1000), "mm", "<= 10"),
+        row(f"{what}: events that are none", sum(f.others for f in found), "", "0"),
+        row(f"{name}: cost of a cycle, mean / median / 99 %", cost, "us of CPU", "< 300"),
+    ]
+
+
+def _told(x: np.ndarray, within: float, scale: float = 1.0) -> str:
+    x = np.where(np.isfinite(x), x, np.inf) * scale
+    middle, most = np.quantile(x, [0.5, 0.9], method="higher")
+    return f"{middle:.3g} / {most:.3g} / {within:.0%}"
+
+
+def quiet(name: str, minutes: float, rate: float | None = None, seed: int = 7) -> list[dict[str, Any]]:
+    """A shift in which all friction falls by 30 % as the joints warm: nothing must be said."""
+    arm = at_rate(load_arm(name), rate)
+    warming = [(t, warmed(arm, 1 - 0.3 * -np.expm1(-t / 600.0))) for t in np.arange(5.0, 60 * minutes, 5.0)]
+    watcher = Watcher(arm, arm.sensors.rate)
+    events = [e for s in states(arm, work(arm, 60 * minutes, seed), seed, warming) for e in watcher.add(s)]
+    what = f"mock {name} at {arm.sensors.rate:g} Hz, {minutes:g} minutes of work while friction falls by 30 %: events"
+    return [row(what, len(events), "", "0", f"NIS {watcher.picture().nis:.2f}; {_list(events)}")]
+
+
+def at_rate(arm: Arm, rate: float | None) -> Arm:
+    """The arm read at another rate, Hz."""
+    return arm if rate is None else replace(arm, sensors=arm.sensors.model_copy(update={"rate": rate}))
+
+
+def warmed(arm: Arm, share: float) -> Arm:
+    """The arm with `share` of its friction."""
+    for item in arm.effects:
+        if item.effect in ("coulomb_friction", "viscous_friction"):
+            arm = with_effect(arm, ArmEffect(item.effect, item.joint, {k: share * v for k, v in item.parameters.items()}))
+    return arm
+
+
+def wear(
+    name: str, minutes: float, rate: float | None = None, joint: str = "elbow_joint", seed: int = 8
+) -> list[dict[str, Any]]:
+    """Viscous friction of one joint grows to 1.5 times what it was."""
+    arm = at_rate(load_arm(name), rate)
+    own = arm.effect("viscous_friction", joint)
+    assert own is not None
+    end = 60 * minutes
+    grown = [
+        (
+            t,
+            with_effect(
+                arm, ArmEffect("viscous_friction", joint, {"viscous": own.parameters["viscous"] * (1 + 0.5 * t / end)})
+            ),
+        )
+        for t in np.arange(5.0, end, 5.0)
+    ]
+    watcher = Watcher(arm, arm.sensors.rate)
+    events = [e for s in states(arm, work(arm, end + 30, seed), seed, grown) for e in watcher.add(s)]
+    right = [e for e in events if e.kind is Kind.FRICTION_DRIFT and e.joint == joint]
+    payloads = [e for e in events if e.kind in ABOUT_LOAD]
+    f = watcher.picture().friction[arm.joint_index(joint)].viscous
+    note = f"{right[0].message[:70]}" if right else _list(events)
+    return [
+        row(f"mock {name}, viscous friction of {joint} grows 1.5 times in {minutes:g} minutes: drift told after", f"{right[0].t:.0f}" if right else "never", "s", "told", note),
+        row(f"... found at the end, true {1.5 * own.parameters['viscous']:.3g}", str(f)),
+        row("... called a payload", len(payloads), "", "0"),
+        row("... other events", len(events) - len(right) - len(payloads), "", "0"),
+    ]  # fmt: skip
+
+
+def wire(repeats: int, address: str = "127.0.0.31") -> list[dict[str, Any]]:
+    """The emulated UR over the wire: its robot works and takes up 3 kg, the driver only listens."""
+    from drivers.ur_rtde.driver import UrDriver
+    from drivers.ur_rtde.options import UrOptions
+    from sim.emulated.ur.emulator import UrEmulator
+    from sim.emulated.ur.robot import Robot
+    from sim.plant import Plant
+
+    arm, load = load_arm("ur10e"), LOADS["ur10e"]
+    heavy = with_effect(arm, ArmEffect("payload", None, load))
+    out = []
+    for seed in range(repeats):
+        motion = work(arm, ATTACHED + 12, 200 + seed)
+        start = moving_at(arm, motion, ATTACHED)
+        plant = Plant(arm, seed=seed)
+        robot = Robot(plant, motion[0][0], torque_constant=arm.torque_constant)
+        played = _Played(robot, plant, motion, start, heavy)
+        robot.motion.step = played  # type: ignore[method-assign]
+        emulator = UrEmulator(robot, address)
+        emulator.start()
+        driver = UrDriver(arm, UrOptions(host=address, frame_timeout=0.5))
+        try:
+            driver.listen()
+
+            def readings(driver: UrDriver = driver, played: _Played = played) -> Iterable[JointState]:
+                while (state := driver.read()).t_device < played.came + 9:
+                    yield state
+
+            out.append(followed(arm, readings(), lambda played=played: played.came, load))  # type: ignore[misc]
+        finally:
+            driver.close()
+            emulator.stop()
+    detected, mass, com = (np.array([getattr(f, x) for f in out]) for x in ("detected", "mass", "com"))
+    what = f"emulated UR10e over the wire, 3 kg attached in motion, {repeats} shifts"
+    return [
+        row(
+            f"{what}: detected, median / 90 % / within", _told(detected, np.mean(detected <= 0.1)), "s of the device", "<= 0.1"
+        ),
+        row(f"{what}: mass after 0.5 s of motion", _told(mass, np.mean(mass <= 0.05), 100), "%", "<= 5"),
+        row(f"{what}: centre of mass after 2 s of wrist motion", _told(com, np.mean(com <= 0.01), 1000), "mm", "<= 10"),
+        row(f"{what}: events that are none", sum(f.others for f in out), "", "0", f"threads {threading.active_count()}"),
+    ]
+
+
+class _Played:
+    """What the emulated robot's program does: the motion of a shift, and the load at its sample; `came` is the controller's time of that."""
+
+    def __init__(self, robot: Any, plant: Any, motion: tuple[np.ndarray, np.ndarray], start: float, heavy: Arm) -> None:
+        self._robot, self._plant, self._motion, self._heavy = robot, plant, motion, heavy
+        self._k, self._first = 0, round(start * robot.rate)
+        self.came = np.inf
+
+    def __call__(self) -> None:
+        k = min(self._k, len(self._motion[0]) - 1)
+        self._robot.motion.q, self._robot.motion.dq = self._motion[0][k].copy(), self._motion[1][k].copy()
+        if self._k == self._first:
+            self._plant.become(self._heavy)
+            self.came = self._robot.time
+        self._k += 1
+
+
+def real(folder: Path) -> list[dict[str, Any]]:
+    """The free and loaded recordings of one real UR10e, with the arm identified from four others where there is time, else nominal."""
+    out = []
+    arm = os.environ.get("WATCH_ARM", "ur10e")
+    for name in ("excitation_free_b", "excitation_20s_5h", "excitation_20s_8h", "excitation_20s_10h", "excitation_30s_12h",
+                 "excitation_40s_12h", "excitation_50s_12h", "ptp_10_points", "single_joint_2", "single_joint_5", "static_hold_3",
+                 "excitation_load_b"):  # fmt: skip
+        source = from_log(folder / f"{name}.csv", arm, accept_partial=True)
+        watcher = Watcher(source.arm, source.rate, gravity=source.gravity)
+        events = [e for s in source.states for e in watcher.add(s)]
+        about = [e for e in events if e.about == "arm"]
+        bar = "1 payload" if "load" in name else "0"
+        out.append(row(f"real UR10e, {name}: events about the arm", _list(about) or 0, "", bar, watcher.picture().sentence))
+    return out
+
+
+def _list(events: list[WatchEvent]) -> str:
+    return ", ".join(f"{e.t:.1f} s {e.kind.value}" + (f" {e.joint}" if e.joint else "") for e in events)
+
+
+def run() -> list[dict[str, Any]]:
+    """WATCH_REPEATS shifts and WATCH_MINUTES minutes; the figures of docs/figures.md say with how many they were made."""
+    repeats, minutes = int(os.environ.get("WATCH_REPEATS", "4")), float(os.environ.get("WATCH_MINUTES", "3"))
+    rows = [r for name in LOADS for r in attachments(name, repeats)]
+    rows += wire(min(repeats, 3))
+    rows += [r for name in LOADS for r in quiet(name, minutes)]
+    rows += [r for name in LOADS for r in wear(name, minutes * 2 / 3)]
+    data = os.environ.get("ARM_CALIB_DATA")
+    return rows + (real(Path(data) / "ur10e") if data else [])

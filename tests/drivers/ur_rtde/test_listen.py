@@ -1,0 +1,50 @@
+"""Listening to a UR beside the program that moves it: every reading, and nothing sent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.ur_rtde.driver import UrDriver
+from sim.emulated.ur.robot import STOPPED
+from sim.errors import DeviceError
+from tests.drivers.ur_rtde.conftest import ZERO, Pair
+
+
+def test_a_listener_hears_and_leaves_no_trace(pair: Pair) -> None:
+    emulator, driver = pair()
+    info = driver.listen()
+    t = np.array([driver.read().t_device for _ in range(500)])
+    assert np.all(np.diff(t) > 0)
+    assert info.payload_mass == 0.0
+    assert emulator.robot.runtime_state == STOPPED
+    assert not emulator.robot.claims
+    with pytest.raises(DeviceError, match="connect first"):
+        driver.send(driver.read().q, ZERO, ZERO)
+
+
+def test_a_listener_leaves_the_program_of_another_alone(pair: Pair) -> None:
+    emulator, driver = pair()
+    listener = UrDriver(driver.arm, driver.options)
+    with driver:
+        try:
+            listener.listen()
+            assert len([listener.read() for _ in range(250)]) == 250
+        finally:
+            listener.close()
+    # on a busy computer the program's own watchdog may end it; nothing else may have happened to it
+    assert [note for note in emulator.robot.notes if "watchdog" not in note] == []
+
+
+def test_it_says_what_the_controller_believes_to_carry(pair: Pair) -> None:
+    emulator, driver = pair()
+    driver.listen()
+    assert driver.declared_payload() == (0.0, (0.0, 0.0, 0.0))
+
+    def pick() -> None:
+        emulator.robot.payload, emulator.robot.payload_cog = 1.5, [0.0, 0.01, 0.05]
+
+    emulator.do(pick)
+    for _ in range(250):
+        driver.read()
+    assert driver.declared_payload() == (1.5, (0.0, 0.01, 0.05))
