@@ -1,4 +1,8 @@
-"""A gear with a dead zone."""
+"""A gear with a dead zone.
+
+While the motor crosses the gap the link coasts, load = 0, and the motor goes on with what it is asked for: their distance grows with
+a constant jerk, hence the cube, until a blow ends it. So the link's own motion tells when the gap is crossed.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,40 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 
+LOADED, FREE = 0.3, 0.05  # of the RMS of the load: beyond the one a side of the gap carries it, below the other none does
+BLOW = 8e-3  # s from a smoothed load's rise over LOADED to the middle of the blow that made it
+
 
 class Backlash(Effect):
-    """q_motor = q + b sign(load), the motor crossing the gap where the load changes sign."""
+    """q_motor = q + b x, x = sign(load) where the gear is loaded, x = s (1 - 2 u^3) while the motor crosses from side s, u = 0 ... 1."""
 
     name = "backlash"
     summary = "dead zone when the load changes sign"
-    looks = "a pulse of speed and torque of the motor wherever the load changes sign"
-    reference = "M. Nordin, P.-O. Gutman (2002), a survey, Automatica 38(10), doi:10.1016/S0005-1098(02)00047-X"
+    looks = "where the load changes sign: no load for a moment, the motor ahead of its turn, and a blow"
+    reference = "M. Nordin, P.-O. Gutman (2002), doi:10.1016/S0005-1098(02)00047-X"
     experiment = "slow motion through postures where gravity's torque on that joint changes sign"
     stage = Stage.TRANSMISSION
     parameters = (Parameter("half_gap", "rad", "half of the dead zone", lower=0.0, upper=0.1, grid=(0.002,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """q_motor += b tanh(load/scale): the change over takes place within two per cent of the largest load."""
-        load = state.load[:, joint]
-        scale = 0.02 * float(np.max(np.abs(load))) if len(load) > 1 else 0.1
-        state.q_motor[:, joint] += p["half_gap"] * np.tanh(load / max(scale, 1e-6))
+        """q_motor += b x(t)."""
+        state.q_motor[:, joint] += p["half_gap"] * side(state.t, state.load[:, joint])
+
+
+def side(t: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """x (N,) in [-1, 1]: where in its gap the motor stands, at t (N,) s with load (N,) N m through the gear."""
+    usual = float(np.sqrt(np.mean(load**2)))
+    loaded = np.flatnonzero(np.abs(load) > LOADED * usual)
+    if len(loaded) == 0:
+        return np.zeros(len(load))
+    sign = np.sign(load[loaded])
+    # the side that carried the load last, and before the first load the side that will
+    x = sign[np.clip(np.searchsorted(loaded, np.arange(len(load)), side="right") - 1, 0, None)]
+    for k in np.flatnonzero(sign[:-1] != sign[1:]):
+        last, first = loaded[k], loaded[k + 1]
+        free = np.flatnonzero(np.abs(load[last:first]) < FREE * usual)
+        begin = last + (free[0] if len(free) else 0)
+        end = min(int(np.searchsorted(t, t[first] + BLOW)), len(t) - 1)
+        u = (t[begin : end + 1] - t[begin]) / max(t[end] - t[begin], 1e-9)
+        x[begin : end + 1] = sign[k] * (1.0 - 2.0 * np.clip(u, 0.0, 1.0) ** 3)
+    return x

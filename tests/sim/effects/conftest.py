@@ -26,8 +26,9 @@ def motion(arm: Arm) -> Trajectory:
     rng = np.random.default_rng(4)
     t = np.arange(0, 8, 1 / RATE)
     wave = 2 * np.pi / 8 * np.arange(1, 4)
-    a, b = rng.uniform(-0.25, 0.25, (2, 3, arm.n))
-    home = np.array([0.2, -1.3, 1.2, -1.3, -1.2, 0.3])
+    # the shoulder swings through the vertical: its load changes sign, and is large on both sides
+    a, b = rng.uniform(-1, 1, (2, 3, arm.n)) * np.array([0.25, 0.6, 0.25, 0.25, 0.25, 0.25])
+    home = np.array([0.2, -1.6, 0.4, -1.3, -1.2, 0.3])
     fade = np.sin(np.pi * t / 8)[:, None] ** 2
     q = home + fade * (np.sin(np.outer(t, wave)) @ a + np.cos(np.outer(t, wave)) @ b)
     dq = np.gradient(q, t, axis=0)

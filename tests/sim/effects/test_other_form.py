@@ -26,15 +26,15 @@ from sim.effects import EFFECTS, effect_named, with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-BAND, STEP, THIN = 10.0, 1e-3, 4  # Hz that the diagnosis keeps; s; samples left out
+BAND, SMOOTH, STEP, THIN = 10.0, 25.0, 1e-3, 4  # Hz of torque and of position that a diagnosis keeps; s; every fourth sample
+SLIDING = 0.05  # rad/s; a joint at rest holds any torque within its dry friction
 # what an answer does not tell is searched, as a diagnosis would
 SEARCHED = {
     "phase": np.linspace(-np.pi, np.pi, 25),
     "relative_drop": np.linspace(0.05, 0.6, 12),
     "time_constant": np.array([10.0, 20.0, 50.0, 100.0, 200.0]),
 }
-# A clipped torque still is the torque of the motion that comes of it, and what a motor does within a gap the link does not tell.
-SEEN_OTHERWISE = ("torque_saturation", "backlash")
+SEEN_OTHERWISE = ("torque_saturation",)  # a clipped torque still is the torque of the motion that comes of it
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def reference() -> motions.Reference:
 def recorded(true: TrueArm) -> Recording:
     happened = run(true, reference(), motions.SETTLE, np.full(6, AMBIENT), STEP)
     t = happened.t[happened.t >= 0]
-    q = sosfiltfilt(butter(3, 40, fs=1 / STEP, output="sos"), encoder(true.joints, happened.q[happened.t >= 0]), axis=0)
+    q = sosfiltfilt(butter(2, SMOOTH, fs=1 / STEP, output="sos"), encoder(true.joints, happened.q[happened.t >= 0]), axis=0)
     dq = np.gradient(q, STEP, axis=0)
     motion = Trajectory(t[::THIN], q[::THIN], dq[::THIN], np.gradient(dq, STEP, axis=0)[::THIN])
     tau = torque_reading(true, happened, t, np.random.default_rng(0))
@@ -75,17 +75,20 @@ def recorded(true: TrueArm) -> Recording:
 
 
 def gap(arm: Arm, made: Recording) -> float:
-    """RMS over joints of reported minus predicted torque, each over the joint's RMS."""
+    """RMS over joints and sliding samples of reported minus predicted torque, each over the joint's RMS."""
     expected = sosfiltfilt(butter(4, BAND, fs=1 / STEP / THIN, output="sos"), predict(arm, made.motion), axis=0)
     rest = (made.tau - expected) / np.sqrt(np.mean(made.tau**2, axis=0))
-    return float(np.sqrt(np.mean(rest[100:-100] ** 2)))
+    sliding = np.abs(made.motion.dq) > SLIDING
+    return float(np.sqrt(np.mean(rest[100:-100][sliding[100:-100]] ** 2)))
 
 
 def hidden_in(true: TrueArm, hidden: Hidden, form: int) -> tuple[TrueArm, dict[str, float], int]:
     """(arm with a strong dose of it, the answer, its joint or -1)."""
-    joint = hidden.joints[min(1, len(hidden.joints) - 1)] if hidden.joints else -1
+    # one that gravity loads; but a gap where the load changes sign, and not so wide that the gear bounces
+    place, share = (0, 0.3) if hidden.name == "backlash" else (1, 0.6)
+    joint = hidden.joints[min(place, len(hidden.joints) - 1)] if hidden.joints else -1
     changed = true.copy()
-    answer = hidden.put(changed, joint, 0.6 * hidden.most(true, joint), form, np.random.default_rng(1))
+    answer = hidden.put(changed, joint, share * hidden.most(true, joint), form, np.random.default_rng(1))
     if hidden.name == "external_contact":
         changed.force["start"] = answer["start"] = 4.0
     return changed, answer, joint
