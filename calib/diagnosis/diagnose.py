@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.integrity import Check, checks
 from calib.diagnosis.judge import Judged, judge
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
@@ -66,12 +67,16 @@ def diagnose(
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
     at = {u["joint"] for u in odd}
     kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
-    stds = dict(zip([id(e) for e in found.best.accepted], found.best.std(), strict=True))
+    named = found.best
+    if len(kept) < len(judged):
+        named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)
+        kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
+    stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
     entries = [_entry(arm, j, stds[id(j.effect)], j.lost / total) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    gap = _gaps(found, shown)
+    gap = _gaps(found.baseline, named, shown)
     answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
     return Diagnosis(answer, tuple(j.effect for j in kept), found)
 
@@ -99,18 +104,18 @@ def _answer(
     }
 
 
-def _gaps(found: Found, apart: list[Measurement]) -> dict[str, list[float]]:
+def _gaps(baseline: Fit, best: Fit, apart: list[Measurement]) -> dict[str, list[float]]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise floor."""
-    nominal = found.baseline.hypothesis.with_effects(())
-    named = found.best.hypothesis
+    nominal = baseline.hypothesis.with_effects(())
+    named = best.hypothesis
     before, refit, after, floor = [], [], [], []
     for m in apart:
         plain, full = Rows([LogModel(m, nominal)]), Rows([LogModel(m, named)])
-        theta = found.baseline.solved.theta
+        theta = baseline.solved.theta
         before.append([_rms(r) for r in plain.r])
         refit.append([_rms(r - x @ theta) for r, x in zip(plain.r, plain.x, strict=True)])
         after.append([_rms(r) for r in full.r])
-        rest = [r - x @ found.best.solved.theta for r, x in zip(full.r, full.x, strict=True)]
+        rest = [r - x @ best.solved.theta for r, x in zip(full.r, full.x, strict=True)]
         floor.append(list(noise_of(rest, full.joined, np.zeros(len(rest))).sigma))
     return {
         key: [float(v) for v in np.sqrt(np.mean(np.square(np.array(rows)), axis=0))]

@@ -17,6 +17,7 @@ from sim.arm import ArmEffect
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) are not told apart.
 APART = 8.0
 MOST_RIVALS = 2
+MOST_RAISED = 0.02  # a small effect is drowned there by parameters that are a little off; a wrong one is not
 Key = tuple[str, str | None]
 
 
@@ -27,17 +28,19 @@ class Judged:
     lost      rise of -2 log likelihood when it is left out and everything else refitted
     rivals    effects that explain the recordings as well in its place, best first
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there
+    raised    relative change of the squared error of the arm itself, without nuisance, on the logs kept apart
     """
 
     effect: ArmEffect
     lost: float
     rivals: tuple[Key, ...]
     held_out: float
+    raised: float = 0.0
 
     @property
     def vetoed(self) -> bool:
         """Whether a motion that was not fitted speaks against it; a contact happens in one log only."""
-        return self.effect.effect != CONTACT and self.held_out < 0.0
+        return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.raised > MOST_RAISED)
 
     @property
     def confidence(self) -> float:
@@ -56,18 +59,22 @@ def judge(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measur
         others = {(e.effect, e.joint) for e in best.accepted}
         near = [s for s in scored(rest, others) if s.gain > 0.8 * lost][:MOST_RIVALS]
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
-        brings = held_out(rest, apart, best.solved.noise) - held_out(best, apart, best.solved.noise)
-        out.append(Judged(item, lost, tuple(k for k in rivals if k != own), brings))
+        noise = best.solved.noise
+        brings = held_out(rest, apart, noise) - held_out(best, apart, noise)
+        plain = held_out(rest, apart, noise, False)
+        raised = held_out(best, apart, noise, False) / plain - 1.0 if plain > 0 else 0.0
+        out.append(Judged(item, lost, tuple(k for k in rivals if k != own), brings, raised))
     return out
 
 
-def held_out(f: Fit, apart: Sequence[Measurement], noise: Noise) -> float:
+def held_out(f: Fit, apart: Sequence[Measurement], noise: Noise, nuisance: bool = True) -> float:
     """Huber's loss of rows of logs that were not fitted, whitened by one noise for all fits, with the nuisance as it was fitted."""
     total = 0.0
     for m in apart:
         rows = Rows([LogModel(m, f.hypothesis)])
         for j in range(rows.n):
-            rest = noise.whiten(j, rows.r[j] - rows.x[j] @ f.solved.theta, rows.joined[j])
+            left = rows.r[j] - rows.x[j] @ f.solved.theta if nuisance else rows.r[j]
+            rest = noise.whiten(j, left, rows.joined[j])
             size = np.abs(rest)
             total += float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
     return total

@@ -25,6 +25,8 @@ CONTACT = "external_contact"
 # Motors warm up; that much of all friction may go in a minute of work, or over the whole rise of the measured temperature.
 WARMTH_SPREAD = 0.015
 WARMING_SPREAD = 0.03
+# Friction of an identified arm another day, relative; a stated default, as those of the prior.
+DAY_TO_DAY = 0.05
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,14 @@ class LogModel:
         parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)]
         return np.concatenate(parts)
 
+    def _spread(self, j: int, effect: str, otherwise: float) -> float:
+        """Relative standard deviation of an effect's one parameter: as identified, with what changes from day to day, else the prior's."""
+        item = self.hypothesis.start.effect(effect, self.arm.joint_names[j])
+        if item is None or not item.std:
+            return otherwise
+        (name, value), std = next(iter(item.parameters.items())), next(iter(item.std.values()))
+        return min(otherwise, float(np.hypot(std / max(abs(value), 1e-12), DAY_TO_DAY))) if name in item.std else otherwise
+
     def _warmth(self, j: int) -> np.ndarray:
         """(N,) share of friction lost, one standard deviation of the prior."""
         warming = self.measurement.warming
@@ -176,9 +186,9 @@ class LogModel:
             wider = self.tail(j, effects, width=self.hypothesis.width[j] * 1.3)
             later = self.tail(j, effects, lead=self.hypothesis.lead[j] + 1e-3)
             columns = (
-                prior.coulomb * friction,
-                prior.viscous * viscous * speed,
-                prior.rotor * rotor * push,
+                self._spread(j, "coulomb_friction", prior.coulomb) * friction,
+                self._spread(j, "viscous_friction", prior.viscous) * viscous * speed,
+                self._spread(j, "rotor_inertia", prior.rotor) * rotor * push,
                 WIDTH_SPREAD / np.log(1.3) * (wider - base),
                 LEAD_SPREAD / 1e-3 * (later - base),
                 -self._warmth(j) * (friction + viscous * speed),
