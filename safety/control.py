@@ -189,7 +189,9 @@ def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
                 state, p = progress.cycle.state, progress
                 numbers[K_AT], numbers[COUNT_AT], numbers[T_AT] = progress.cycle.k, progress.cycle.count, state.t_device
                 numbers[RUN_AT:ARRAYS] = [p.stage, p.stages, p.speed, p.duration, p.left, p.frames, p.lost]
-                numbers[ARRAYS:] = np.concatenate([*(getattr(state, name) for name in SHOWN), progress.cycle.q_cmd]).tolist()
+                numbers[ARRAYS:] = np.concatenate(
+                    [state.q, state.dq, state.tau, state.current, state.temperature, progress.cycle.q_cmd]
+                ).tolist()
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,

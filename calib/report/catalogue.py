@@ -19,6 +19,8 @@ from sim.prediction import predict
 from sim.trajectory import Trajectory
 
 ARM, JOINT = "ur10e", "shoulder_lift_joint"
+# Where gravity's torque never changes sign, a dead zone is never crossed.
+ELSEWHERE = {"backlash": "shoulder_pan_joint"}
 SECONDS, RATE = 24.0, 250.0
 # Values that can be seen, where the catalogue's own starting values vanish on this motion or have another sign.
 SHOWN: dict[str, dict[str, float]] = {
@@ -89,8 +91,9 @@ def page() -> str:
 def picture(effect: Effect) -> str:
     """The residual that the effect leaves at one joint, as a stand-alone SVG that follows the reader's light or dark."""
     arm, motion = load_arm(ARM), _motion()
-    j = arm.joint_index(JOINT)
-    instance = ArmEffect(effect.name, JOINT if effect.scope == "joint" else None, _values(effect))
+    joint = ELSEWHERE.get(effect.name, JOINT)
+    j = arm.joint_index(joint)
+    instance = ArmEffect(effect.name, joint if effect.scope == "joint" else None, _values(effect))
     quiet = predict(arm, motion)
     left = predict(with_effect(arm, _on_top(arm, instance)), motion)[:, j] - quiet[:, j]
     figure, panel = mosaic(
