@@ -12,6 +12,7 @@ from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.estimates import base_estimates, full_estimates
 from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.information import Information
+from calib.identification.instruments import LEVEL, Instrumental, commanded, instrumental
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
 from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
@@ -115,7 +116,7 @@ class Fit:
     """Columns and their solution, before any question of what can exist.
 
     measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
-    calib.identification.reversals says.
+    calib.identification.reversals says; by_command: the estimate by instruments, where the logs hold the commanded motion.
     """
 
     model: TorqueModel
@@ -128,6 +129,7 @@ class Fit:
     cutoff: float
     names: tuple[str, ...]
     excluded: tuple[tuple[str, Exclusion], ...]
+    by_command: Instrumental | None
 
 
 def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress = _silent, kept: Kept | None = None) -> Fit:
@@ -169,10 +171,17 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     sums, names, excluded = joined(portion(k) for k in range(len(logs)))
     progress("solving", 0.0)
     solution = estimate(model, sums, prior, nominal)
+    moved = [commanded(log, m) for log, m in zip(surveyed.values(), few, strict=True)]
+    by_command = None
+    if not solution.regularised and all(moved):
+        progress("instruments", 0.0)
+        by_command = instrumental(rows, [m for m in moved if m], weights, prior, solution)
+        if by_command.preferred:
+            solution = replace(solution, theta=by_command.theta, covariance=by_command.covariance)
     remarks = tuple(
         f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
     )
-    return Fit(model, solution, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded)
+    return Fit(model, solution, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command)
 
 
 def survey(logs: Sequence[Log]) -> list[int]:
@@ -243,6 +252,16 @@ def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
     if wide:
         out.append(
             f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction"
+        )
+    if fit.by_command and fit.by_command.preferred:
+        out.append(
+            f"noise of the positions biases least squares (Hausman test, p = {fit.by_command.p_value:.1g}), so the commanded motion was used "
+            "as instrument"
+        )
+    elif fit.by_command and fit.by_command.p_value < LEVEL:
+        out.append(
+            f"least squares disagrees with the commanded motion as instrument (p = {fit.by_command.p_value:.1g}), which follows too loosely to "
+            "replace it: the intervals may be too narrow"
         )
     if fit.often.any():
         names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)

@@ -95,7 +95,9 @@ def estimate(model: TorqueModel, sums: Sums, prior: Prior | None = None, nominal
     own = np.stack([_spread(s, u, p).gram for s, u in zip(sums.white, used, strict=True)])
     information = white.gram[:p, :p]
     trusting = inverse(information + prior.precision)
-    inflation = sums.counts.sum() / max(sums.counts.sum() - p, 1)
+    # rows that weigh less by Huber's function tell nothing of small changes: its slope there is zero
+    sure = 1 - min(float(sums.touched.sum() / max(sums.counts.sum(), 1)), 0.5)
+    inflation = sums.counts.sum() / max(sums.counts.sum() - p, 1) / sure**2
     sandwich = trusting @ (inflation * sums.scores + prior.precision) @ trusting
     return Solution(
         theta, _wider(trusting, sandwich), np.sqrt(_residual_variance(sums.plain, theta, used)), information,

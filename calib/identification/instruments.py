@@ -1,0 +1,114 @@
+"""theta_IV = (Z^T W A)^-1 Z^T W b: columns Z from the commanded motion, which the noise of the encoders cannot have moved.
+
+Noise of the positions enters the columns A through two derivatives, and a feedback loop turns it into torque: then A and the residual
+are correlated and least squares is biased, however long the log. The commanded motion is free of both. Where the two estimates differ by more than
+chance, least squares is wrong (J. Hausman, Econometrica 46(6), 1978; A. Janot, P.-O. Vandanjon, M. Gautier, Control Engineering Practice 48, 2016,
+for robots).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.identification.least_squares import Prior, Solution, inverse
+from calib.identification.rows import Rows
+from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
+from calib.preprocessing import Measurement
+from logs import Log
+from sim.trajectory import Trajectory
+
+LEVEL = 0.01
+LATEST = 0.3  # s that a motion may follow its command
+STRENGTH = 0.3
+
+
+@dataclass(frozen=True)
+class Instrumental:
+    """The estimate by instruments, and whether it differs from least squares by more than chance.
+
+    z (p,) differences over their own deviations; p_value of the largest, corrected for p of them; strength in [0, 1] of the weakest instrument.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    z: np.ndarray
+    p_value: float
+    strength: float
+
+    @property
+    def preferred(self) -> bool:
+        """Whether least squares is biased, and the instruments are strong enough to do better."""
+        return bool(self.p_value < LEVEL and self.strength > STRENGTH)
+
+
+def commanded(log: Log, m: Measurement) -> Measurement | None:
+    """The measurement with the commanded motion in place of the measured one, at the delay that fits best; None where none was recorded."""
+    known = np.isfinite(log.q_cmd).all(axis=1)
+    if known.mean() < 0.99:
+        return None
+    t, q = m.trajectory.t, m.trajectory.q
+    few = slice(None, None, max(1, len(t) // 4000))
+
+    def at(delay: float, when: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(when - delay, log.t[known], x) for x in log.q_cmd[known].T], axis=1)
+
+    delays = np.arange(0.0, LATEST, 0.5 / m.rate)
+    best = min(delays, key=lambda d: float(np.square(at(d, t[few]) - q[few]).sum()))
+    smooth = SavitzkyGolay.of_bandwidth(m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff)
+    wanted = at(best, t)
+    parts = [[smooth.derivative(wanted[lo:hi], k) for k in range(3)] for lo, hi in itertools.pairwise(m.starts)]
+    return replace(m, trajectory=Trajectory(t, *(np.concatenate([p[k] for p in parts]) for k in range(3))))
+
+
+def instrumental(
+    rows: Rows, instruments: Sequence[Measurement], weights: Reference, prior: Prior, found: Solution
+) -> Instrumental:
+    """Both estimates on the same rows under the same weights; `instruments` belong to the rows' measurements one by one."""
+    p, used = rows.model.p, rows.used
+    other = Rows(rows.model, instruments, rows.leave_out)
+    cross, right, least = prior.precision.copy(), prior.precision @ prior.mean, prior.precision.copy()
+    kept = []
+    for block, moved in zip(rows, other, strict=True):
+        same = replace(moved, usable=block.usable, joined=block.joined)
+        parts = []
+        for j, u in enumerate(used):
+            a, b, index = whitened(block, j, weights.ar[j])
+            z, _, _ = whitened(same, j, weights.ar[j])
+            e = b - a @ weights.theta[u]
+            weight = np.minimum(1.0, weights.huber * weights.sigma[j] / np.maximum(np.abs(e), 1e-300)) / weights.sigma[j] ** 2
+            place = np.ix_(u, u)
+            cross[place] += z.T @ (weight[:, None] * a)
+            least[place] += a.T @ (weight[:, None] * a)
+            right[u] += z.T @ (weight * b)
+            parts.append((u, a, z, b, weight, index))
+        kept.append((len(block.b), parts))
+    scale = 1 / np.sqrt(np.maximum(np.diag(least), 1e-300))
+    by_cross = scale[:, None] * np.linalg.inv(cross * np.outer(scale, scale)) * scale
+    by_least = inverse(least)
+    theta = by_cross @ right
+    root = np.linalg.cholesky(by_least + 1e-18 * np.diag(np.diag(by_least)))
+    strength = float(np.linalg.svd(root.T @ cross @ root, compute_uv=False)[-1])
+    lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
+    own, between = np.zeros((p, p)), np.zeros((p, p))
+    for count, parts in kept:
+        influence, apart = np.zeros((count, p)), np.zeros((count, p))
+        for u, a, z, b, weight, index in parts:
+            e = weight * (b - a @ found.theta[u])
+            shift = (z * e[:, None]) @ by_cross[:, u].T
+            influence[index] += shift
+            apart[index] += shift - (a * e[:, None]) @ by_least[:, u].T
+        for total, x in ((own, influence), (between, apart)):
+            total += x.T @ x
+            for lag in range(1, min(lags, len(x) - 1) + 1):
+                step = x[lag:].T @ x[:-lag]
+                total += (1 - lag / (lags + 1)) * (step + step.T)
+    difference = (theta - found.theta) / np.sqrt(np.maximum(np.diag(between), 1e-300))
+    largest = float(np.abs(difference).max())
+    factor = np.sqrt(np.maximum(np.diag(found.covariance) / np.maximum(np.diag(own), 1e-300), 1.0))
+    return Instrumental(theta, own * np.outer(factor, factor), difference, float(min(1.0, 2 * p * norm.sf(largest))), strength)
