@@ -15,7 +15,19 @@ from rich.console import Console
 from rich.table import Table
 
 # each is a module of this package with run() -> rows of what, value, unit, bar, note
-TOPICS = ("logs", "safety", "ur", "can", "operator", "fleet", "identification", "excitation", "watch", "peers.compare")
+TOPICS = (
+    "logs",
+    "safety",
+    "ur",
+    "can",
+    "operator",
+    "fleet",
+    "identification",
+    "derivatives",
+    "excitation",
+    "watch",
+    "peers.compare",
+)
 # minutes to a quarter of an hour each: run when named
 SLOW = ("coverage",)
 
