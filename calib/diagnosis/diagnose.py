@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.integrity import Check, checks
 from calib.diagnosis.judge import Judged, judge
@@ -34,12 +35,13 @@ class Diagnosis:
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]
     found: Found | None
+    correction: Correction | None = None
 
     def write(self, folder: Path, arm: Arm) -> None:
         """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
-        stay = [e for e in self.accepted if e.effect != CONTACT]
-        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
-        write_arm(folder / "arm", arm, effects=stay, provenance=why)
+        change = self.correction or Correction({}, ())
+        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in self.accepted if e.effect != CONTACT}
+        write_arm(folder / "arm", arm, effects=change.effects, inertials=change.inertials, provenance=why)
         (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
 
 
@@ -76,9 +78,10 @@ def diagnose(
     entries = [_entry(arm, j, stds[id(j.effect)], j.lost / total) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    gap = _gaps(found.baseline, named, shown)
+    change = correction(named) if any(j.effect.effect != CONTACT for j in kept) else None
+    gap = _gaps(found.baseline, named, change, shown)
     answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
-    return Diagnosis(answer, tuple(j.effect for j in kept), found)
+    return Diagnosis(answer, tuple(j.effect for j in kept), found, change)
 
 
 def _answer(
@@ -104,17 +107,18 @@ def _answer(
     }
 
 
-def _gaps(baseline: Fit, best: Fit, apart: list[Measurement]) -> dict[str, list[float]]:
+def _gaps(baseline: Fit, best: Fit, change: Correction | None, apart: list[Measurement]) -> dict[str, list[float]]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise floor."""
     nominal = baseline.hypothesis.with_effects(())
     named = best.hypothesis
+    written = named if change is None else replace(named, arm=change.of(named.start))
     before, refit, after, floor = [], [], [], []
     for m in apart:
         plain, full = Rows([LogModel(m, nominal)]), Rows([LogModel(m, named)])
         theta = baseline.solved.theta
         before.append([_rms(r) for r in plain.r])
         refit.append([_rms(r - x @ theta) for r, x in zip(plain.r, plain.x, strict=True)])
-        after.append([_rms(r) for r in full.r])
+        after.append([_rms(r) for r in Rows([LogModel(m, written)]).r])
         rest = [r - x @ best.solved.theta for r, x in zip(full.r, full.x, strict=True)]
         floor.append(list(noise_of(rest, full.joined, np.zeros(len(rest))).sigma))
     return {

@@ -145,6 +145,13 @@ class LogModel:
         (name, value), std = next(iter(item.parameters.items())), next(iter(item.std.values()))
         return min(otherwise, float(np.hypot(std / max(abs(value), 1e-12), DAY_TO_DAY))) if name in item.std else otherwise
 
+    @property
+    def own_spread(self) -> dict[tuple[str, str], float]:
+        """(effect, joint) -> relative standard deviation of friction and rotors."""
+        prior = self.arm.prior
+        of = {"coulomb_friction": prior.coulomb, "viscous_friction": prior.viscous, "rotor_inertia": prior.rotor}
+        return {(e, joint): self._spread(j, e, s) for e, s in of.items() for j, joint in enumerate(self.arm.joint_names)}
+
     def _warmth(self, j: int) -> np.ndarray:
         """(N,) share of friction lost, one standard deviation of the prior."""
         warming = self.measurement.warming
