@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -30,6 +31,10 @@ def command(
     home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
     starts: Annotated[int, typer.Option(min=0, help="Starts of the optimiser; 0 keeps the best random motion.")] = 8,
     seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
+    discriminate: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Add the motion on which the effects part that this diagnosis could not tell apart."),
+    ] = None,
     viewer: Annotated[
         bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, where there is a display.")
     ] = False,
@@ -45,6 +50,7 @@ def command(
 
         calib plan ur10e --cell mock-ur10e --quick --out runs/plan
     """
+    from calib.excitation.discriminate import ENOUGH, pairs_of
     from calib.excitation.session import QUICK, Session, design, open_cell, posture
     from calib.report import plan as page
     from safety.collision import Clearance
@@ -61,6 +67,8 @@ def command(
         QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
         progressive=progressive, home=None if home is None else posture(home, nominal),
     )  # fmt: skip
+    if discriminate is not None:
+        asked = replace(asked, apart=tuple(pairs_of(discriminate, nominal)))
     if periods is not None:
         asked = replace(asked, periods=periods)
     folder = new_run(nominal, "plan", out, where)
@@ -78,6 +86,12 @@ def command(
         f"condition number {designed.worth.condition:.3g}; {known} of {known + weak} parameters will be known better than the arm's file "
         f"states them; {designed.duration / 60:.1f} minutes of motion at full speed"
     )
+    if "separation_sigma" in designed.summary:
+        sigma = float(designed.summary["separation_sigma"])
+        enough = (
+            "" if sigma >= ENOUGH else f", less than the {ENOUGH:.0f} that tell them apart: give more room or a longer --period"
+        )
+        sentence += f"; the motion discriminate parts the rivals by {sigma:.3g} standard deviations{enough}"
     conclude(sentence)
     if as_json:
         motions = [{"name": m.name, "kind": m.kind, "duration": m.trajectory.duration} for m in designed.motions]

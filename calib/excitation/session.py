@@ -3,6 +3,7 @@
 friction    each joint in turn at constant speeds both ways, then a small chirp of all joints (0.5 to 7 Hz)
 excitation  the informative Fourier motion, whole periods
 validation  another Fourier motion, which no fit sees
+discriminate  where a diagnosis left two explanations: the motion on which they part most
 probes      reversal ladder, static holds, the excitation's path at half speed (methods: P5, P3, P6)
 """
 
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start
+from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.optimise import optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
@@ -40,7 +42,7 @@ LOOKED_AT = 15
 class Session:
     """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, starts of the optimiser (none: the best
     random motion), probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
-    motions for a first bring-up come first.
+    motions for a first bring-up come first; apart: effects that one more motion is to tell from their rivals.
     """
 
     period: float = 20.0
@@ -54,6 +56,7 @@ class Session:
     chirp: float = 20.0
     home: np.ndarray | None = None
     progressive: bool = False
+    apart: tuple[Pair, ...] = ()
     seed: int = 0
 
 
@@ -106,6 +109,11 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     motions.append(Motion("validation", "validation", cleared_fourier(other, arm, cell, rate, 1)[0]))
     if session.probes:
         motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate)]
+    separated = None
+    if session.apart:
+        progress("telling effects apart", 0.0)
+        parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5))
+        motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1)[0]))
     for motion in motions:
         progress(f"checking {motion.name}", 0.0)
         if motion.kind not in ("excitation", "validation"):
@@ -123,6 +131,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "period_s": float(session.period),
         "periods": session.periods,
         "starts": session.starts,
+        **({} if separated is None else {"separation_sigma": separated}),
         "seed": session.seed,
     }
     return Designed(tuple(motions), worth, home, summary)

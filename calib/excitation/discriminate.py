@@ -1,0 +1,105 @@
+"""A motion on which two explanations part: what one of them adds to the torque must not be what the other, and a refit, can imitate.
+
+separation^2 = min over theta, c of |s_a - Y theta - S_b c|^2 / sigma^2, with s_a the torque that effect a adds along the motion, Y the
+regressor of rigid bodies and friction, S_b what effect b can add at its typical values, sigma the noise of the torque reading.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.excitation.design import coarse, fitted_to_room
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.room import Room
+from sim.arm import Arm, ArmEffect
+from sim.effects import effect_named, with_effect
+from sim.effects.effect import Stage
+from sim.errors import AnswerIsNo, ConfigError
+from sim.prediction import predict
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+
+Pair = tuple[ArmEffect, tuple[str, str | None]]
+MOST_PROBES = 12
+SLOWER = (1.0, 2.0)  # periods tried, times the session's: friction parts slowly, inertia quickly
+ENOUGH = 5.0  # sigma of the whole motion
+
+
+def pairs_of(run: Path, arm: Arm) -> list[Pair]:
+    """(named effect, rival) for everything that a diagnosis could not tell apart; `run` is its folder or diagnosis.json."""
+    file = run / "diagnosis.json" if run.is_dir() else run
+    try:
+        answer: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        named = [
+            (
+                ArmEffect(e["effect"], e["joint"], {k: float(p["value"]) for k, p in e["parameters"].items()}),
+                [(r["effect"], r["joint"]) for r in e["indistinguishable_from"]],
+            )
+            for e in answer["effects"]
+        ]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{file}: not a diagnosis ({error!r}); give the run folder of `calib diagnose`") from error
+    found = [(effect, rival) for effect, rivals in named for rival in rivals]
+    for effect, (name, joint) in found:
+        for where in (effect.joint, joint):
+            if where is not None:
+                arm.joint_index(where)
+        effect_named(effect.effect), effect_named(name)
+    if not found:
+        raise ConfigError(f"{file}: nothing in it is indistinguishable from something else; there is nothing to discriminate")
+    return found
+
+
+def discriminating(
+    room: Room, pairs: Sequence[Pair], basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int
+) -> tuple[Fourier, float]:
+    """Of `tries` random motions that fit, the one whose least separation over the pairs is largest, and that separation."""
+    best: tuple[Fourier, float] | None = None
+    for k in range(tries):
+        longer = Basis(basis.harmonics, basis.period * SLOWER[k % len(SLOWER)])
+        found = fitted_to_room(room, random_fourier(longer, home, rng))
+        if found is None:
+            continue
+        least = min(separation(room.arm, coarse(found), effect, rival) for effect, rival in pairs)
+        if best is None or least > best[1]:
+            best = (found, least)
+    if best is None:
+        raise AnswerIsNo(f"{room.arm.name}: no motion fits that tells these effects apart; give a freer posture with --home")
+    return best
+
+
+def separation(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str, str | None]) -> float:
+    """sigma by which `effect`'s torque along the motion stands out of all that `rival` and a refit can imitate."""
+    quiet = predict(arm, motion)
+    wanted = predict(with_effect(arm, effect), motion) - quiet
+    columns = [predict(with_effect(arm, item), motion) - quiet for item in typical(arm, rival)]
+    ordinary = RigidBody(arm).regressor(motion.q, motion.dq, motion.ddq)
+    own = [np.einsum("nj,jk->njk", x, np.eye(arm.n)) for x in (np.sign(motion.dq), motion.dq, motion.ddq)]
+    imitated = np.concatenate([ordinary, *own, np.stack(columns, axis=2)], axis=2)
+    sigma = np.where(np.array(arm.sensors.torque_noise) > 0, arm.sensors.torque_noise, 0.01 * np.abs(quiet).max(axis=0))
+    x = (imitated / sigma[:, None]).reshape(-1, imitated.shape[2])
+    y = (wanted / sigma).reshape(-1)
+    size = np.linalg.norm(x, axis=0)
+    x = x[:, size > 1e-9] / size[size > 1e-9]
+    return float(np.linalg.norm(y - x @ np.linalg.lstsq(x, y, rcond=1e-8)[0]))
+
+
+def typical(arm: Arm, key: tuple[str, str | None]) -> list[ArmEffect]:
+    """The effect at its typical values."""
+    effect, joint = effect_named(key[0]), key[1]
+    own = arm.effect(effect.name, joint)
+    if effect.stage is Stage.RIGID and joint is not None:
+        j = arm.joint_index(joint)
+        mass, com = float(arm.tree.mass[j]), arm.tree.com[j]
+        moves = [(1.1 * mass, com), *((mass, com + 0.02 * axis) for axis in np.eye(3))]
+        return [ArmEffect(effect.name, joint, {"mass": m, "com_x": c[0], "com_y": c[1], "com_z": c[2]}) for m, c in moves]
+    points = [p for probe in effect.probes(own.parameters if own else None) for p in probe.points]
+    if not points:
+        points = [{p.name: p.grid[0] for p in effect.parameters}]
+    step = max(1, len(points) // MOST_PROBES)
+    return [ArmEffect(effect.name, joint, dict(p)) for p in points[::step]]
