@@ -7,11 +7,13 @@ a constant jerk, hence the cube, until a blow ends it. So the link's own motion 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 
 LOADED, FREE = 0.3, 0.05  # of the RMS of the load: beyond the one a side of the gap carries it, below the other none does
-BLOW = 8e-3  # s from a smoothed load's rise over LOADED to the middle of the blow that made it
+MEAN = 25e-3  # s of load that are averaged first: noise in a measured acceleration does not cross a gap
+BLOW = 6e-3  # s from that mean's rise over LOADED to the middle of the blow that made it
 
 
 class Backlash(Effect):
@@ -32,6 +34,8 @@ class Backlash(Effect):
 
 def side(t: np.ndarray, load: np.ndarray) -> np.ndarray:
     """x (N,) in [-1, 1]: where in its gap the motor stands, at t (N,) s with load (N,) N m through the gear."""
+    if len(t) > 1:
+        load = uniform_filter1d(load, max(1, round(MEAN / float(np.median(np.diff(t))))))
     usual = float(np.sqrt(np.mean(load**2)))
     loaded = np.flatnonzero(np.abs(load) > LOADED * usual)
     if len(loaded) == 0:
