@@ -14,13 +14,23 @@ def software_version() -> str:
 
     Two checkouts with one version and different code are told apart: an approval given to the one does not hold for the other.
     """
+    return _version("safety", "drivers", "logs", "sim")
+
+
+@cache
+def program_version() -> str:
+    """As `software_version`, over the source of everything, calib included: what is computed may differ where this does."""
+    return _version("calib", "safety", "drivers", "logs", "sim")
+
+
+def _version(*packages: str) -> str:
     try:
         release = version("arm-calib")
     except PackageNotFoundError:
         release = "0+checkout"
     root = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256()
-    for package in ("safety", "drivers", "logs", "sim"):
+    for package in packages:
         for file in sorted((root / package).rglob("*.py")):
             digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return f"{release}{'.' if '+' in release else '+'}{digest.hexdigest()[:12]}"

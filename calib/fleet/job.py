@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.fleet.inventory import Recorded
 from sim.arm import Arm
-from sim.version import software_version
+from sim.version import program_version
 
 SCHEMA = "fleet/1"
 
@@ -25,6 +25,7 @@ class Status(Enum):
     BAD_LOGS = "its recordings cannot be used"
     CONFIGURATION = "its model or its recordings' contents do not fit together"
     WORKER_LOST = "the workers that tried it died; it is tried again by the next call"
+    OTHER_PROGRAM = "its worker runs another version of the program"
     FAILED = "the program failed; this is a defect of the program"
 
     @property
@@ -37,6 +38,7 @@ class Status(Enum):
 class Job:
     """One arm: its model, its recordings (oldest first) and where portions of work that was done are kept ("": nowhere).
 
+    `program` is the version that asked: a worker that runs another one refuses, because its numbers would not be comparable.
     A session is all recordings from `session_days` before the newest; it says what the arm is now, the older ones since when.
     """
 
@@ -47,12 +49,13 @@ class Job:
     session_days: float = 1.0
     accept_partial: bool = False
     diagnose: bool = True
+    program: str = field(default_factory=program_version)
 
     @property
     def digest(self) -> str:
         """Changes with anything that could change the answer."""
         options = [self.session_days, self.accept_partial, self.diagnose]
-        words = [self.arm.sha256, software_version(), options, [asdict(r) for r in self.recordings]]
+        words = [self.arm.sha256, self.program, options, [asdict(r) for r in self.recordings]]
         return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
 

@@ -26,6 +26,7 @@ from calib.identification.portions import Kept
 from calib.validation import Validation, validate
 from logs import Log, Pieces, open_pieces
 from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
+from sim.version import program_version
 
 DIAGNOSED_SECONDS = 300.0
 APART = ("validation", "holdout")
@@ -50,6 +51,9 @@ def work(job: Job) -> Answer:
     """The answer about one arm; an arm about which nothing can be said gives a row that says why, and no exception."""
     begin = time.process_time()
     bad: list[str] = []
+    if program_version() != job.program:
+        told = f"the worker runs arm-calib {program_version()}, the command {job.program}; install the same on both"
+        return refusal(job, Status.OTHER_PROGRAM, told)
     try:
         with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
             opened = _open(job, Path(scratch))

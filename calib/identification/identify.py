@@ -152,7 +152,7 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     rows = Rows(model, few, leave_out, lambda share: progress("regressor", share))
     weights = reference(rows, prior, nominal, options.robust)
     own = {k: rows.part(i) for i, k in enumerate(measured)}
-    context = context_of(arm, cutoff, model.slip_width, weights)
+    context = context_of(arm, cutoff, model.slip_width, often, weights)
 
     def portion(k: int) -> Portion:
         progress("sums", k / len(logs))

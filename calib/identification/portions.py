@@ -16,6 +16,7 @@ from calib.identification.sums import Reference, Sums, summed
 from calib.preprocessing import Exclusion, Measurement
 from logs.log import Log
 from sim.arm import Arm
+from sim.version import program_version
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,10 @@ def digest_of(log: Log) -> str:
     return digest.hexdigest()
 
 
-def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, weights: Reference) -> str:
-    """A digest of all that the sums over a piece depend on beside the piece."""
-    digest = hashlib.sha256(f"{arm.sha256} {cutoff!r} {weights.huber!r}".encode())
-    for values in (slip_width, weights.theta, weights.ar, weights.sigma):
+def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarray, weights: Reference) -> str:
+    """A digest of all that the sums over a piece depend on beside the piece; another version of the program counts as another sum."""
+    digest = hashlib.sha256(f"{program_version()} {arm.sha256} {cutoff!r} {weights.huber!r}".encode())
+    for values in (slip_width, often, weights.theta, weights.ar, weights.sigma):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
 

@@ -15,10 +15,10 @@ from calib import main as program
 from calib.fleet.engine import ALLOWED_DEATHS, cluster, results
 from calib.fleet.fleet import Settings, run_fleet
 from calib.fleet.inventory import by_arm, inventory
-from calib.fleet.job import Job
+from calib.fleet.job import Job, Status
 from calib.fleet.since import History, histories
 from calib.fleet.table import read_table, write_table
-from calib.fleet.task import session
+from calib.fleet.task import session, work
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
@@ -120,6 +120,14 @@ def test_a_job_changes_with_its_recordings_and_its_model(tmp_path: Path, ur5e: A
     assert job.digest == Job("x", ur5e, tuple(recordings), kept="elsewhere").digest
     assert job.digest != Job("x", replace(ur5e, sha256="other"), tuple(recordings)).digest
     assert job.digest != Job("x", ur5e, (replace(recordings[0], mark="later"),)).digest
+
+
+def test_a_worker_with_another_program_refuses(tmp_path: Path, ur5e: Arm) -> None:
+    write_recording(tmp_path / "cell" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
+    recordings, _ = inventory(str(tmp_path))
+    answer = work(Job("x", ur5e, tuple(recordings), program="older"))
+    assert answer.status is Status.OTHER_PROGRAM
+    assert "install the same" in answer.row["sentence"]
 
 
 def test_since_when_an_effect_is_there(ur5e: Arm) -> None:
