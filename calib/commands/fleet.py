@@ -77,8 +77,8 @@ def command(
     console.table(["arm", "status", "logs", "minutes", "left of torque", "verdict", "farthest from siblings"], arm_rows(found))
     if deviating:
         console.table(["arm", "what", "joint", "how large", "since"], deviating, "arms that deviate")
-    for address, why in found.unassigned:
-        console.warn(f"{address}: {why}")
+    for _, why in found.unassigned:
+        console.warn(why)
     console.say(f"{said}.")
     console.say(f"{run}: fleet.parquet, report.html, arms/")
     return code

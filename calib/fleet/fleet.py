@@ -17,12 +17,12 @@ from calib.console import plain
 from calib.fleet.engine import cluster, results
 from calib.fleet.inventory import Recorded, by_arm, inventory
 from calib.fleet.job import Answer, Job, Status, refusal
-from calib.fleet.shrunk import FOLDER, Shrunk, shrunk_files
+from calib.fleet.shrunk import Shrunk, shrunk_files
 from calib.fleet.siblings import OUTLIER, Siblings, compare
 from calib.fleet.table import write_table
 from calib.fleet.task import work
 from sim.arm import Arm, load_arm
-from sim.errors import AnswerIsNo, CalibError
+from sim.errors import CalibError
 
 ANSWER, ESTIMATE, PORTIONS, ARMS = "answer.json", "estimate.npz", "portions", "arms"
 BORROWED = 0.5  # of the knowledge of some parameter: from here on the others' help changes what the arm's folder would say
@@ -91,7 +91,16 @@ def run_fleet(
                 store(out / ARMS / arm_id, answers[arm_id])
                 shutil.rmtree(out / PORTIONS / arm_id, ignore_errors=True)
                 told(Progress(len(missing), arm_id=arm_id, status=answers[arm_id].status))
-    rows = _compared(answers, arms, out, {arm_id for arm_id, _ in missing})
+            rows, asked = _compared(answers, arms)
+            changed = {answers[arm_id].row.get("model_sha256") for arm_id, _ in missing}
+            helped = [(arm_id, item) for arm_id, item in asked if item.arm.sha256 in changed]
+            for arm_id, files, why in results(client, shrunk_files, helped):
+                rows[arm_id]["notes"] = (
+                    [] if files else [f"no arm folder with the siblings' help: {why or 'no such arm can exist'}"]
+                )
+                _write(out / ARMS / arm_id, files or {})
+    else:
+        rows, _ = _compared(answers, arms)
     ordered = [
         rows[arm_id] | {"notes": [*rows[arm_id].get("notes", ()), *_notes(arms.get(arm_id), jobs.get(arm_id))]}
         for arm_id in sorted(rows)
@@ -149,9 +158,10 @@ def _notes(arm: Arm | None, job: Job | None) -> list[str]:
     return [f"{len(others)} of its recordings were made with another state of the folder of {arm.name}"] if others else []
 
 
-def _compared(answers: dict[str, Answer], arms: dict[str, Arm], out: Path, changed: set[str]) -> dict[str, dict[str, Any]]:
-    """The rows, each with what the arms of its model say together; an arm that borrows much gets a second arm folder."""
+def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[str, dict[str, Any]], list[tuple[str, Shrunk]]]:
+    """The rows, each with what the arms of its model say together, and the arms that borrow so much that they get a second folder."""
     rows = {arm_id: dict(answer.row) for arm_id, answer in answers.items()}
+    asked: list[tuple[str, Shrunk]] = []
     families: dict[str, list[Answer]] = {}
     for answer in answers.values():
         if answer.status is Status.DONE:
@@ -160,20 +170,14 @@ def _compared(answers: dict[str, Answer], arms: dict[str, Arm], out: Path, chang
         family.sort(key=lambda a: a.arm_id)
         together = compare(np.array([a.theta for a in family]), [a.covariance for a in family])
         for k, answer in enumerate(family):
-            row = rows[answer.arm_id]
-            row["siblings"] = len(family) - 1
+            rows[answer.arm_id]["siblings"] = len(family) - 1
             if together is None:
                 continue
-            row |= _beside(together, k, answer.names)
-            folder = out / ARMS / answer.arm_id
-            fresh = (folder / FOLDER).is_dir() and not changed.intersection(a.arm_id for a in family)
-            if together.borrowed[k].max() > BORROWED and not fresh:
-                asked = Shrunk(arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
-                try:
-                    _write(folder, shrunk_files(asked))
-                except AnswerIsNo as error:
-                    row["notes"] = [str(error)]
-    return rows
+            rows[answer.arm_id] |= _beside(together, k, answer.names)
+            if together.borrowed[k].max() > BORROWED:
+                item = Shrunk(arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
+                asked.append((answer.arm_id, item))
+    return rows, asked
 
 
 def _beside(together: Siblings, k: int, names: Sequence[str]) -> dict[str, Any]:

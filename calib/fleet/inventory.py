@@ -13,9 +13,9 @@ from typing import Any
 
 import fsspec
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, SeekingReader
 
-from logs.mcap_records import MAGIC
+from logs.mcap_records import MAGIC, MAX_RECORD
 from logs.schemas import RECORDING
 from sim.errors import BadLog, ConfigError
 
@@ -101,14 +101,17 @@ def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Re
 
 
 def _words(file: Any, address: str) -> dict[str, str]:
-    """The metadata record `recording`; its end says where it is, so that little of the file is read."""
-    try:
-        file.seek(0)
-        for record in make_reader(file).iter_metadata():
-            if record.name == RECORDING:
-                return dict(record.metadata)
-    except (McapError, ValueError, EOFError, StopIteration, RuntimeError) as error:
-        raise BadLog(
-            f"{address}: its metadata cannot be read ({type(error).__name__}: {error}); recover it with `calib import`"
-        ) from error
-    return {}
+    """The metadata record `recording`: a finished file's end says where it is, one that was never finished begins with it."""
+    fault: Exception | None = None
+    for kind in (SeekingReader, NonSeekingReader):
+        try:
+            file.seek(0)
+            for record in kind(file, record_size_limit=MAX_RECORD).iter_metadata():
+                if record.name == RECORDING:
+                    return dict(record.metadata)
+            return {}
+        except (McapError, ValueError, EOFError, StopIteration, RuntimeError) as error:
+            fault = error
+    raise BadLog(
+        f"{address}: its metadata cannot be read ({type(fault).__name__}: {fault}), so nothing says of which arm it is; recover it with `calib import`"
+    )

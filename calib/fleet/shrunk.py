@@ -13,6 +13,7 @@ from calib.identification.consistency import possible_arm
 from calib.identification.model import TorqueModel
 from calib.identification.prior import full_nominal
 from sim.arm import Arm
+from sim.errors import AnswerIsNo
 
 FOLDER = "arm_with_siblings"
 
@@ -28,9 +29,12 @@ class Shrunk:
 
 
 def shrunk_files(asked: Shrunk) -> dict[str, bytes]:
-    """The files of arm_with_siblings/, by relative path."""
+    """The files of arm_with_siblings/, by relative path; none where no such arm can exist."""
     model = TorqueModel.of_arm(asked.arm)
-    possible = possible_arm(model, asked.theta, asked.covariance, full_nominal(asked.arm, model))
+    try:
+        possible = possible_arm(model, asked.theta, asked.covariance, full_nominal(asked.arm, model))
+    except AnswerIsNo:
+        return {}
     std = np.sqrt(np.diag(asked.covariance))
     found = calibrated_arm(asked.arm, model, possible, std, [f"its own recordings and {asked.siblings} arms of its model"])
     with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:

@@ -18,11 +18,16 @@ def sentence(fleet: Fleet) -> str:
     done = [row for row in rows if row["status"] == "done"]
     deviating = [row for row in done if deviates(row)]
     told = f"{len(done)} of {len(rows)} arms judged"
-    told += f", {len(deviating)} deviate" if deviating else ", none deviates" if done else ""
+    told += (
+        f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else ", none deviates" if done else ""
+    )
     if len(done) < len(rows):
         told += f"; {len(rows) - len(done)} could not be judged"
     if fleet.unassigned:
-        told += f"; {len(fleet.unassigned)} recordings do not say whose they are"
+        few = len(fleet.unassigned) == 1
+        told += (
+            f"; {len(fleet.unassigned)} recording{' does' if few else 's do'} not say whose {'it is' if few else 'they are'}"
+        )
     return told
 
 
@@ -60,7 +65,7 @@ def trouble_rows(fleet: Fleet) -> list[list[str]]:
         for bad in row["bad_logs"]
     ]
     out += [[row["arm"], "not diagnosed", row["diagnosis_trouble"]] for row in fleet.rows if row.get("diagnosis_trouble")]
-    return out + [["", "recording of no arm", f"{address}: {why}"] for address, why in fleet.unassigned]
+    return out + [["", "recording of no arm", why] for _, why in fleet.unassigned]
 
 
 def since(effect: Mapping[str, Any]) -> str:

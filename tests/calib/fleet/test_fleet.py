@@ -19,9 +19,11 @@ from calib.fleet.job import Job, Status
 from calib.fleet.since import History, histories
 from calib.fleet.table import read_table, write_table
 from calib.fleet.task import session, work
+from logs import Recorder
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
+from sim.joint_state import JointState
 from tests.calib.conftest import fourier_motion, recorded, varied
 from tests.calib.fleet.conftest import write_recording
 
@@ -37,6 +39,17 @@ def test_recordings_are_found_by_what_they_say(plant: Path) -> None:
     assert [r.motion for r in arms["ur5e-cell-2-S-cell-2"]] == ["excitation", "validation"]
     assert {r.started for r in recordings} == {"2026-01-01T00:00:00+00:00"}
     assert [Path(address).name for address, _ in unknown] == ["junk.mcap"]
+
+
+def test_a_recording_that_was_never_finished_still_says_whose_it_is(tmp_path: Path) -> None:
+    nan = np.full(1, np.nan)
+    recorder = Recorder(tmp_path / "cut.mcap", ["a"], {"arm": "one"}, reserve=1 << 16)
+    for k in range(50):
+        recorder.write(JointState(k * 0.01, k * 0.01, np.zeros(1), nan, nan, nan, nan))
+    recordings, unknown = inventory(str(tmp_path))
+    recorder.close()
+    assert [r.arm for r in recordings] == ["one"]
+    assert unknown == []
 
 
 @pytest.mark.parametrize("address", ["nowhere", "nothing://there"])
