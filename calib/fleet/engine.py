@@ -6,7 +6,7 @@ import logging
 import os
 import uuid
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import dask
@@ -46,15 +46,18 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
         "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
         "distributed.nanny.pre-spawn-environ": ONE_THREAD,
     }
-    with (
-        dask.config.set(settings),
-        LocalCluster(
+    with dask.config.set(settings):
+        local = LocalCluster(
             n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
             dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
-        ) as local,
-        Client(local) as client,
-    ):  # fmt: skip
-        yield client
+        )  # fmt: skip
+        try:
+            with Client(local) as client:
+                yield client
+        finally:
+            # every answer is home by now: a process that is slow to die on a busy computer must not undo them
+            with suppress(TimeoutError):
+                local.close()
 
 
 def results(
