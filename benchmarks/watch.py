@@ -124,7 +124,9 @@ def warmed(arm: Arm, share: float) -> Arm:
     """The arm with `share` of its friction."""
     for item in arm.effects:
         if item.effect in ("coulomb_friction", "viscous_friction"):
-            arm = with_effect(arm, ArmEffect(item.effect, item.joint, {k: share * v for k, v in item.parameters.items()}))
+            arm = with_effect(
+                arm, ArmEffect(item.effect, item.joint, {k: float(share * v) for k, v in item.parameters.items()})
+            )
     return arm
 
 
@@ -140,7 +142,7 @@ def wear(
         (
             t,
             with_effect(
-                arm, ArmEffect("viscous_friction", joint, {"viscous": own.parameters["viscous"] * (1 + 0.5 * t / end)})
+                arm, ArmEffect("viscous_friction", joint, {"viscous": float(own.parameters["viscous"] * (1 + 0.5 * t / end))})
             ),
         )
         for t in np.arange(5.0, end, 5.0)

@@ -131,6 +131,11 @@ class TorqueFilter:
         """(n,) N m standard deviation of all that a row has beside the model."""
         return np.sqrt(self._white + self._slow)
 
+    @property
+    def imperfection(self) -> float:
+        """Largest ratio, over the joints, of slow model error to white noise."""
+        return float(np.sqrt(np.max(self._slow / self._white)))
+
     def snapshot(self) -> Snapshot:
         """The state as it is; filterpy never changes these arrays in place."""
         return Snapshot(self._kf.x[:, 0], self._kf.P)

@@ -16,9 +16,10 @@ from calib.watch.kernels import traces
 
 CANDIDATES = 16
 ROWS_LEAST = 3  # a reading that is wrong once touches two rows
-# Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. So the threshold
-# is twice the highest ratio of the last while, within bounds.
-THRESHOLD_LEAST, THRESHOLD_MOST, THRESHOLD_MEMORY = 45.0, 150.0, 20.0
+# Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. Where much of the
+# torque is slow model error (`imperfection`, its size over that of the white noise) more is asked, and more than the last while has shown.
+THRESHOLD, THRESHOLD_SLOPE, THRESHOLD_MOST = 30.0, 60.0, 150.0
+OVER_RECENT, RECENT = 1.6, 20.0
 AS_LIKELY = 9.0  # difference of the ratio up to which the instant may be another: three standard deviations
 CLIP = 8.0  # standard deviations that one joint of one row may bring in
 
@@ -33,7 +34,7 @@ class JumpDetector:
         torque = (10 * filter_.dry) ** 2
         self._prior = [np.diag(1 / prior), np.diag(1 / torque)]
         self._scale, self._reach = filter_.mass_scale, filter_.reach
-        self._highest = 0.5 * THRESHOLD_MOST
+        self._highest = 0.0
         self.forget()
 
     def forget(self) -> None:
@@ -44,7 +45,7 @@ class JumpDetector:
         self._c = [np.zeros((CANDIDATES, k, k)) for k in self._kinds]
         self._d = [np.zeros((CANDIDATES, k)) for k in self._kinds]
 
-    def add(self, innovation: Innovation, seconds: float) -> Jump | None:
+    def add(self, innovation: Innovation, seconds: float, imperfection: float) -> Jump | None:
         """One more row; the jump where one is found."""
         self._count = min(self._count + 1, CANDIDATES)
         spread = np.sqrt(1 / np.maximum(np.diag(innovation.inverse), 1e-300))
@@ -65,8 +66,9 @@ class JumpDetector:
             ratios.append((ratio, size))
         both = np.maximum(ratios[0][0], ratios[1][0])
         theta = int(np.argmax(both))
-        self._highest *= float(np.exp(-seconds / THRESHOLD_MEMORY))
-        if not both[theta] > np.clip(2 * self._highest, THRESHOLD_LEAST, THRESHOLD_MOST):
+        self._highest *= float(np.exp(-seconds / RECENT))
+        least = max(THRESHOLD + THRESHOLD_SLOPE * imperfection, OVER_RECENT * self._highest)
+        if not both[theta] > min(least, THRESHOLD_MOST):
             # a jump that is just beginning must not raise the bar for itself
             if len(self._ratios) == self._ratios.maxlen:
                 self._highest = max(self._highest, self._ratios[0])

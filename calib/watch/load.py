@@ -101,7 +101,7 @@ class LoadWatch:
         innovation = self._filter.add(row, learn=self._open is None and self.settled, trust=self._open is not None)
         if innovation is None:
             return [], None
-        jump = self._detector.add(innovation, row.seconds)
+        jump = self._detector.add(innovation, row.seconds, self._filter.imperfection)
         if self._open is not None:
             return self._judge(row, used, innovation, jump), innovation
         if jump is not None and trusted:

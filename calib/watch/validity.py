@@ -14,6 +14,7 @@ from sim.arm import Arm
 
 FIRST = 4.0  # s of motion after which the first verdict is given
 UNFIT = 0.35  # share of the variation of a loaded joint's torque that may stay unexplained at first
+STRAYS = 0.6  # share of dry friction that may stay unexplained at first: friction is what varies from arm to arm
 REFERENCE = 20.0  # s of motion that say how much is left of a healthy arm
 RECENT = 8.0  # s of motion over which it is compared
 WORSE = 3.0  # times as much as was left then
@@ -67,7 +68,7 @@ class ValidityWatch:
         mean, square, left = self._sums[:, known] / self._seconds[known]
         variation = np.sqrt(np.maximum(square - mean**2, 0.0))
         # joints that hardly load themselves prove nothing: their friction is all there is
-        loaded = variation > 0.5 * self._filter.dry[known]
+        loaded = (variation > 0.5 * self._filter.dry[known]) & (np.sqrt(left) > STRAYS * self._filter.dry[known])
         share = np.sqrt(left) / np.maximum(variation, 1e-12)
         mass = self._filter.x[0]
         impossible = mass < -5 * np.sqrt(self._filter.covariance[0, 0]) - 0.1 * self._filter.mass_scale

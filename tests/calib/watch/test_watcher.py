@@ -110,14 +110,10 @@ def test_growing_viscous_friction_is_drift_of_its_joint_and_warming_is_normal(se
     for name in servo6.joint_names:
         warm = with_effect(warm, ArmEffect("thermal_friction", name, {"relative_drop": 0.25, "time_constant": 200.0}))
     assert watched(Watcher(servo6, 200.0), states(servo6, motion, 5, truth=warm)) == []
+    own = viscous.parameters["viscous"]
     worn = [
-        (
-            t,
-            with_effect(
-                servo6, ArmEffect("viscous_friction", joint, {"viscous": viscous.parameters["viscous"] * (1 + 0.8 * t / 400)})
-            ),
-        )
-        for t in np.arange(5.0, 400.0, 5.0)
+        (t, with_effect(servo6, ArmEffect("viscous_friction", joint, {"viscous": own * (1 + 0.8 * t / 400)})))
+        for t in map(float, range(5, 400, 5))
     ]
     events = watched(Watcher(servo6, 200.0), states(servo6, motion, 5, worn))
     assert {(e.kind, e.joint) for e in events} == {(Kind.FRICTION_DRIFT, joint)}
