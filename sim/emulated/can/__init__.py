@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 import can
 
@@ -19,7 +20,25 @@ from sim.emulated.promptness import answer_promptly
 from sim.errors import ConfigError
 
 TICK = 0.001  # s, the longest wait for the host
+STALL = 0.01  # s that a turn of the emulator may take
 EARLY = 0.002  # s; answers leave this much before their time on the wire rather than late
+
+
+class BusClock:
+    """Time on an emulated bus: the wall clock's, but what this computer did not get done in time is time that did not pass.
+
+    Without this a drive would take the emulator's own pause for the silence of its host, and switch itself off.
+    """
+
+    def __init__(self, wall: Callable[[], float] = time.monotonic) -> None:
+        self._wall, self._last, self._lost = wall, wall(), 0.0
+
+    def now(self) -> float:
+        """Bus time, s; asked for once in every turn of the emulator."""
+        wall = self._wall()
+        self._lost += max(0.0, wall - self._last - STALL)
+        self._last = wall
+        return wall - self._lost
 
 
 class CanEmulator:
@@ -29,6 +48,7 @@ class CanEmulator:
         self.bus, self.port, self.where = bus, port, where
         self.faults = bus.faults
         self._lock = threading.Lock()
+        self._clock = BusClock()
         self._running = False
         self._thread: threading.Thread | None = None
 
@@ -75,10 +95,11 @@ class CanEmulator:
                 else:
                     self.port.unplug()
             messages = self._receive(state, stalled) if plugged else self._wait()
+            now = self._clock.now()
             with self._lock:
                 for message in messages:
-                    self.port.acknowledge(message, self.bus.send(message, time.monotonic()))
-                answers = self.bus.poll(time.monotonic() + EARLY)
+                    self.port.acknowledge(message, self.bus.send(message, now))
+                answers = self.bus.poll(now + EARLY)
                 if plugged:
                     self.port.deliver(answers)
 
