@@ -14,6 +14,7 @@ from sim.clock import Clock
 from sim.errors import DeviceError
 
 PERIODS_MAX = 3  # a joint that is silent for so long is a fault
+OWED_MAX = 20  # periods in which a late answer is still owed; after that it is lost
 UNASKED_MAX = 2  # answers in a row that nobody asked for
 STRANGER_SHARE = 0.5  # a node that talks this much of what all drives do is babbling
 REJECTED_MAX = 3  # damaged frames in a row
@@ -50,8 +51,7 @@ class Joints:
             if self.fresh[j]:
                 self.fresh[j], self._waiting_since[j] = False, now
             owed = self._owed[j]
-            # a late answer is still owed in the next cycles; one that is silent for so long is lost
-            while owed and now - owed[0] > PERIODS_MAX * self.period:
+            while owed and now - owed[0] > OWED_MAX * self.period:
                 owed.popleft()
             owed.append(now)
 
