@@ -131,18 +131,16 @@ def _pair(priority: int, last: int) -> Iterator[tuple[Connection, UrDriver]]:
 def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
     """Frames kept of those sent (by their time stamps, one a period), and commands that came more than a period late, over `seconds` of motion at 500 Hz."""
     rt = f"FIFO {priority}" if priority else "no priority"
-    with _pair(priority, 60) as (talk, driver):
+    # priority before connecting: the thread that receives has it from the one that starts it, as in `calib record`
+    with _pair(priority, 60) as (talk, driver), _priority() if priority else contextlib.nullcontext():
         driver.connect()
         q0 = driver.read().q
-        _take_priority(priority)
         first, zero = driver.link.frames, np.zeros(6)
         for k in range(round(seconds * driver.rate)):
             phase = 0.5 * k / driver.rate
             dq = np.array([0.3 * 0.5 * np.cos(phase), 0, 0, 0, 0, 0])
             driver.send(q0 + np.array([0.3 * np.sin(phase), 0, 0, 0, 0, 0]), dq, zero)
             driver.read()
-        if priority:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         frames, lost = driver.link.frames - first, driver.link.lost
         talk.send("counts")
         arrivals = talk.recv()
@@ -161,15 +159,25 @@ def reactions(repeats: int = 50) -> list[dict[str, Any]]:
     rows = []
     for k, fault in enumerate(FAULTS):
         with _pair(0, 100 + k) as (talk, driver), _priority():
-            found = np.array([_reaction(talk, driver, fault) for _ in range(repeats)])
+            tried, counted = 0, []
+            while len(counted) < repeats and tried < 3 * repeats:
+                tried += 1
+                # a motion that a busy computer ended before its fault says nothing of the fault
+                with contextlib.suppress(_TooEarly):
+                    counted.append(_reaction(talk, driver, fault))
+            found = np.array(counted)
         middle, worst = np.median(found, axis=0), np.max(found, axis=0)
-        note = f"{repeats} repeats, load {os.getloadavg()[0]:.1f}"
+        note = f"{len(counted)} repeats of {tried} tries, load {os.getloadavg()[0]:.1f}"
         for i, (what, unit, scale) in enumerate(
             (("noticed", "ms", 1e3), ("standstill", "ms", 1e3), ("angle", "deg", np.degrees(1.0)))
         ):
             value = f"{scale * middle[i]:.1f} / {scale * worst[i]:.1f}"
             rows.append({"what": f"{fault}: {what}, median / worst", "value": value, "unit": unit, "bar": "", "note": note})
     return rows
+
+
+class _TooEarly(Exception):
+    """The motion ended before its fault."""
 
 
 @contextlib.contextmanager
@@ -205,7 +213,10 @@ def _reaction(talk: Connection, driver: UrDriver, fault: str) -> tuple[float, fl
                 asked = True
     except DeviceError as error:
         if not asked:
-            raise AssertionError(f"the motion ended before its fault: {error}") from error
+            driver.close()
+            talk.send("again")
+            talk.recv()
+            raise _TooEarly(str(error)) from error
     noticed = time.monotonic()
     driver.stop()
     at, standstill, angle = talk.recv()
