@@ -178,7 +178,8 @@ class RigidBody:
         return tuple(names + ([f"Ia_{i + 1}" for i in range(self.n)] if rotor else []))
 
     def _motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        arrays = tuple(np.ascontiguousarray(np.atleast_2d(x), dtype=float) for x in (q, dq, ddq))
+        # copies: the kernels are compiled once for arrays that can be written to, and again for those that cannot
+        arrays = tuple(np.array(np.atleast_2d(x), dtype=float, order="C") for x in (q, dq, ddq))
         for name, x in zip(("q", "dq", "ddq"), arrays, strict=True):
             if x.shape != (len(arrays[0]), self.n):
                 raise ValueError(f"{name} has shape {x.shape}: expected ({len(arrays[0])}, {self.n}), samples by joints")

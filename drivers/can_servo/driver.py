@@ -121,7 +121,8 @@ class CanServo(Driver):
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Stream one target; the first switches the drives on. Returns the positions after quantisation, rad."""
-        arrays = [np.asarray(x, dtype=float) for x in (q, dq, tau)]
+        # copies that can be written to: compiled dynamics would be compiled again, a second and more, for arrays that cannot
+        arrays = [np.array(x, dtype=float) for x in (q, dq, tau)]
         if not all(x.shape == (self.arm.n,) and bool(np.all(np.isfinite(x))) for x in arrays):
             raise DeviceError(
                 f"{self.arm.name}: a command needs {self.arm.n} finite numbers each for q, dq, tau; nothing was sent"

@@ -20,6 +20,10 @@ class Feedforward:
         rotors = [arm.effect("rotor_inertia", name) for name in arm.joint_names]
         self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotors])
         self._last: tuple[float, np.ndarray] | None = None
+        # compiled here, where no drive waits for a command, and not on the first command
+        self(np.zeros(arm.n), np.zeros(arm.n), 0.0)
+        self.hold(np.zeros(arm.n))
+        self._last = None
 
     def __call__(self, q: np.ndarray, dq: np.ndarray, now: float) -> np.ndarray:
         """The torque for a moving target; after a pause the acceleration is taken as zero."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim import _kernels
 from sim.joint_state import Status
 
 PROTOCOLS = ("damiao", "cubemars", "robstride", "odrive")
@@ -35,3 +36,19 @@ def test_time_is_the_schedule(bench):
     assert np.diff(device) == pytest.approx(1 / 200, abs=1e-9)
     host = np.array([s.t for s in states])
     assert np.all((host - device > 0.0005) & (host - device < 0.005))  # twelve frames take 1.4 ms on the wire
+
+
+def test_nothing_is_compiled_while_the_drives_wait_for_a_command(bench):
+    """A kernel compiled for read-only arrays took 1.5 s, in which the drives let go."""
+    b = bench()
+    b.driver.connect()
+    compiled = list(_kernels.torque.signatures)
+    assert compiled
+    b.driver.engage()
+    q, still = b.driver.read().q.copy(), np.zeros(6)
+    for array in (q, still):
+        array.setflags(write=False)
+    for _ in range(3):
+        b.driver.send(q, still, still)
+        b.driver.read()
+    assert _kernels.torque.signatures == compiled
