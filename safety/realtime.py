@@ -21,6 +21,24 @@ def prepare() -> dict[str, bool]:
 
 
 @contextmanager
+def prepared() -> Iterator[dict[str, bool]]:
+    """`prepare` for as long as the block lasts: a process that goes on to other work has its own priority and collector back."""
+    before = (os.sched_getscheduler(0), os.sched_getparam(0)) if hasattr(os, "sched_getscheduler") else None
+    collecting = gc.isenabled()
+    granted = prepare()
+    try:
+        yield granted
+    finally:
+        if before is not None:
+            os.sched_setscheduler(0, *before)
+        if granted["memory locked"]:
+            ctypes.CDLL(None).munlockall()
+        gc.unfreeze()
+        if collecting:
+            gc.enable()
+
+
+@contextmanager
 def unhurried() -> Iterator[None]:
     """Ordinary priority for this thread's long work that nothing waits for, such as proofs; what it had before comes back."""
     if not hasattr(os, "sched_getscheduler"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Annotated
 
 import typer
@@ -48,9 +49,8 @@ def command(
     elif move:
         check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
     with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
-        if table.table.driver not in ("mock", "replay"):
-            realtime.prepare()
-        with open_driver(table, arm) as driver:
+        waits = table.table.driver not in ("mock", "replay")
+        with realtime.prepared() if waits else nullcontext(), open_driver(table, arm) as driver:
             checks = preflight(driver, table, seconds)
             if move and all(check.ok is not False for check in checks):
                 checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))

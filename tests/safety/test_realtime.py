@@ -10,6 +10,7 @@ from pathlib import Path
 CHILD = """
 import gc, json, os, resource, sys
 from safety.realtime import prepare
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 if sys.argv[1] == "nothing":
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
@@ -51,6 +52,23 @@ with unhurried():
     within = os.sched_getscheduler(0)
 print(granted == (before == os.SCHED_FIFO), within == os.SCHED_OTHER, os.sched_getscheduler(0) == before)
 """
+
+
+LENT = """
+import gc, os
+from safety.realtime import prepared
+before = os.sched_getscheduler(0), gc.isenabled(), gc.get_freeze_count()
+with prepared() as granted:
+    within = os.sched_getscheduler(0), gc.isenabled()
+print(within == (os.SCHED_FIFO if granted["real-time priority"] else before[0], False))
+print((os.sched_getscheduler(0), gc.isenabled(), gc.get_freeze_count()) == before)
+"""
+
+
+def test_what_was_lent_for_a_while_is_given_back() -> None:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", LENT], capture_output=True, text=True, cwd=root, check=True)
+    assert done.stdout.split() == ["True", "True"]
 
 
 def test_proofs_run_at_ordinary_priority_and_the_loop_has_its_own_back() -> None:
