@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -94,15 +93,12 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | No
 
 def cell(value: Any) -> str:
     """A value as a table shows it: four significant digits, an en dash for nothing."""
-    if value is None or (_is_number(value) and not isinstance(value, bool) and math.isnan(value)):
+    value = _own(value)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
-    if isinstance(value, bool | np.bool_):
+    if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, int | np.integer):
-        return str(value)
-    if _is_number(value):
-        return f"{value:.4g}"
-    return str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def print_json(data: Any) -> None:
@@ -112,16 +108,11 @@ def print_json(data: Any) -> None:
 
 def plain(data: Any) -> Any:
     """`data` in the types that JSON and TOML have; TypeError names a type that has no such form."""
+    data = _own(data)
     if data is None or (isinstance(data, bool | str | int) and not isinstance(data, enum.Enum)):
         return data
-    if isinstance(data, np.bool_):
-        return bool(data)
-    if isinstance(data, float | np.floating):
-        return float(data) if math.isfinite(data) else None
-    if isinstance(data, np.integer):
-        return int(data)
-    if isinstance(data, np.ndarray):
-        return plain(data.tolist())
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
     if isinstance(data, PurePath):
         return str(data)
     if isinstance(data, enum.Enum):
@@ -159,7 +150,13 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    value = _own(value)
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _own(value: Any) -> Any:
+    """NumPy's scalars and arrays as Python's numbers and lists, told by what they offer: `calib --help` need not import NumPy."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _out() -> Console:

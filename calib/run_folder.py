@@ -12,15 +12,17 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from sim.arm import Arm
-from sim.cell import Cell
 from sim.errors import ConfigError
 from sim.resources import nearest
 from sim.version import software_version
+
+if TYPE_CHECKING:
+    from sim.arm import Arm
+    from sim.cell import Cell
 
 FILE = "run.toml"
 RUNS = Path("runs")
@@ -71,7 +73,7 @@ def new_run(arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | Non
         "directory": str(Path.cwd()),
         "arguments": list(invocation.arguments) if invocation else [],
     }
-    if isinstance(arm, Arm):
+    if not isinstance(arm, str):
         data |= {"arm_model": str(arm.model_path), "arm_sha256": arm.sha256}
     if cell is not None:
         data |= {"cell": cell.name, "cell_file": str(cell.path), "cell_sha256": cell.sha256}

@@ -134,9 +134,10 @@ class RigidBody:
         return self.pinocchio.createData()
 
     def base(self, rotor: bool = True, tolerance: float = 1e-9, seed: int = 0) -> BaseParameters:
-        """The base set by rank-revealing QR of the regressor on random states (Gautier 1991, doi:10.1002/rob.4620080405).
+        """The base set by rank-revealing QR of the regressor on random states.
 
-        With `rotor` the n rotor inertias follow the 10 n link parameters (column ddq_j in row j).
+        With `rotor` the n rotor inertias follow the 10 n link parameters (column ddq_j in row j). Source: M. Gautier, J. of
+        Robotic Systems 8(4), 1991, 485-506.
         """
         rng = np.random.default_rng(seed)
         count = 40 * self.n

@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib import console
-from sim.arm import Arm
-from sim.arm_folder import write_arm
 from sim.errors import ConfigError
-from sim.new_arm import LIMIT_UNITS, missing_limits, read_model, staging_folder, with_limits
+
+if TYPE_CHECKING:
+    from sim.arm import Arm
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True)
 
@@ -54,6 +54,9 @@ def new(
 
         calib arm new my_robot.urdf --root ros/my_robot --limit ddq_max=5 --limit jerk_max=100
     """
+    from sim.arm_folder import write_arm
+    from sim.new_arm import LIMIT_UNITS, missing_limits, read_model, staging_folder, with_limits
+
     with staging_folder() as staging:
         arm = with_limits(read_model(file, Path(staging), root), dict(_limit(text) for text in limit or []))
         if sys.stdin.isatty() and not json:
@@ -86,6 +89,8 @@ def _limit(text: str) -> tuple[str, list[float]]:
 
 
 def _asked(arm: Arm) -> Arm:
+    from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
+
     for key in missing_limits(arm):
         answer = console.ask(f"{key} in {LIMIT_UNITS[key]}, one number or {arm.n} with commas, empty to leave it out: ")
         if answer.strip():

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib import console
-from sim.effects import EFFECTS, Effect, effect_named
+
+if TYPE_CHECKING:
+    from sim.effects import Effect
 
 
 def _names(incomplete: str) -> list[str]:
+    from sim.effects import EFFECTS
+
     return [e.name for e in EFFECTS if e.name.startswith(incomplete)]
 
 
@@ -24,6 +28,8 @@ def command(
 
         calib effects stribeck_friction
     """
+    from sim.effects import EFFECTS, effect_named
+
     chosen = EFFECTS if name is None else (effect_named(name),)
     if as_json:
         console.print_json({"schema": "effects/1", "effects": [_plain(e) for e in chosen]})

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib import console
-from sim.arm import load_arm
-from sim.cell import load_cell
-from sim.emulated import Emulator, open_emulator
 from sim.errors import ConfigError
 from sim.resources import nearest
+
+if TYPE_CHECKING:
+    from sim.emulated import Emulator
 
 
 def command(
@@ -32,6 +32,10 @@ def command(
 
         calib emulate emulated-ur10e --fault protective_stop@30
     """
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+    from sim.emulated import open_emulator
+
     table = load_cell(cell, configs)
     emulator = open_emulator(table, load_arm(table.table.arm, configs))
     plan = sorted(_scheduled(text, emulator) for text in fault or [])

@@ -8,16 +8,25 @@ import typer
 
 from calib import console
 from calib.run_folder import new_run
-from sim.arm import load_arm, require_limits
 from sim.errors import ConfigError
-from sim.export import FORMATS, export
+
+
+def _formats(incomplete: str) -> list[str]:
+    from sim.export import FORMATS
+
+    return [name for name in FORMATS if name.startswith(incomplete)]
 
 
 def command(
     arm: console.ArmArgument,
     only: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="|".join(FORMATS), help="One format; may be repeated. All if not given."),
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="mjcf, urdf or table; may be repeated. All if not given.",
+            autocompletion=_formats,
+        ),
     ] = None,
     out: console.Out = None,
     json: console.Json = False,
@@ -32,6 +41,9 @@ def command(
 
         calib export runs/real/arm --out exported
     """
+    from sim.arm import load_arm, require_limits
+    from sim.export import FORMATS, export
+
     table = load_arm(arm, configs)
     left_out = ""
     formats = tuple(only or FORMATS)

@@ -11,8 +11,6 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.halt_key import HaltKey
-from calib.live import LiveView, show
 from calib.run_folder import RUNS, conclude, list_runs, new_run
 
 
@@ -39,6 +37,8 @@ def command(
 
         calib record mock-ur10e runs/plan --yes --out runs/recorded
     """
+    from calib.halt_key import HaltKey
+    from calib.live import LiveView, show
     from drivers import open_driver
     from safety import approval_of, approve, check_approval, check_plan, load_plan
     from safety.confirmation import check_answer, check_yes, question

@@ -6,14 +6,9 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from calib import console
-from calib.live import LiveView, Snapshot
-from calib.recordings import require
-from logs import read_log
-from sim.arm import load_arm
 from sim.errors import ConfigError
 
 
@@ -33,6 +28,13 @@ def command(
 
         calib replay runs/first/excitation.mcap --speed 4
     """
+    import numpy as np
+
+    from calib.live import LiveView, Snapshot
+    from calib.recordings import require
+    from logs import read_log
+    from sim.arm import load_arm
+
     require(log)
     found = read_log(log)
     name = arm or found.metadata.get("arm")

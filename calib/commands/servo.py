@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib import console
-from drivers.can_servo.service import Look, Service
-from sim.arm import load_arm
-from sim.cell import load_cell
 from sim.errors import AnswerIsNo, ConfigError
+
+if TYPE_CHECKING:
+    from drivers.can_servo.service import Look
 
 
 def command(
@@ -31,6 +31,10 @@ def command(
 
         calib servo emulated-servo6 elbow_joint
     """
+    from drivers.can_servo.service import Service
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+
     table = load_cell(cell, configs)
     arm = load_arm(table.table.arm, configs)
     orders = [name for name, wanted in (("clear", clear), ("zero", zero), ("off", off)) if wanted]

@@ -3,7 +3,7 @@ the nominal model.
 
 J = [[tr(I)/2 1 - I, h], [h^T, m]] is a link's pseudo-inertia; it is positive definite exactly for a mass distribution that exists
 (P. Wensing, S. Kim, J.-J. Slotine 2018, doi:10.1109/LRA.2017.2729659). D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4 is the entropic
-divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Park 2020, doi:10.1109/TRO.2019.2933636).
+divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Park 2020, doi:10.1109/TRO.2019.2926491).
 """
 
 from __future__ import annotations
