@@ -11,6 +11,7 @@ import ctypes
 import multiprocessing
 import os
 import queue
+import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -26,7 +27,7 @@ from safety import realtime
 from safety.execution import NEVER, Progress, Recorded, execute
 from safety.guard import Cycle
 from safety.plan import Plan, load_plan
-from safety.stop_sources import StopSignals, first_reason
+from safety.stop_sources import REASONS, StopSignals, first_reason
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import DeviceError
@@ -37,8 +38,10 @@ from sim.strict import validated
 SILENCE = 0.5
 BEAT = 0.02
 SHOW = 0.05
+END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
+LET_GO = 2.0
 TEXT = 200
-BEAT_AT, STOP_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, RUN_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6, 13
+BEAT_AT, STOP_AT, HELD_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, RUN_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6, 7, 14
 SHOWN = ("q", "dq", "tau", "current", "temperature")
 
 
@@ -74,10 +77,13 @@ def drive(
     operator: str = "",
     stop_asked: Callable[[], str | None] = NEVER,
     watch: Callable[[Progress], None] = lambda progress: None,
+    held: Callable[[str], None] = lambda sentence: None,
 ) -> Recorded:
     """`execute` where it belongs: here for a simulated cell, in a control process of its own for every other.
 
-    driver_factory must be a function of a module. Raises what `execute` raises; DeviceError where the control process was lost.
+    Where the driver goes on holding the arm after a failure, because torque off would drop it, `held` is told why, and this returns
+    only when somebody who supports the arm presses Ctrl-C. driver_factory must be a function of a module. Raises what `execute`
+    raises; DeviceError where the control process was lost.
     """
     if is_simulated(cell):
         return execute(
@@ -111,15 +117,31 @@ def drive(
             kind, value = _watched(process, answer, numbers, text, first_reason(signals.reason, stop_asked), watch, arm.n)
         except BaseException:
             numbers[STOP_AT] = 1.0
-            process.join()
+            _let_go(process, numbers, "the command process failed", held)
             raise
         finally:
             over.set()
             heart.join()
-    process.join()
+    _let_go(process, numbers, str(value), held)
     if kind == "error":
         raise value
     return value  # type: ignore[no-any-return]
+
+
+def _let_go(process: Any, numbers: Any, sentence: str, held: Callable[[str], None]) -> None:
+    """Wait for the control process; where it holds the arm, until Ctrl-C says that somebody supports it. Nothing else lets go."""
+    with StopSignals():
+        while process.exitcode is None and not numbers[HELD_AT]:
+            process.join(SHOW)
+    if process.exitcode is not None:
+        return
+    held(f"{sentence}; the arm is HELD: support it, then press Ctrl-C to let it go")
+    while process.exitcode is None:
+        with StopSignals() as signals:
+            while process.exitcode is None and signals.reason() is None:
+                process.join(SHOW)
+        if signals.reason() == REASONS[signal.SIGINT]:
+            numbers[STOP_AT] = LET_GO
 
 
 def _beat(numbers: Any, over: threading.Event) -> None:
@@ -200,6 +222,15 @@ def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
         answer.put(("done", result))
     except BaseException as error:
         answer.put(("error", _portable(error)))
+    # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
+    others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
+    for thread in others:
+        thread.join(END_TIME)
+    while any(t.is_alive() for t in others):
+        numbers[HELD_AT] = 1.0
+        if numbers[STOP_AT] == LET_GO:
+            os._exit(0)
+        time.sleep(SHOW)
 
 
 def _portable(error: BaseException) -> BaseException:

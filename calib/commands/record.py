@@ -91,6 +91,7 @@ def command(
             operator=who,
             stop_asked=first_reason(hold.reason, halt.reason),
             watch=lambda progress: show(view, progress, folder),
+            held=console.warn,
         )
     worst = max(max(stage.following_error) for stage in done.stages)
     conclude(f"recorded {', '.join(done.logs)}; the arm followed to {1000 * worst:.1f} mrad")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -83,3 +85,20 @@ def in_real_time(cell: Cell, arm: Arm) -> PerfectDriver:
 
 def simulated(cell: Cell, arm: Arm) -> PerfectDriver:
     return PerfectDriver(arm, cell, 500.0, SimulatedClock())
+
+
+class Clinging(PerfectDriver):
+    """An arm without brakes: it fails in motion, and then holds on in a thread of its own rather than let go."""
+
+    def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        if len(self.sent) > 60:
+            raise DeviceError("a joint is silent")
+        return super().send(q, dq, tau)
+
+    def close(self) -> None:
+        threading.Thread(target=time.sleep, args=(120.0,)).start()
+        raise DeviceError("torque off would drop the arm")
+
+
+def clinging(cell: Cell, arm: Arm) -> Clinging:
+    return Clinging(arm, cell, 50.0, MonotonicClock())

@@ -188,3 +188,46 @@ def test_a_stop_crosses_the_process_boundary_with_its_numbers(place: Path) -> No
     assert stopped.value.standstill.at_rest
     assert len(stopped.value.samples) > 1
     assert json.dumps(stopped.value.record())
+
+
+HOLDING = """
+import sys
+from pathlib import Path
+from safety.control import drive
+from safety.plan import load_plan
+from sim.arm import load_arm
+from sim.cell import load_cell
+from sim.errors import CalibError
+from tests.safety.perfect import clinging
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    arm, cell = load_arm(folder / "arm"), load_cell(folder / "cell.toml")
+    try:
+        drive(load_plan(folder / "plan"), cell, arm, clinging, folder / "run", audit=folder / "audit.jsonl",
+              held=lambda sentence: (folder / "held").write_text(sentence))
+    except CalibError as error:
+        print(error)
+"""
+
+
+def test_an_arm_that_is_held_is_told_of_and_let_go_by_ctrl_c_alone(place: Path) -> None:
+    prepared(place, 30.0)
+    (place / "holding.py").write_text(HOLDING)
+    process = subprocess.Popen(
+        [sys.executable, str(place / "holding.py"), str(place)], stdout=subprocess.PIPE, text=True, cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, start_new_session=True,
+    )  # fmt: skip
+    wait_for(lambda: (place / "held").exists(), process)
+    time.sleep(0.5)
+    said = (place / "held").read_text()
+    assert "a joint is silent" in said
+    assert "support it, then press Ctrl-C" in said
+    process.send_signal(signal.SIGTERM)
+    time.sleep(0.5)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    try:
+        assert "a joint is silent" in process.communicate(timeout=60.0)[0]
+    finally:
+        process.kill()
