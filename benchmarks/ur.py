@@ -1,18 +1,20 @@
 """A UR over the wire: frames, late commands, and what happens after each fault, against the emulated controller.
 
 The controller is emulated, and shares this computer with the driver: the figures are of driver, ur_rtde and this computer, not of
-a robot. `python -m benchmarks.ur` prints them; load average stands with each.
+a robot. `python -m benchmarks ur` makes them all, half an hour; `python -m benchmarks.ur streaming` or the names of some faults instead make a
+part. Load average stands with each.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import gc
 import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -32,8 +34,8 @@ from sim.joint_state import Status
 SERVO_J = 11
 SPEED = 0.5  # rad/s of joint 1 when a fault comes
 FAULTS = (
-    "protective_stop", "emergency_stop", "slider_moved", "program_stopped", "second_client", "cable_pulled", "close", "drop",
-    "delay", "freeze", "reorder",
+    "protective_stop", "emergency_stop", "slider_moved", "program_stopped", "second_client", "cable_pulled", "close", "refuse",
+    "drop", "delay", "freeze", "reorder",
 )  # fmt: skip
 PRIORITY = 40
 CELL = """
@@ -154,11 +156,11 @@ def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def reactions(repeats: int = 50) -> list[dict[str, Any]]:
+def reactions(repeats: int = 50, faults: Sequence[str] = FAULTS) -> list[dict[str, Any]]:
     """From each fault at 0.5 rad/s: time until the driver says so, time and angle until the arm stands; median and worst."""
     rows = []
-    for k, fault in enumerate(FAULTS):
-        with _pair(0, 100 + k) as (talk, driver), _priority():
+    for fault in faults:
+        with _pair(0, 100 + FAULTS.index(fault)) as (talk, driver), _priority():
             tried, counted = 0, []
             while len(counted) < repeats and tried < 3 * repeats:
                 tried += 1
@@ -226,19 +228,30 @@ def _reaction(talk: Connection, driver: UrDriver, fault: str) -> tuple[float, fl
     return noticed - at, standstill, angle
 
 
+def both(seconds: float = 60.0) -> list[dict[str, Any]]:
+    """`streaming` with and without real-time priority."""
+    rows = []
+    for priority in (PRIORITY, 0):
+        try:
+            rows += streaming(seconds, priority)
+        except (PermissionError, DeviceError) as error:
+            what = f"streaming, FIFO {priority}" if priority else "streaming, no priority"
+            rows.append({"what": what, "value": "not measured", "unit": "", "bar": "", "note": str(error)})
+    return rows
+
+
 def run(seconds: float = 60.0, repeats: int = 50) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
-    rows = streaming(seconds)
-    try:
-        rows += streaming(seconds, PRIORITY)
-    except (PermissionError, DeviceError) as error:
-        rows.append({"what": "with real-time priority", "value": "not measured", "unit": "", "bar": "", "note": str(error)})
-    return rows + reactions(repeats)
+    return both(seconds) + reactions(repeats)
 
 
 if __name__ == "__main__":
-    import sys
-
-    given = dict(zip(("seconds", "repeats"), map(float, sys.argv[1:]), strict=False))
-    for row in run(given.get("seconds", 60.0), round(given.get("repeats", 50))):
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ur", description=__doc__)
+    parser.add_argument("part", nargs="+", choices=("streaming", *FAULTS))
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--repeats", type=int, default=50)
+    given = parser.parse_args()
+    chosen = [part for part in given.part if part != "streaming"]
+    streamed = both(given.seconds) if "streaming" in given.part else []
+    for row in streamed + reactions(given.repeats, chosen):
         print(f"{row['what']:60} {row['value']!s:>22} {row['unit']:4} bar {row['bar']:5} {row['note']}")

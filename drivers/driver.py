@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.clock import Clock
-from sim.errors import ConfigError, DeviceError
+from sim.errors import CalibError, ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
 
@@ -137,4 +137,10 @@ class Driver(ABC):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
+        """Close; what `close` refuses does not hide what went wrong before."""
+        try:
+            self.close()
+        except DeviceError as refusal:
+            if not isinstance(error, CalibError):
+                raise
+            error.args = (f"{error}; besides, {refusal}", *error.args[1:])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options, pose
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock
-from sim.errors import CalibError, ConfigError, DeviceError
+from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
 BRAKING = 4.0  # rad/s^2 of the fastest joint, the others keep their share: what every arm of this kind can brake with
@@ -195,14 +194,6 @@ class CanServo(Driver):
     def checks(self) -> list[Check]:
         """Bus load, watchdogs, serial numbers, temperatures, and where the arm stands."""
         return preflight_checks(self)
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        try:
-            self.close()
-        except DeviceError as refusal:
-            if not isinstance(error, CalibError):
-                raise
-            error.args = (f"{error}; besides, {refusal}", *error.args[1:])
 
     def _require(self) -> None:
         if self._fault is not None:
