@@ -17,6 +17,7 @@ from rich.table import Table
 # each is a module of this package with run() -> rows of what, value, unit, bar, note
 TOPICS = (
     "logs",
+    "clocks",
     "safety",
     "ur",
     "can",

@@ -18,6 +18,7 @@ from safety import ClearedTrajectory, MotionStopped, clear
 from safety.collision import Clearance
 from safety.guard import STANDSTILL, Guard
 from safety.monitor import Monitor
+from safety.sudden import sudden_change
 from safety.torque import torque_interval
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import BoxObstacle, Cell, PayloadTable, load_cell
@@ -31,6 +32,7 @@ from sim.trajectory import Trajectory
 CELL = "mock-ur10e"
 RATE = 500.0
 SETTLE, AFTER = 1500, 200
+BOX = 0.3
 SEEDS = (3, 4, 5, 6)
 LOAD = PayloadTable(mass=6.0, com=[0.0, 0.0, 0.1])
 
@@ -79,12 +81,14 @@ def monitoring(arm: Arm, cell: Cell, count: int = 20_000) -> list[dict[str, Any]
     clearance = Clearance(arm, cell)
     monitor = Monitor(arm, cell, RATE, clearance, driver.read())
     q, still = np.array(cell.table.home), np.zeros((2, arm.n))
-    load = torque_interval(Trajectory(np.array([0.0, 1.0]), np.vstack((q, q)), still, still), arm, cell)
+    standing = Trajectory(np.array([0.0, 0.002]), np.vstack((q, q)), still, still)
+    load = torque_interval(standing, arm, cell)
+    expected = load.tau_hat[0], load.doubt[0], sudden_change(standing, arm, cell)[0]
     spent = np.empty(count)
     for k in range(count):
         state = driver.read()
         begin = time.thread_time()
-        trip = monitor.check(state, driver.clock.now(), q, load.tau_hat[0], load.doubt[0])
+        trip = monitor.check(state, driver.clock.now(), q, expected)
         spent[k] = time.thread_time() - begin
         if trip is not None:
             raise RuntimeError(str(trip))
@@ -167,8 +171,10 @@ def with_joint(values: np.ndarray, joint: int, value: float) -> np.ndarray:
 
 
 def frozen(driver: Watched, state: JointState) -> JointState:
-    driver.show()
+    """Visible from the first reading that repeats the one before."""
     driver.kept = driver.kept or state
+    if driver.reads > driver.at:
+        driver.show()
     j = driver.joint
     return replace(state, q=with_joint(state.q, j, driver.kept.q[j]), dq=with_joint(state.dq, j, driver.kept.dq[j]))
 
@@ -216,11 +222,17 @@ def touched(driver: Watched, state: JointState) -> JointState:
 
 
 def with_hidden_box(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant | None:
-    """A plant with a box that nobody declared, where the wrist will be 60 samples after `at`; None where it has passed there before."""
+    """A plant with a box that nobody declared, its face across the way of the wrist 60 samples after `at`; None where the arm touches it before."""
     probe = Plant(arm, obstacles=cell.table.obstacles)
-    probe.reset(cleared.q[min(at + 60, len(cleared) - 1)])
-    place = probe.data.geom_xpos[probe.model.geom("shape:wrist_3_0").id]
-    box = BoxObstacle(kind="box", name="hidden", position=place.tolist(), size=[0.06, 0.06, 0.06])
+    ahead = []
+    for k in (55, 65):
+        probe.reset(cleared.q[min(at + k, len(cleared) - 1)])
+        ahead.append(probe.data.geom_xpos[probe.model.geom("shape:wrist_3_0").id].copy())
+    way = ahead[1] - ahead[0]
+    way /= np.linalg.norm(way)
+    turned = [0.0, -float(np.arcsin(way[2])), float(np.arctan2(way[1], way[0]))]
+    place = (ahead[0] + ahead[1]) / 2 + way * BOX / 2
+    box = BoxObstacle(kind="box", name="hidden", position=place.tolist(), rpy=turned, size=[BOX] * 3)
     plant = Plant(arm, obstacles=[*cell.table.obstacles, box], seed=at)
     for q in (cleared.q[0], *cleared.q[:at:10]):
         plant.reset(q)
@@ -256,7 +268,7 @@ TROUBLES = (
     Trouble("jump of one turn", once(lambda s, j: replace(s, q=with_joint(s.q, j, s.q[j] + 2 * np.pi)))),
     Trouble("sign flip of a position", once(lambda s, j: replace(s, q=with_joint(s.q, j, -s.q[j])))),
     Trouble("sign flip of a speed", always(lambda s, j: replace(s, dq=with_joint(s.dq, j, -s.dq[j]))), "five readings are averaged", moving=0.5),
-    Trouble("frozen position and speed of a joint", frozen, "within ten readings"),
+    Trouble("frozen position and speed of a joint", frozen, "told from a value that comes late: three readings"),
     Trouble("stale readings", stale),
     Trouble("2 lost packets", lost(2), "no stop: within 3.5 periods", stops=False),
     Trouble("5 lost packets", lost(5)),
@@ -264,8 +276,8 @@ TROUBLES = (
     Trouble("stall of 5 ms", stalled(0.005), "no stop: within 3.5 periods", stops=False),
     Trouble("stall of 50 ms", stalled(0.05)),
     Trouble("stall of 500 ms", stalled(0.5)),
-    Trouble("contact with a hidden box", touched, "a 60 mm box; seen by the residual of torque", plant=with_hidden_box),
-    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its step of torque is inside the band of torque that an unidentified arm is allowed", plant=with_load, loaded=True),
+    Trouble("contact with a hidden box", touched, f"a box of {BOX:g} m, met by a face; seen by the residual of torque", plant=with_hidden_box),
+    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises", plant=with_load, loaded=True),
 )  # fmt: skip
 
 

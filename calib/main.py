@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from importlib import import_module
 from typing import Annotated, Any
@@ -41,6 +42,11 @@ COMMANDS: dict[str, str] = {
 
 HELP = {"help_option_names": ["-h", "--help"]}
 MOST_HINTS = 3
+# what the system says of a file or its disk, which the operator can do something about; any other OSError is a fault of the program
+OF_FILES = {
+    errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ENOENT, errno.ENOTDIR, errno.EISDIR,
+    errno.ENAMETOOLONG,
+}  # fmt: skip
 
 
 class Commands(TyperGroup):
@@ -126,7 +132,10 @@ def start(arguments: list[str]) -> tuple[int, str]:
     try:
         code, sentence = _run(arguments, invocation)
         for folder in invocation.folders:
-            end_run(folder, code, sentence)
+            try:
+                end_run(folder, code, sentence)
+            except OSError as error:  # the disk on which the run was written may be what failed
+                console.warn(_of_file(error))
         return code, sentence
     finally:
         INVOCATION.reset(token)
@@ -146,9 +155,21 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         return 2, sentence
     except typer.Exit as stop:
         return stop.exit_code, "done" if stop.exit_code == 0 else f"ended with exit code {stop.exit_code}"
+    except OSError as error:
+        if error.errno not in OF_FILES:
+            raise
+        console.warn(_of_file(error))
+        return 2, _of_file(error)
     except (KeyboardInterrupt, typer.Abort):
         console.warn("interrupted; nothing more was done")
         return 130, "interrupted by the operator"
+
+
+def _of_file(error: OSError) -> str:
+    """A file that the system refuses, with what may be done about it."""
+    return (
+        f"{error.filename or 'the disk'}: {error.strerror}; give a place that exists and may be written, with room on its disk"
+    )
 
 
 def _usage(error: typer.TyperException, arguments: list[str]) -> str:

@@ -96,7 +96,9 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     ended = datetime.now(UTC).isoformat(timespec="seconds")
     data["end"] = {"exit_code": exit_code, "sentence": sentence, "ended": ended}
-    file.write_text(tomli_w.dumps(data), encoding="utf-8")
+    part = file.with_suffix(".part")  # on a full disk what stood there must stay
+    part.write_text(tomli_w.dumps(data), encoding="utf-8")
+    part.replace(file)
 
 
 def read_run(reference: str | Path, root: Path = RUNS) -> Run:

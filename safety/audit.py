@@ -22,8 +22,8 @@ LONGEST = 100_000
 
 def record(file: Path, event: str, now: datetime | None = None, **facts: Any) -> None:
     """Add one line and see it on the disk before returning; SafetyStop where the file's chain is broken already."""
-    file.parent.mkdir(parents=True, exist_ok=True)
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)
         with open(file, "a+b") as stream:
             fcntl.flock(stream, fcntl.LOCK_EX)
             stream.seek(0)

@@ -14,6 +14,7 @@ from safety.collision import Clearance, Witness
 from safety.limits import check_limits, check_sent, sampled
 from safety.plan import hashes_of
 from safety.reach import check_point_speed
+from safety.sudden import sudden_change
 from safety.torque import check_torque, torque_interval
 from sim.arm import Arm
 from sim.cell import Cell
@@ -37,7 +38,8 @@ class Verdict:
 class ClearedTrajectory:
     """A motion that passed every check, as the samples that will be sent at `rate` Hz; only `clear` makes one.
 
-    t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width: none can be written to.
+    t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width, sudden (N, n) N m
+    how far it may be missed of a sudden: none can be written to.
     """
 
     __slots__ = ("__weakref__", "_values")
@@ -123,6 +125,7 @@ def clear(
     verdict = Verdict(used, clearance.nearest_on(sent.t, sent.q), stop_time, stop_angle)
     values: dict[str, Any] = {name: _frozen(getattr(sent, name)) for name in ("t", "q", "dq", "ddq")}
     values |= {"tau_hat": _frozen(torque.tau_hat), "doubt": _frozen(torque.doubt)}
+    values["sudden"] = _frozen(sudden_change(sent, arm, cell))
     values |= {
         "rate": float(rate), "arm_sha256": arm.sha256, "joint_names": arm.joint_names, "hashes": hashes_of(arm, cell),
         "verdict": verdict, "stop": stop, "latency": latency,

@@ -12,7 +12,7 @@ from drivers.driver import Driver
 from logs.recorder import ERROR, Recording
 from safety.clear import ClearedTrajectory, require_cleared
 from safety.collision import Clearance
-from safety.monitor import Monitor
+from safety.monitor import Expected, Monitor
 from safety.stopping import Stop, stop_from
 from safety.trip import LastSamples, MotionStopped, Standstill, Trip
 from sim.arm import Arm
@@ -120,16 +120,16 @@ class Guard:
         motion = require_cleared(motion, self._arm, self._driver.rate)
         self._refuse_after_stop()
         self._check_start(motion, what)
-        expected: tuple[np.ndarray | None, np.ndarray | None] = (motion.tau_hat[0], motion.doubt[0])
+        expected: Expected = (motion.tau_hat[0], motion.doubt[0], motion.sudden[0])
         k = -1
         self.monitor.pause()
         try:
             for k in range(len(motion)):
-                trip = self._cycle(window, k, *expected) or self._asked()
+                trip = self._cycle(window, k, expected) or self._asked()
                 if trip is not None:
                     self._stop(motion, k - 1, trip, what)
                 self._send(motion.q[k], motion.dq[k])
-                expected = motion.tau_hat[k], motion.doubt[k]
+                expected = motion.tau_hat[k], motion.doubt[k], motion.sudden[k]
                 self._watch(Cycle(k, len(motion), self._samples.states[-1], self._q_cmd))
         except MotionStopped:
             raise
@@ -144,7 +144,7 @@ class Guard:
         self.monitor.pause()
         try:
             for _ in range(max(1, round(seconds * self._driver.rate))):
-                trip = self._cycle(None, 0, None, None) or self._asked()
+                trip = self._cycle(None, 0, None) or self._asked()
                 if trip is not None:
                     self._stop(None, -1, trip, what)
                 self._send(self._q_cmd, self._zero)
@@ -168,7 +168,7 @@ class Guard:
             )
         self._settled = True
 
-    def _cycle(self, window: Window | None, k: int, tau_hat: np.ndarray | None, doubt: np.ndarray | None) -> Trip | None:
+    def _cycle(self, window: Window | None, k: int, expected: Expected | None) -> Trip | None:
         """Read, record, ask the monitor."""
         state = self._driver.read()
         self._samples.add(state)
@@ -176,7 +176,7 @@ class Guard:
             self._record = window.recording if window.first <= k < window.last else None
         if self._record is not None:
             self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
-        return self.monitor.check(state, self._driver.clock.now(), self._q_cmd, tau_hat, doubt)
+        return self.monitor.check(state, self._driver.clock.now(), self._q_cmd, expected)
 
     def _asked(self) -> Trip | None:
         reason = self._stop_asked()

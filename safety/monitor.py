@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from safety.collision import Clearance
+from safety.sudden import LATE, blend
 from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell
@@ -24,13 +25,16 @@ TEMPERATURE_MAX = 75.0
 # a sensor that reads colder is broken
 TEMPERATURE_MIN = -40.0
 RESIDUAL = 0.3
-RESIDUAL_STEP = 0.15
-SLOW = 0.5
+RESIDUAL_STEP = 0.05
+# noise of a reading less a mean of such readings that may have begun with one of them
+TWO_READINGS = 1.5
 FROZEN = 10
+# a position that stays although the joint has turned by more than its grain is frozen sooner: by then its reading is too old
+FROZEN_LEAST = 3
 WINDOW = 5
 CLEARANCE_EVERY = 0.05
-# Servo loops follow late (UR servoj: its lookahead time, 0.1 s): a joint may be where it was told to be within this time
-DELAY = 0.1
+# the torque that a motion should take, the half-width of its interval, and how far it may be missed of a sudden; each (n,) N m
+Expected = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Monitor:
@@ -50,13 +54,10 @@ class Monitor:
         self._follow = cell.table.motion.following_error_max
         self._dq_doubt = 0.1 * arm.dq_max + 0.04 * arm.ddq_max + SIGMAS * noise
         self._moving = np.maximum(0.02, 8 * noise)
-        friction = np.array(
-            [(e.parameters["coulomb"] if (e := arm.effect("coulomb_friction", j)) else 0.0) for j in arm.joint_names]
-        )
         torque_noise = SIGMAS * np.array(arm.sensors.torque_noise)
         self._residual = RESIDUAL * arm.tau_max + torque_noise
-        self._step = RESIDUAL_STEP * arm.tau_max + 2 * friction + 2 * torque_noise
-        self._blend = self._period / SLOW
+        self._step = RESIDUAL_STEP * arm.tau_max + TWO_READINGS * torque_noise
+        self._blend = blend(rate)
         self._clearance = clearance
         # some pairs in every cycle and all of them in CLEARANCE_EVERY: no cycle is much longer than the others
         turns = max(1, round(CLEARANCE_EVERY * rate))
@@ -68,7 +69,7 @@ class Monitor:
         self._frozen = np.zeros(n, dtype=int)
         self._window: list[JointState] = []
         self._slow: np.ndarray | None = None
-        self._told = np.tile(first.q, (max(2, round(DELAY * rate)), 1))
+        self._told = np.tile(first.q, (max(2, round(LATE * rate)), 1))
         self.worst = {"following error": np.zeros(n), "residual": np.zeros(n)}
 
     def check(
@@ -76,19 +77,17 @@ class Monitor:
         state: JointState,
         now: float,
         q_cmd: np.ndarray,
-        tau_hat: np.ndarray | None = None,
-        doubt: np.ndarray | None = None,
+        expected: Expected | None = None,
     ) -> Trip | None:
         """The first rule that `state` breaks, or None.
 
-        now s on the host's clock; q_cmd (n,) rad the last command; tau_hat +- doubt (n,) N m the torque that it should take, None
-        while the arm stands.
+        now s on the host's clock; q_cmd (n,) rad the last command; expected: the torque that it should take, None while the arm stands.
         """
         trip = (
             self._check_device(state, now)
             or self._check_motion(state, q_cmd)
             or self._check_feedback(state)
-            or self._check_torque(state, tau_hat, doubt)
+            or self._check_torque(state, expected)
             or self._check_clearance(state)
         )
         self._count += 1
@@ -97,7 +96,7 @@ class Monitor:
 
     def pause(self) -> None:
         """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
-        self._paused = True
+        self._paused, self._slow = True, None
 
     def _check_device(self, state: JointState, now: float) -> Trip | None:
         if state.status is not Status.RUNNING:
@@ -147,9 +146,12 @@ class Monitor:
     def _check_feedback(self, state: JointState) -> Trip | None:
         stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
         self._frozen = np.where(stuck, self._frozen + 1, 0)
-        if not (self._frozen < FROZEN).all():
-            return self._trip("readings with the same position at speed", self._frozen >= FROZEN, self._frozen.astype(float),
-                              float(FROZEN), "", "the encoder's value is frozen: check its cable")  # fmt: skip
+        within_grain = self._frozen * np.abs(state.dq) * self._period <= self._grain
+        fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
+        if not fine.all():
+            return self._trip("readings with the same position at speed", ~fine, self._frozen.astype(float),
+                              np.where(within_grain, float(FROZEN), float(FROZEN_LEAST)), "",
+                              "the encoder's value is frozen: check its cable")  # fmt: skip
         self._window.append(state)
         if len(self._window) > WINDOW:
             old = self._window.pop(0)
@@ -160,9 +162,10 @@ class Monitor:
                                   "check sign, unit and gear ratio of the encoder")  # fmt: skip
         return None
 
-    def _check_torque(self, state: JointState, tau_hat: np.ndarray | None, doubt: np.ndarray | None) -> Trip | None:
-        if tau_hat is None or doubt is None or not self._has_tau.any():
+    def _check_torque(self, state: JointState, expected: Expected | None) -> Trip | None:
+        if expected is None or not self._has_tau.any():
             return None
+        tau_hat, doubt, sudden = expected
         residual = np.where(self._has_tau, self._torque(state) - tau_hat, 0.0)
         size, band = np.abs(residual), self._residual + doubt
         np.fmax(self.worst["residual"], size / self.arm.tau_max, out=self.worst["residual"])
@@ -173,7 +176,7 @@ class Monitor:
         if self._slow is None:
             self._slow = residual.copy()
         self._slow = self._slow + self._blend * (residual - self._slow)
-        change, allowed = np.abs(residual - self._slow), self._step + doubt
+        change, allowed = np.abs(residual - self._slow), self._step + sudden
         if not (change <= allowed).all():
             return self._trip("sudden change of torque beside expectation", ~(change <= allowed), change, allowed, "N m",
                               "look for contact or a lost payload")  # fmt: skip

@@ -36,17 +36,36 @@ def torque_interval(motion: Trajectory, arm: Arm, cell: Cell) -> Torque:
     """Expected torque of each sample and the half-width of its interval over the parameter box."""
     body = RigidBody(arm)
     pi, delta = parameter_box(arm, cell)
-    inertia, inertia_doubt = _rows(arm, "rotor_inertia", "inertia", arm.prior.rotor)
-    coulomb, coulomb_doubt = _rows(arm, "coulomb_friction", "coulomb", arm.prior.coulomb)
-    viscous, viscous_doubt = _rows(arm, "viscous_friction", "viscous", arm.prior.viscous)
+    f = friction_of(arm)
     tau_hat, doubt = np.empty_like(motion.q), np.empty_like(motion.q)
     for start in range(0, len(motion), CHUNK):
         part = slice(start, start + CHUNK)
         dq, ddq = motion.dq[part], motion.ddq[part]
         y = body.regressor(motion.q[part], dq, ddq)
-        tau_hat[part] = y @ pi + inertia * ddq + coulomb * np.sign(dq) + viscous * dq
-        doubt[part] = np.abs(y) @ delta + inertia_doubt * np.abs(ddq) + coulomb_doubt + np.abs(dq) * viscous_doubt
+        tau_hat[part] = y @ pi + f.inertia * ddq + f.coulomb * np.sign(dq) + f.viscous * dq
+        doubt[part] = np.abs(y) @ delta + f.inertia_doubt * np.abs(ddq) + f.coulomb_doubt + np.abs(dq) * f.viscous_doubt
     return Torque(tau_hat, doubt)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Each (n,): rotor inertia kg m^2, dry friction N m, viscous friction N m s/rad, and the half-width of the interval of each."""
+
+    inertia: np.ndarray
+    inertia_doubt: np.ndarray
+    coulomb: np.ndarray
+    coulomb_doubt: np.ndarray
+    viscous: np.ndarray
+    viscous_doubt: np.ndarray
+
+
+def friction_of(arm: Arm) -> Friction:
+    """What the arm's own effects say, with the doubt of what was fitted, or else of its prior."""
+    return Friction(
+        *_rows(arm, "rotor_inertia", "inertia", arm.prior.rotor),
+        *_rows(arm, "coulomb_friction", "coulomb", arm.prior.coulomb),
+        *_rows(arm, "viscous_friction", "viscous", arm.prior.viscous),
+    )
 
 
 def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,14 @@ import pytest
 from safety import monitor as rules
 from safety.collision import Clearance
 from safety.monitor import Monitor
+from safety.sudden import FAST
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.joint_state import JointState, Status
 from tests.safety.conftest import HOME
 
 PERIOD = 0.002
+NO_TORQUE = (np.zeros(6), np.zeros(6), np.zeros(6))
 
 
 def state_at(k: int = 0, **changes: object) -> JointState:
@@ -30,8 +32,8 @@ def monitor(arm: Arm, cell: Cell) -> Monitor:
 
 
 def ask(monitor: Monitor, state: JointState, now: float | None = None, tau_hat: np.ndarray | None = None) -> str | None:
-    doubt = None if tau_hat is None else np.zeros(6)
-    trip = monitor.check(state, state.t if now is None else now, HOME, tau_hat, doubt)
+    expected = None if tau_hat is None else (tau_hat, np.zeros(6), np.zeros(6))
+    trip = monitor.check(state, state.t if now is None else now, HOME, expected)
     return None if trip is None else trip.quantity
 
 
@@ -143,11 +145,30 @@ def test_following_error(monitor: Monitor, error: float, trips: str | None) -> N
         assert monitor.worst["following error"][1] == pytest.approx(error)
 
 
-def test_a_frozen_encoder_at_speed_trips_within_ten_readings(monitor: Monitor) -> None:
+@pytest.mark.parametrize(("speed", "reading"), [(0.021, 5), (0.09, 3), (-0.5, 3)])
+def test_a_frozen_encoder_trips_as_soon_as_the_joint_has_turned_by_more_than_its_grain(
+    monitor: Monitor, speed: float, reading: int
+) -> None:
     moving = np.zeros(6)
-    moving[0] = 0.1
+    moving[0] = speed
+    found = [ask(monitor, state_at(k, dq=moving)) for k in range(1, 12)]
+    assert found.index("readings with the same position at speed") == reading - 1
+
+
+def test_a_coarse_encoder_may_stay_for_ten_readings(arm: Arm, cell: Cell) -> None:
+    coarse = replace(arm, sensors=arm.sensors.model_copy(update={"encoder_resolution": 0.01}))
+    monitor = Monitor(coarse, cell, 500.0, Clearance(arm, cell), state_at())
+    moving = np.full(6, 0.5)
     found = [ask(monitor, state_at(k, dq=moving)) for k in range(1, 12)]
     assert found.index("readings with the same position at speed") == 9
+
+
+def test_a_position_that_moves_now_and_then_is_not_frozen(monitor: Monitor) -> None:
+    q, dq = HOME.copy(), np.zeros(6)
+    dq[0] = 0.5
+    for k in range(1, 30):
+        q[0] += 3 * PERIOD * 0.5 * (k % 3 == 0)
+        assert ask(monitor, state_at(k, q=q, dq=dq)) is None
 
 
 def moved(k: int, speed: float, reported: float) -> JointState:
@@ -185,10 +206,27 @@ def test_torque_beside_expectation(monitor: Monitor, arm: Arm, share: float, tri
 
 @pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, "sudden change of torque beside expectation")])
 def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
-    step = rules.RESIDUAL_STEP * arm.tau_max[1] + 2 * rules.SIGMAS * arm.sensors.torque_noise[1]
+    step = rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
     ask(monitor, state_at(1), tau_hat=np.zeros(6))
-    value = share * step / (1 - PERIOD / rules.SLOW)
+    value = share * step / (1 - PERIOD / FAST)
     assert ask(monitor, state_at(2, tau=torque(value)), tau_hat=np.zeros(6)) == trips
+
+
+@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, "sudden change of torque beside expectation")])
+def test_what_a_motion_may_change_by_itself_is_allowed_for(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
+    step = rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
+    sudden = torque(20.0)
+    monitor.check(state_at(1), PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
+    value = torque(share * (step + 20.0) / (1 - PERIOD / FAST))
+    found = monitor.check(state_at(2, tau=value), 2 * PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
+    assert (found.quantity if found else None) == trips
+
+
+def test_a_pause_forgets_the_torque_of_the_motion_before(monitor: Monitor) -> None:
+    assert ask(monitor, state_at(1, tau=torque(80.0)), tau_hat=np.zeros(6)) is None
+    monitor.pause()
+    assert ask(monitor, state_at(2), tau_hat=np.zeros(6)) is None
+    assert ask(monitor, state_at(3, tau=torque(80.0)), tau_hat=np.zeros(6)) is not None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -200,7 +238,7 @@ def test_current_stands_for_torque_where_only_that_is_reported(arm: Arm, cell: C
     with_constant = replace(arm, torque_constant=np.full(6, 10.0))
     nothing = np.full(6, np.nan)
     only_current = Monitor(with_constant, cell, 500.0, Clearance(arm, cell), state_at(tau=nothing, current=np.zeros(6)))
-    found = only_current.check(state_at(1, tau=nothing, current=torque(30.0)), PERIOD, HOME, np.zeros(6), np.zeros(6))
+    found = only_current.check(state_at(1, tau=nothing, current=torque(30.0)), PERIOD, HOME, NO_TORQUE)
     assert found is not None
     assert found.value == pytest.approx(300.0)
 
@@ -238,7 +276,7 @@ def test_no_reading_with_a_number_that_is_not_one_passes(arm: Arm, cell: Cell) -
                     value = np.array(getattr(base, name))
                     value[j] = bad
                 found = Monitor(arm, cell, 500.0, clearance, state_at()).check(
-                    replace(base, **{name: value}), PERIOD, HOME, np.zeros(6), np.zeros(6)
+                    replace(base, **{name: value}), PERIOD, HOME, NO_TORQUE
                 )
                 survivors += [] if found else [(name, j, bad)]
     assert survivors == []

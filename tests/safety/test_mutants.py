@@ -90,10 +90,7 @@ class Entries:
             cell.path.read_text() + "[payload]\nmass = 1.0\ncom = [0.0, 0.0, 0.1]\n[motion]\npoint_speed_max = 1.0\n"
         )
         clear(self.motion, arm, cell, clearance=self.clearance)
-        assert (
-            Monitor(arm, cell, 500.0, self.clearance, self.first).check(self.state, 0.002, HOME, np.zeros(6), np.zeros(6))
-            is None
-        )
+        assert Monitor(arm, cell, 500.0, self.clearance, self.first).check(self.state, 0.002, HOME, (np.zeros(6),) * 3) is None
 
     def trajectory(self, rng: random.Random) -> Callable[[], Any]:
         name = rng.choice(("t", "q", "dq", "ddq"))
@@ -152,9 +149,7 @@ class Entries:
 
         def ask() -> Any:
             state = replace(self.state, **{name: value})
-            trip = Monitor(self.arm, self.cell, 500.0, self.clearance, self.first).check(
-                state, 0.002, HOME, np.zeros(6), np.zeros(6)
-            )
+            trip = Monitor(self.arm, self.cell, 500.0, self.clearance, self.first).check(state, 0.002, HOME, (np.zeros(6),) * 3)
             if trip is not None:
                 raise ValueError(str(trip))
 
