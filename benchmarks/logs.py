@@ -24,7 +24,7 @@ from logs.ur_rtde_csv import UR_JOINTS
 from sim.joint_state import JointState
 
 N = len(UR_JOINTS)
-NOTHING = np.full(N, np.nan)
+WARM = np.full(N, 30.0)
 RATES = (125.0, 250.0, 500.0, 1000.0)
 PRIORITY = 40
 ENVIRONMENT = os.environ | {
@@ -48,24 +48,23 @@ def motion(count: int) -> np.ndarray:
 
 
 def sample(k: int, q: np.ndarray, rate: float = 500.0) -> JointState:
-    return JointState(10 + k / rate, k / rate, q, q, q, NOTHING, NOTHING)
+    return JointState(10 + k / rate, k / rate, q, q, q, q, WARM)
 
 
-VICTIM = """
-import mmap, struct, sys
-from benchmarks.logs import motion, sample
-from logs import Recorder
-from logs.ur_rtde_csv import UR_JOINTS
-file = open(sys.argv[2], "r+b")
-board = mmap.mmap(file.fileno(), 8)
-recorder = Recorder(sys.argv[1], UR_JOINTS)
-q = motion(10_000)
-k = 0
-while True:
-    recorder.write(sample(k, q[k % 10_000]), q[k % 10_000], q[k % 10_000], q[k % 10_000])
-    k += 1
-    struct.pack_into("<q", board, 0, k)
-"""
+def victim(path: Path, board: Path) -> int:
+    """A forked process that records until it is killed, and writes on the board how many samples it knows to be written."""
+    child = os.fork()
+    if child:
+        return child
+    try:
+        with board.open("r+b") as file, mmap.mmap(file.fileno(), 8) as view:
+            recorder, q, k = Recorder(path, UR_JOINTS), motion(10_000), 0
+            while True:
+                recorder.write(sample(k, q[k % 10_000]), q[k % 10_000], q[k % 10_000], q[k % 10_000])
+                k += 1
+                struct.pack_into("<q", view, 0, k)
+    finally:
+        os._exit(1)
 
 
 def kills(count: int) -> list[dict[str, Any]]:
@@ -76,13 +75,15 @@ def kills(count: int) -> list[dict[str, Any]]:
         for k in range(count):
             board, path = Path(folder) / "board", Path(folder) / f"{k}.mcap"
             board.write_bytes(bytes(8))
-            victim = subprocess.Popen([sys.executable, "-c", VICTIM, str(path), str(board)], env=ENVIRONMENT)
+            child = victim(path, board)
             with board.open("rb") as file, mmap.mmap(file.fileno(), 8, prot=mmap.PROT_READ) as view:
                 while not struct.unpack_from("<q", view)[0]:
+                    if os.waitpid(child, os.WNOHANG)[0]:
+                        raise RuntimeError("the process that records has ended by itself")
                     time.sleep(0.002)
                 time.sleep(rng.uniform(0, 0.1))
-                victim.send_signal(signal.SIGKILL)
-                victim.wait()
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
                 lost.append(struct.unpack_from("<q", view)[0] - len(read_log(path, accept_partial=True)))
             path.unlink()
     return [
@@ -107,7 +108,7 @@ def write_cost(count: int = 50_000) -> list[dict[str, Any]]:
                 for k in range(len(spent)):
                     state = sample(k, q[k])
                     begin = time.perf_counter()
-                    recorder.write(state, q[k], q[k], NOTHING)
+                    recorder.write(state, q[k], q[k], q[k])
                     spent[k] = time.perf_counter() - begin
                     if gap:
                         time.sleep(gap)
@@ -127,7 +128,7 @@ print(time.perf_counter() - begin, len(log), int(Path("/proc/self/status").read_
 
 
 def hour(hours: float) -> list[dict[str, Any]]:
-    """One hour at 500 Hz with commands: finished and read, each in a fresh process."""
+    """One hour at 500 Hz of all that a recording can hold, finished and read, each in a fresh process."""
     count = round(hours * 3600 * 500)
     out = []
     q = motion(10_000)
@@ -136,7 +137,7 @@ def hour(hours: float) -> list[dict[str, Any]]:
         recorder = Recorder(path, UR_JOINTS)
         for k in range(count):
             x = q[k % len(q)]
-            recorder.write(sample(k, x), x, x, NOTHING)
+            recorder.write(sample(k, x), x, x, x)
         os.link(path, journal)
         begin = time.perf_counter()
         recorder.close()
@@ -228,7 +229,7 @@ def _loop(rate: float, seconds: float, priority: int) -> tuple[np.ndarray, float
                 if wait > 0:
                     time.sleep(wait)
                 late[k] = time.monotonic() - due
-                recorder.write(sample(k, q[k], rate), q[k], q[k], NOTHING)
+                recorder.write(sample(k, q[k], rate), q[k], q[k], q[k])
             achieved = (count - 1) / (time.monotonic() - start)
         finally:
             if priority:

@@ -81,7 +81,9 @@ class Layout:
         """(M,) bool for rows (M, size) uint8: every byte that is neither stamp, value nor padding is this layout's."""
         same = np.ones(len(rows), dtype=bool)
         for at, content in self.fixed:
-            same &= (rows[:, at : at + len(content)] == np.frombuffer(content, dtype=np.uint8)).all(axis=1)
+            equal = rows[:, at : at + len(content)] == np.frombuffer(content, dtype=np.uint8)
+            if not equal.all():  # row by row is slow, and nearly never needed
+                same &= equal.all(axis=1)
         return same
 
     def stamps(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

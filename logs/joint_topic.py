@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from logs.cdr import CdrError, Layout, joint_layout
 from logs.damage import Damage
 from logs.mcap_records import MESSAGE, Batch
 
+BLOCK = 1 << 16  # rows that are put together into memory of their own
 MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
 
 
@@ -26,6 +28,8 @@ class JointTopic:
     values: list[list[np.ndarray]] = field(default_factory=list)
     others: int = 0
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
+    _blocks: int = 0
+    _loose: int = 0
 
     def take(self, batch: Batch, starts: np.ndarray, heads: np.ndarray) -> None:
         """Decode the messages at `starts`; those of one size and layout at once."""
@@ -107,6 +111,15 @@ class JointTopic:
         nothing = np.broadcast_to(np.float64(np.nan), (int(sound.sum()), n))
         everything = bool(sound.all())
         self.values.append([nothing if part is None else part if everything else part[sound] for part in values])
+        self._loose += int(sound.sum())
+        if self._loose >= BLOCK:
+            loose = self.values[self._blocks :]
+            self.values[self._blocks :] = [[_apart([parts[k] for parts in loose]) for k in range(self.fields)]]
+            self._blocks, self._loose = len(self.values), 0
+
+    def clear(self) -> None:
+        """Forget what was taken, but not what was learnt of its layout."""
+        self.stamp, self.host, self.values, self._blocks, self._loose = [], [], [], 0, 0
 
     def joined(self, k: int) -> np.ndarray:
         """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""
@@ -124,3 +137,12 @@ class JointTopic:
             out[at : at + len(piece)] = piece
             at += len(piece)
         return out
+
+
+def _apart(pieces: list[np.ndarray]) -> np.ndarray:
+    """The rows of all pieces in pages of their own: a heap full of small pieces keeps its holes when they are given up."""
+    if not any(piece.strides[0] for piece in pieces):
+        return np.broadcast_to(np.float64(np.nan), (sum(map(len, pieces)), pieces[0].shape[1]))
+    rows, n = sum(map(len, pieces)), pieces[0].shape[1]
+    out = np.frombuffer(mmap.mmap(-1, 8 * rows * n), dtype=np.float64).reshape(rows, n)
+    return np.concatenate(pieces, out=out)

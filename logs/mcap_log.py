@@ -157,6 +157,7 @@ def _assembled(
     if states.others:
         damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
+    states.stamp, states.host = [], []
     t, t_host = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9
     if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
         t_host = np.full(len(t), np.nan)

@@ -18,6 +18,8 @@ SEAL = 0x80  # private record that closes one sample of a journal: a tag, and th
 SEAL_TAG = b"ACJ1"
 MAX_RECORD = 64 << 20
 CONTENT_LEAST = 4
+# after so many records it is tried whether they go on as before: so many repetitions at first, twice as many each time that they do
+LEAP_AFTER, LEAP_LEAST, LEAP_PERIOD = 32, 128, 8
 
 HEAD = struct.Struct("<BQ")
 MESSAGE = np.dtype(
@@ -118,6 +120,7 @@ def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
     ops, starts = array("B"), array("q")
     at, end, unpack = 0, len(data), HEAD.unpack_from
     last = end - HEAD.size
+    look, most = LEAP_AFTER, LEAP_LEAST
     while at <= last:
         op, length = unpack(data, at)
         after = at + 9 + length
@@ -126,7 +129,34 @@ def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
         ops.append(op)
         starts.append(at)
         at = after
+        if len(starts) >= look:
+            rows, at = _leap(data, ops, starts, at, most)
+            look, most = (len(starts), 2 * most) if rows == most else (len(starts) + LEAP_AFTER, LEAP_LEAST)
     return np.frombuffer(ops, dtype=np.uint8), np.frombuffer(starts, dtype=np.int64), at
+
+
+def _leap(data: bytes, ops: array[int], starts: array[int], at: int, most: int) -> tuple[int, int]:
+    """Where the last records repeat those before them, up to `most` further repetitions at once: how many, and where they end."""
+    lengths = np.diff([*starts[-2 * LEAP_PERIOD :], at])
+    kinds = np.frombuffer(ops[-2 * LEAP_PERIOD :], dtype=np.uint8)
+    for period in range(1, LEAP_PERIOD + 1):
+        if np.array_equal(lengths[period:], lengths[:-period]) and np.array_equal(kinds[period:], kinds[:-period]):
+            break
+    else:
+        return 0, at
+    lengths, kinds = lengths[-period:], kinds[-period:]
+    step = int(lengths.sum())
+    count = min(most, (len(data) - at) // step)
+    if not count:
+        return 0, at
+    offsets = np.cumsum(lengths) - lengths
+    places = at + step * np.arange(count)[:, None] + offsets
+    said = np.ndarray((len(data) - 8,), "<u8", data, 1, strides=(1,))[places]
+    alike = (np.frombuffer(data, dtype=np.uint8)[places] == kinds) & (said == (lengths - HEAD.size).astype(np.uint64))
+    rows = int(np.argmin(np.append(alike.all(axis=1), False)))
+    ops.frombytes(np.tile(kinds, rows).tobytes())
+    starts.frombytes(places[:rows].tobytes())
+    return rows, at + rows * step
 
 
 def unpacked(compression: str, packed: bytes, size: int) -> bytes:

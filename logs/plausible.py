@@ -10,6 +10,7 @@ VALUE_MAX = {"q": 1e4, "dq": 100.0, "tau": 1e5, "current": 1e4, "temperature": 1
 UNIT = {"q": "rad", "dq": "rad/s", "tau": "N m", "current": "A", "temperature": "degC"}
 STEP_SPEED_MAX = 100.0  # rad/s: several times what the fastest servo joint reaches
 STEP_SLACK = 0.01  # rad: two readings may share a stamp
+ROWS = 1 << 16  # looked at together: an hour's arrays are never held twice
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,13 @@ def bad_samples(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _sound(name: str, values: np.ndarray) -> np.ndarray:
+    most, out = VALUE_MAX[name], np.empty(values.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
-        inside = np.abs(values) <= VALUE_MAX[name]
-    return inside if name == "q" else inside | np.isnan(values)
+        for at in range(0, len(values), ROWS):
+            part = values[at : at + ROWS]
+            inside = np.abs(part) <= most
+            out[at : at + ROWS] = inside if name == "q" else inside | np.isnan(part)
+    return out
 
 
 def _first(name: str, values: np.ndarray) -> Fault | None:
@@ -61,8 +66,13 @@ def _first(name: str, values: np.ndarray) -> Fault | None:
 
 
 def _steps(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    out = np.empty((max(len(q) - 1, 0), q.shape[1]), dtype=bool)
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.abs(np.diff(q, axis=0)) > STEP_SPEED_MAX * np.maximum(np.diff(t), 0.0)[:, None] + STEP_SLACK
+        for at in range(0, len(out), ROWS):
+            part = slice(at, at + ROWS + 1)
+            reach = STEP_SPEED_MAX * np.maximum(np.diff(t[part]), 0.0) + STEP_SLACK
+            out[at : at + ROWS] = np.abs(np.diff(q[part], axis=0)) > reach[:, None]
+    return out
 
 
 def _first_step(t: np.ndarray, q: np.ndarray) -> Fault | None:

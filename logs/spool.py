@@ -168,7 +168,7 @@ class _Files:
             return
         stamp = np.concatenate(topic.stamp)
         first, *others = (topic.joined(k) for k in range(topic.fields))
-        topic.stamp, topic.host, topic.values = [], [], []
+        topic.clear()
         if topic.topic.endswith(DIAGNOSTICS):
             self._put("reading_stamp", stamp)
             self._put("current", first)

@@ -68,6 +68,7 @@ class Monitor:
         self._last, self._paused = first, False
         self._frozen = np.zeros(n, dtype=int)
         self._window: list[JointState] = []
+        self._speeds = np.zeros((WINDOW, n))
         self._slow: np.ndarray | None = None
         self._told = np.tile(first.q, (max(2, round(LATE * rate)), 1))
         self.worst = {"following error": np.zeros(n), "residual": np.zeros(n)}
@@ -135,7 +136,7 @@ class Monitor:
         if not (fast <= self._dq_hi).all():
             return self._trip("speed", ~(fast <= self._dq_hi), fast, self._dq_hi, "rad/s", "plan a slower motion")
         self._told[self._count % len(self._told)] = q_cmd
-        error = np.maximum(self._told.min(axis=0) - q, q - self._told.max(axis=0))
+        error = np.maximum(np.minimum.reduce(self._told) - q, q - np.maximum.reduce(self._told))
         error = np.maximum(error, 0.0)
         np.fmax(self.worst["following error"], error, out=self.worst["following error"])
         if not (error <= self._follow).all():
@@ -145,17 +146,19 @@ class Monitor:
 
     def _check_feedback(self, state: JointState) -> Trip | None:
         stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
-        self._frozen = np.where(stuck, self._frozen + 1, 0)
-        within_grain = self._frozen * np.abs(state.dq) * self._period <= self._grain
-        fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
-        if not fine.all():
-            return self._trip("readings with the same position at speed", ~fine, self._frozen.astype(float),
-                              np.where(within_grain, float(FROZEN), float(FROZEN_LEAST)), "",
-                              "the encoder's value is frozen: check its cable")  # fmt: skip
+        self._frozen = (self._frozen + 1) * stuck
+        if not (self._frozen < FROZEN_LEAST).all():
+            within_grain = self._frozen * np.abs(state.dq) * self._period <= self._grain
+            fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
+            if not fine.all():
+                return self._trip("readings with the same position at speed", ~fine, self._frozen.astype(float),
+                                  np.where(within_grain, float(FROZEN), float(FROZEN_LEAST)), "",
+                                  "the encoder's value is frozen: check its cable")  # fmt: skip
         self._window.append(state)
+        self._speeds[self._count % WINDOW] = state.dq
         if len(self._window) > WINDOW:
             old = self._window.pop(0)
-            mean = sum((s.dq for s in self._window), np.zeros(self._n)) / WINDOW
+            mean = np.add.reduce(self._speeds) / WINDOW
             off = np.abs((state.q - old.q) / (state.t_device - old.t_device) - mean)
             if not (off <= self._dq_doubt).all():
                 return self._trip("speed against change of position", ~(off <= self._dq_doubt), off, self._dq_doubt, "rad/s",

@@ -44,7 +44,8 @@ def sudden_change(motion: Trajectory, arm: Arm, cell: Cell) -> np.ndarray:
     out += friction.inertia_doubt * np.abs(high_pass(ddq, rate)[0]) + friction.viscous_doubt * np.abs(high_pass(dq, rate)[0])
     turning = np.where(np.abs(dq) < CREEP, 2.0, np.abs(high_pass(np.sign(dq), rate)[0]))
     dry = 2 * friction.coulomb + friction.coulomb_doubt + UNSTATED * arm.tau_max
-    return out + _largest(tau, rate) + _largest(-tau, rate) + dry * _largest(turning, rate)
+    late = high_pass(tau, rate)[0]  # what answers late is filtered late: H and a delay may be swapped
+    return out + _largest(late, rate) + _largest(-late, rate) + dry * _largest(turning, rate)
 
 
 def high_pass(x: np.ndarray, rate: float, memory: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType
 
-from logs import State, read_log
+from logs import State, joint_topic, read_log
 from sim.errors import BadLog
 
 
@@ -158,3 +158,17 @@ def test_practice_cases(real_data):
         assert log.state is State.CLEAN
         assert len(log) > 2000
         assert np.isfinite(log.q_cmd).all()
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_a_recording_of_many_blocks_reads_alike(tmp_path, mcap_bytes, motion, joints, block, monkeypatch):
+    monkeypatch.setattr(joint_topic, "BLOCK", block)
+    check(read_log(write(tmp_path / "a.mcap", mcap_bytes(chunk_size=100)), joints), motion)
+
+
+def test_blocks_change_no_value_of_any_channel(tmp_path, mcap_bytes, motion, monkeypatch):
+    whole = read_log(write(tmp_path / "a.mcap", mcap_bytes()))
+    monkeypatch.setattr(joint_topic, "BLOCK", 3)
+    again = read_log(tmp_path / "a.mcap")
+    for name in ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))

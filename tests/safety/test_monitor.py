@@ -163,6 +163,14 @@ def test_a_coarse_encoder_may_stay_for_ten_readings(arm: Arm, cell: Cell) -> Non
     assert found.index("readings with the same position at speed") == 9
 
 
+def test_each_joint_is_frozen_or_not_by_itself(monitor: Monitor) -> None:
+    q = HOME.copy()
+    for k in range(1, 5):
+        q[1] += 0.001 * (k < 4)
+        dq = np.array([0.021, 0.5, 0.0, 0.0, 0.0, 0.0])
+        assert ask(monitor, state_at(k, q=q, dq=dq)) is None
+
+
 def test_a_position_that_moves_now_and_then_is_not_frozen(monitor: Monitor) -> None:
     q, dq = HOME.copy(), np.zeros(6)
     dq[0] = 0.5
