@@ -70,7 +70,7 @@ def _steps(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", over="ignore"):
         for at in range(0, len(out), ROWS):
             part = slice(at, at + ROWS + 1)
-            reach = STEP_SPEED_MAX * np.maximum(np.diff(t[part]), 0.0) + STEP_SLACK
+            reach = STEP_SPEED_MAX * np.abs(np.diff(t[part])) + STEP_SLACK
             out[at : at + ROWS] = np.abs(np.diff(q[part], axis=0)) > reach[:, None]
     return out
 

@@ -32,8 +32,9 @@ MAX_HEADER = 1 << 16
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Whether the first bytes of a file can be the header of such a CSV file."""
-    return re.match(rb"\s*\"?timestamp\"?\s*,", head.removeprefix(b"\xef\xbb\xbf")) is not None
+    """Whether the first bytes of a file can be the header of such a CSV file; its columns may stand in any order."""
+    first = head.removeprefix(b"\xef\xbb\xbf").partition(b"\n")[0]
+    return re.search(rb"(^|,)\s*\"?(timestamp|actual_q_0)\"?\s*(,|\r?$)", first) is not None
 
 
 def read_csv(path: Path, accept_partial: bool = False) -> Log:
@@ -47,10 +48,10 @@ def read_csv(path: Path, accept_partial: bool = False) -> Log:
     if len(head) == MAX_HEADER:
         raise damage.refuse("row 1", f"no end of line in {MAX_HEADER} bytes", "give a CSV file with a header row")
     body = text[len(head) + 1 :]
-    columns = _columns(head.decode("utf-8", errors="replace"), damage)
+    stamp, columns = _columns(head.decode("utf-8", errors="replace"), damage)
     names = ["timestamp", *(f"{COLUMNS[key]}_{j}" for key in columns for j in range(len(UR_JOINTS)))]
     places = [columns_at for key in columns for columns_at in columns[key]]
-    table, rows = _table(body, head.count(b",") + 1, [0, *places], names, damage)
+    table, rows = _table(body, head.count(b",") + 1, [stamp, *places], names, damage)
     t = table[:, 0]
     n = len(UR_JOINTS)
     parts: dict[str, np.ndarray] = {key: table[:, 1 + k * n : 1 + (k + 1) * n] for k, key in enumerate(columns)}
@@ -71,12 +72,16 @@ def read_csv(path: Path, accept_partial: bool = False) -> Log:
     )  # fmt: skip
 
 
-def _columns(header: str, damage: Damage) -> dict[str, list[int]]:
-    """Channel -> its six columns; the required ones must be there, each once."""
+def _columns(header: str, damage: Damage) -> tuple[int, dict[str, list[int]]]:
+    """The column of the clock, and channel -> its six columns; the required ones must be there, each once."""
     names = [name.strip().strip('"') for name in header.rstrip("\r\n").split(",")]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise damage.refuse("row 1", f"column {min(repeated)!r} stands twice", "keep one of them")
+    if "timestamp" not in names:
+        raise damage.refuse(
+            "row 1", "column timestamp is missing", "record with ur_rtde's variable timestamp: s, controller clock"
+        )
     out = {}
     for key, stem in COLUMNS.items():
         wanted = [f"{stem}_{j}" for j in range(len(UR_JOINTS))]
@@ -88,7 +93,7 @@ def _columns(header: str, damage: Damage) -> dict[str, list[int]]:
                 "row 1", f"columns {', '.join(missing)} are missing; {stem}_0 to {stem}_5 belong together",
                 "record with ur_rtde's variables timestamp, actual_q, actual_qd, actual_current",
             )  # fmt: skip
-    return out
+    return names.index("timestamp"), out
 
 
 def _table(body: bytes, width: int, places: list[int], names: list[str], damage: Damage) -> tuple[np.ndarray, np.ndarray]:
