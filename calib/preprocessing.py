@@ -47,6 +47,7 @@ class Measurement:
     q_noise     (n,) rad, standard deviation of the position reading about its smoothed course
     temperature (N, n) degC, and warming (N, n), the share of the way from the coldest to the warmest of a set of recordings; None
                 where nothing was read or nothing warmed
+    period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
     """
 
     name: str
@@ -61,6 +62,8 @@ class Measurement:
     excluded: tuple[Exclusion, ...]
     temperature: np.ndarray | None = None
     warming: np.ndarray | None = None
+    period: float | None = None
+    noise: np.ndarray | None = None
 
     @property
     def n(self) -> int:

@@ -55,6 +55,7 @@ class Gap:
 
     before: the nominal arm; after: the fitted one; sliding: the fitted one without the rows about a change of direction, where a joint that
     sticks may hold any torque within its dry friction; signal: standard deviation of the torque itself; rows: filtered rows used.
+    noise: standard deviation between the periods of a motion that repeats itself, which no model can explain; None where none did.
     """
 
     logs: tuple[str, ...]
@@ -65,6 +66,7 @@ class Gap:
     before_ampere: np.ndarray | None = None
     after_ampere: np.ndarray | None = None
     sliding: np.ndarray | None = None
+    noise: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class FitResult:
 
     condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
     findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
-    load: what the logs recorded with a load say of it, where there were any.
+    load: what the logs recorded with a load say of it, where there were any. advice: (motion, parameters that it would make known).
     """
 
     arm: str
@@ -91,6 +93,7 @@ class FitResult:
     excluded: tuple[tuple[str, str, str, float], ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     load: dict[str, Any] | None = None
+    advice: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name, base or full; KeyError where there is none."""

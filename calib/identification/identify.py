@@ -7,22 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.identification.advice import advice, sentence
 from calib.identification.calibrated import calibrated_arm
 from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.estimates import base_estimates, full_estimates
+from calib.identification.findings import findings, outcome
 from calib.identification.friction import Sweep, as_prior, pre_estimate
-from calib.identification.information import Information
-from calib.identification.instruments import LEVEL, Instrumental, commanded, instrumental
+from calib.identification.gaps import gap, noise_between_periods
+from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.least_squares import Solution, estimate, reference
-from calib.identification.model import SLIP_WIDTHS, TorqueModel
+from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
 from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.rows import Rows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Sums, plain
+from calib.periods import averaged
 from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
-from calib.result import Conditioning, FitResult, Gap
+from calib.result import Conditioning, FitResult
 from logs import Log, Pieces
 from sim.arm import Arm
 from sim.prediction import torque_path
@@ -86,26 +89,37 @@ def identify(
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
     calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names)
-    verdict = Conditioning.of(solution.condition)
+    nominal = nominal_prior(arm, model)
+    estimates = base_estimates(model, solution, nominal)
+    unknown = [k for k, e in enumerate(estimates) if not e.identifiable]
+    helpful = advice(
+        model, solution, nominal, unknown, np.mean([m.trajectory.q.mean(axis=0) for m in fit.measurements], axis=0)
+    )
+    training = gap(model, sums.plain, sums.apart, fit.names, possible.theta, noise_between_periods(fit.measurements))
+    unseen = None
+    if held:
+        seen_not = plain(kept_rows), plain(kept_rows, apart=True)
+        unseen = gap(model, *seen_not, [m.name for m in held], possible.theta, noise_between_periods(held))
     told = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
     result = FitResult(
         arm=arm.name,
         joint_names=arm.joint_names,
-        estimates=base_estimates(model, solution, nominal_prior(arm, model)),
+        estimates=estimates,
         covariance=solution.covariance,
-        training=gap(model, sums.plain, sums.apart, fit.names, possible.theta),
-        holdout=gap(model, plain(kept_rows), plain(kept_rows, apart=True), [m.name for m in held], possible.theta) if held else None,
+        training=training,
+        holdout=unseen,
         condition=solution.condition,
         condition_scaled=solution.condition_scaled,
-        verdict=verdict,
+        verdict=Conditioning.of(solution.condition),
         outcome="",
         full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
-        findings=findings(arm, fit),
+        findings=(*findings(arm, fit), *(sentence(item) for item in helpful)),
         excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in told),
         settings={
             "cutoff_hz": fit.cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
             "slip_width_rad": model.slip_width.tolist(), "rows_per_second": fit.measurements[0].decimator.row_rate,
         },
+        advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
     result = replace(result, outcome=outcome(result))
     return Identification(calibrated, result, model, solution, possible, fit.measurements, tuple(held))
@@ -170,7 +184,7 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
 
     sums, names, excluded = joined(portion(k) for k in range(len(logs)))
     progress("solving", 0.0)
-    solution = estimate(model, sums, prior, nominal)
+    solution = estimate(model, sums, weights, prior, nominal)
     moved = [commanded(log, m) for log, m in zip(surveyed.values(), few, strict=True)]
     by_command = None
     if not solution.regularised and all(moved):
@@ -194,101 +208,14 @@ def survey(logs: Sequence[Log]) -> list[int]:
 
 
 def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
-    """The measurement in a log, less the torque of those effects of the arm that the fit leaves as they are."""
-    m = prepare(log, arm, cutoff)
+    """The measurement in a log, less the torque of those effects of the arm that the fit leaves as they are.
+
+    Where the log repeats its motion, the motion is the average over its periods.
+    """
+    m = averaged(prepare(log, arm, cutoff))
     others = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS]
     if not others:
         return m
     linear = [e for e in arm.effects if e.effect in LINEAR_EFFECTS]
     extra = torque_path(arm, m.trajectory).tau - torque_path(arm, m.trajectory, linear).tau
     return replace(m, tau=m.tau - extra)
-
-
-def gap(
-    model: TorqueModel, rows: Sequence[Information], apart: Sequence[Information], names: Sequence[str], after: np.ndarray
-) -> Gap:
-    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave.
-
-    rows: per joint those of [A_j b_j] that a fit would use; apart: those about reversals, which count for all but `sliding`.
-    """
-    slid, rows = rows, [Information.merged(pair) for pair in zip(rows, apart, strict=True)]
-    n = model.arm.n
-    used = [model.used_by(j) for j in range(n)]
-    count = np.array([r.rows for r in rows])
-    safe = np.where(count > 0, count, np.nan)
-
-    def rms(theta: np.ndarray, of: Sequence[Information]) -> np.ndarray:
-        squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
-        return np.sqrt(squares / [x.rows or np.nan for x in of])
-
-    before, left = rms(model.nominal(), rows), rms(after, rows)
-    total, mean = (
-        np.array([r.gram[k, -1] for r in rows]) / safe for k in (-1, -2)
-    )  # the column before the torque is the constant
-    constant = model.arm.torque_constant
-    return Gap(
-        logs=tuple(names),
-        before=before,
-        after=left,
-        signal=np.sqrt(np.maximum(total - mean**2, 0.0)),
-        rows=count,
-        before_ampere=None if constant is None else before / constant,
-        after_ampere=None if constant is None else left / constant,
-        sliding=rms(after, slid),
-    )
-
-
-def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
-    """Sentences that a reader of the numbers should know."""
-    out, solution, sweeps, model = list(fit.remarks), fit.solution, fit.sweeps, fit.model
-    if sweeps:
-        joints = ", ".join(arm.joint_names[s.joint] for s in sweeps)
-        out.append(f"friction of {joints} was estimated from the constant-speed sweeps first and enters as a prior")
-    if solution.regularised:
-        out.append(
-            f"the scaled condition number is {solution.condition_scaled:.3g}, so the arm's nominal numbers hold what the motion did not show"
-        )
-    wide = [j for j, w in zip(arm.joint_names, model.slip_width, strict=True) if w > SLIP_WIDTHS[0]]
-    if wide:
-        out.append(
-            f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction"
-        )
-    if fit.by_command and fit.by_command.preferred:
-        out.append(
-            f"noise of the positions biases least squares (Hausman test, p = {fit.by_command.p_value:.1g}), so the commanded motion was used "
-            "as instrument"
-        )
-    elif fit.by_command and fit.by_command.p_value < LEVEL:
-        out.append(
-            f"least squares disagrees with the commanded motion as instrument (p = {fit.by_command.p_value:.1g}), which follows too loosely to "
-            "replace it: the intervals may be too narrow"
-        )
-    if fit.often.any():
-        names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)
-        out.append(
-            f"{names} changes direction so often that the rows about each change had to stay; friction and rotor inertia may be off by "
-            "more than their standard deviations: record a slower or longer motion"
-        )
-    for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):
-        if share > 0.1:
-            out.append(
-                f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause"
-            )
-    return tuple(out)
-
-
-def outcome(result: FitResult) -> str:
-    """The fit in one sentence."""
-    unknown = [e.name.split(" ")[0] for e in result.estimates if not e.identifiable]
-    gap = result.holdout or result.training
-    where = "held-out" if result.holdout else "training"
-    share = float(np.nanmean(gap.after / np.maximum(gap.before, 1e-12)))
-    told = (
-        f"; not identifiable from these logs: {', '.join(unknown[:6])}{' and others' if len(unknown) > 6 else ''}"
-        if unknown
-        else ""
-    )
-    return (
-        f"{len(result.estimates) - len(unknown)} of {len(result.estimates)} parameters identified, condition number "
-        f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's{told}"
-    )

@@ -8,18 +8,17 @@ what correlation is left, never narrower than the one that trusts the whitening.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 
 from calib.identification.information import Information
 from calib.identification.model import TorqueModel
+from calib.identification.noise import AR_ORDER, colour, leverage, shortfall
 from calib.identification.rows import Rows
 from calib.identification.sums import Reference, Sums, plain, summed, weighed, whitened
 from sim.errors import AnswerIsNo
 
-AR_ORDER = 4
 HUBER = 2.5
 RIDGE_ABOVE = 1e4
 LEAST_ROWS = 3 * AR_ORDER + 8
@@ -64,7 +63,8 @@ def solve(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, 
 
     AnswerIsNo where a joint has hardly any usable rows.
     """
-    return estimate(rows.model, summed(rows, reference(rows, prior, nominal, robust)), prior, nominal)
+    weights = reference(rows, prior, nominal, robust)
+    return estimate(rows.model, summed(rows, weights), weights, prior, nominal)
 
 
 def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Reference:
@@ -76,17 +76,24 @@ def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = No
     for _ in range(6):
         theta = _solution(_together(model, sums, variance), prior)
         variance = _residual_variance(sums, theta, used)
-    ar = _colour(rows, theta)
-    huber = np.inf
+    gain = inverse(_together(model, sums, variance).gram[:-1, :-1] + prior.precision)
+    ar = colour(rows, theta, variance, gain)
+    huber, absorbed = np.inf, np.zeros(model.arm.n)
     for _ in range(3 if robust else 1):
-        weights = Reference(theta, ar, _scales(rows, theta, ar, robust), huber)
-        theta = _solution(_together(model, weighed(rows, weights)[0]), prior)
+        weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
+        white, _, _, counts = weighed(rows, weights)
+        together = _together(model, white)
+        theta, gain = _solution(together, prior), inverse(together.gram[:-1, :-1] + prior.precision)
+        absorbed = np.minimum(leverage(rows, weights, gain), 0.5)
         huber = HUBER if robust else np.inf
-    return Reference(theta, ar, _scales(rows, theta, ar, robust), huber)
+    weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
+    return replace(weights, rows=float(counts.sum()), shortfall=shortfall(rows, weights, gain))
 
 
-def estimate(model: TorqueModel, sums: Sums, prior: Prior | None = None, nominal: Prior | None = None) -> Solution:
-    """The estimate that sums of rows give; priors as `solve` takes them."""
+def estimate(
+    model: TorqueModel, sums: Sums, weights: Reference, prior: Prior | None = None, nominal: Prior | None = None
+) -> Solution:
+    """The estimate that sums of rows give that were weighed by `weights`; priors as `solve` takes them."""
     p = model.p
     used = [model.used_by(j) for j in range(model.arm.n)]
     prior, condition, scaled, regularised = _regularised(model, sums.plain, prior, nominal)
@@ -97,8 +104,11 @@ def estimate(model: TorqueModel, sums: Sums, prior: Prior | None = None, nominal
     trusting = inverse(information + prior.precision)
     # rows that weigh less by Huber's function tell nothing of small changes: its slope there is zero
     sure = 1 - min(float(sums.touched.sum() / max(sums.counts.sum(), 1)), 0.5)
-    inflation = sums.counts.sum() / max(sums.counts.sum() - p, 1) / sure**2
-    sandwich = trusting @ (inflation * sums.scores + prior.precision) @ trusting
+    more = np.ones(p)
+    if weights.shortfall is not None:
+        more += (weights.shortfall - 1) * min(1.0, weights.rows / max(float(sums.counts.sum()), 1.0))
+    spread = trusting @ sums.scores @ trusting * np.sqrt(np.outer(more, more)) / sure**2
+    sandwich = spread + trusting @ prior.precision @ trusting
     return Solution(
         theta, _wider(trusting, sandwich), np.sqrt(_residual_variance(sums.plain, theta, used)), information,
         own[:, :p, :p], own[:, :p, p], sums.touched / np.maximum(sums.counts, 1), condition, scaled, regularised,
@@ -195,26 +205,6 @@ def inverse(information: np.ndarray) -> np.ndarray:
     value, vector = np.linalg.eigh(information * np.outer(scale, scale))
     value = np.maximum(value, 1e-12)
     return np.outer(scale, scale) * ((vector / value) @ vector.T)
-
-
-def _colour(rows: Rows, theta: np.ndarray) -> np.ndarray:
-    """AR(AR_ORDER) coefficients of each joint's residual, by Yule-Walker over neighbouring usable rows."""
-    n = rows.model.arm.n
-    lagged, pairs = np.zeros((n, AR_ORDER + 1)), np.zeros((n, AR_ORDER + 1))
-    for block in rows:
-        run = np.cumsum(~block.joined)
-        for j in range(n):
-            e = np.where(block.usable[:, j], block.b[:, j] - block.a[j] @ theta[rows.used[j]], 0.0)
-            for lag in range(AR_ORDER + 1):
-                near = (run[lag:] == run[: len(run) - lag]) & block.usable[lag:, j] & block.usable[: len(run) - lag, j]
-                lagged[j, lag] += np.sum(e[lag:][near] * e[: len(e) - lag][near])
-                pairs[j, lag] += near.sum()
-    r = lagged / np.maximum(pairs, 1)
-    out = np.zeros((n, AR_ORDER))
-    for j in range(n):
-        if r[j, 0] > 0 and pairs[j, -1] > 20:
-            out[j] = np.linalg.solve(scipy.linalg.toeplitz(r[j, :-1]) + 1e-6 * r[j, 0] * np.eye(AR_ORDER), r[j, 1:])
-    return out
 
 
 def _scales(rows: Rows, theta: np.ndarray, ar: np.ndarray, robust: bool) -> np.ndarray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.consistency import link_of_pseudo_inertia, pseudo_inertia
 from calib.identification.least_squares import Solution, inverse
+from calib.identification.log_cholesky import nearest
 from calib.identification.model import TorqueModel
 from sim.errors import AnswerIsNo
 from sim.rigid_body import link_inertia
@@ -134,20 +134,10 @@ def _load(
             f"{model.arm.name}: the logs differ by {mass:.3g} ± {mass_std:.2g} kg at the flange, which may be nothing; compare logs of the same "
             "motion with and without the load"
         )
-    com = phi[1:4] / mass
+    # of all loads that can exist the one nearest to the estimate: moments of inertia that no body has would pull the centre of mass with them
+    phi = nearest(phi, inverse(covariance + 1e-12 * np.diag([mass**2] + 9 * [0.0])))
+    mass, com = float(phi[0]), phi[1:4] / phi[0]
     slope = np.concatenate([-com[:, None], np.eye(3)], axis=1) / mass
     com_std = np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T))
-    possible = _possible(phi)
-    _, _, inertia = link_inertia(possible)
+    _, _, inertia = link_inertia(phi)
     return Load(mass, mass_std, com, com_std, (inertia + inertia.T) / 2, phi, covariance, scale, scale_std, chi2)
-
-
-def _possible(phi: np.ndarray) -> np.ndarray:
-    """phi with the same mass and centre of mass and the nearest second moments about it that a body can have."""
-    j = pseudo_inertia(phi)
-    h, m = j[:3, 3], j[3, 3]
-    value, vector = np.linalg.eigh(j[:3, :3] - np.outer(h, h) / m)
-    about = (vector * np.maximum(value, 0.0)) @ vector.T
-    out = j.copy()
-    out[:3, :3] = about + np.outer(h, h) / m
-    return link_of_pseudo_inertia(out)

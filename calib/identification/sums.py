@@ -22,12 +22,16 @@ MEMORY_SECONDS = 1.0
 class Reference:
     """What the weights of rows rest on: theta (p,) for their residuals, colour ar (n, k) and scale sigma (n,) N m of the innovations,
     and the number of sigmas `huber` beyond which a row weighs less.
+
+    rows: how many whitened rows told this; shortfall (p,): by what their own scores understate each variance (calib.identification.noise).
     """
 
     theta: np.ndarray
     ar: np.ndarray
     sigma: np.ndarray
     huber: float
+    rows: float = 0.0
+    shortfall: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,14 @@ def weighed(rows: Rows, weights: Reference) -> tuple[tuple[Information, ...], np
             cross = score[lag:].T @ score[:-lag]
             scores += (1 - lag / (lags + 1)) * (cross + cross.T)
     return tuple(white), scores, touched, counts
+
+
+def correlated(x: np.ndarray, lags: int) -> np.ndarray:
+    """(p,) sums of squares of columns x (R, p) and of their products with rows up to `lags` later, with Bartlett's weights."""
+    out = np.sum(x * x, axis=0)
+    for lag in range(1, min(lags, len(x) - 1) + 1):
+        out += 2 * (1 - lag / (lags + 1)) * np.sum(x[lag:] * x[:-lag], axis=0)
+    return np.asarray(out)
 
 
 def whitened(block: Block, j: int, ar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -70,11 +70,11 @@ def test_sums_do_not_depend_on_portions_or_order(ur5e: Arm, logs: list[Log]) -> 
     weights = reference(Rows(model, measured[:3]))
     whole = summed(rows, weights)
     each = [summed(Rows(model, [m]), weights) for m in measured]
-    expected = estimate(model, whole)
+    expected = estimate(model, whole, weights)
     std = np.sqrt(np.diag(expected.covariance))
     ways = [each, each[::-1], [Sums.merged([each[4], each[1]]), each[0], Sums.merged([each[5], each[3], each[2]])]]
     for way in ways:
-        found = estimate(model, Sums.merged(way))
+        found = estimate(model, Sums.merged(way), weights)
         assert np.abs(found.theta - expected.theta).max() < 1e-9 * np.abs(expected.theta).max()
         assert np.abs((found.theta - expected.theta) / std).max() < 1e-9
         assert np.sqrt(np.diag(found.covariance)) == pytest.approx(std, rel=1e-9)

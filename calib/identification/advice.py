@@ -1,0 +1,141 @@
+"""C_then = (C^-1 + G)^-1 with G = sum y y^T / sigma^2: of a menu of motions, the one after which a poorly known parameter is known best.
+
+C is the covariance of the estimate and y are the columns along the motion; no torque is needed to know what a motion would tell. The menu moves
+one joint or two, slowly or fast, about postures that the logs did not rest in; the simplest motion that makes a parameter known is named.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification.estimates import CONTRACTION, RELATIVE
+from calib.identification.least_squares import Prior, Solution, inverse
+from calib.identification.model import TorqueModel
+
+SECONDS, RATE = 20.0, 10.0
+ROWS_A_SECOND = 20.0  # that a filter of 8 Hz leaves, for about the same number of independent readings
+REACH = 1.2  # rad to either side
+SLOW, FAST = 0.06, 0.5  # of dq_max
+WORTH = 0.6  # a motion that leaves more than this share of the standard deviation is not worth the time
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A motion, in words, and the parameters that it would make known or halve the doubt of; std: each one's now and after it."""
+
+    motion: str
+    parameters: tuple[str, ...]
+    std: tuple[tuple[float, float], ...]
+
+
+def advice(
+    model: TorqueModel, solution: Solution, nominal: Prior, unknown: Sequence[int], home: np.ndarray
+) -> tuple[Advice, ...]:
+    """What to record for the columns `unknown`, most helpful motion first; home (n,) rad is where the logs' motion was centred.
+
+    Columns that no motion of the menu helps are in the last entry, whose motion says so.
+    """
+    if not len(unknown):
+        return ()
+    now = inverse(solution.covariance)
+    std = np.sqrt(np.diag(solution.covariance))
+    before = np.sqrt(np.diag(inverse(nominal.precision)))
+    enough = np.maximum(CONTRACTION * before, RELATIVE * np.abs(solution.theta))
+    menu = _menu(model, home)
+    then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, q)))) for _, _, q in menu])
+    effort = np.array([moving for _, moving, _ in menu])
+    chosen: dict[int, list[int]] = {}
+    helpless = []
+    for k in unknown:
+        after = then[:, k]
+        able = np.flatnonzero(after < enough[k])
+        # the fewest moving joints that do, else whatever helps most
+        best = int(min(able, key=lambda i: (effort[i], after[i]))) if len(able) else int(np.argmin(after))
+        if after[best] < max(WORTH * std[k], enough[k]):
+            chosen.setdefault(best, []).append(int(k))
+        else:
+            helpless.append(int(k))
+    names = [name.split(" ")[0] for name in model.names]
+    told = [
+        Advice(menu[i][0], tuple(names[k] for k in ks), tuple((float(std[k]), float(then[i, k])) for k in ks))
+        for i, ks in sorted(chosen.items(), key=lambda item: -len(item[1]))
+    ]
+    if helpless:
+        left = tuple((float(std[k]), float(then[:, k].min())) for k in helpless)
+        told.append(
+            Advice("no motion of one or two joints tells much; longer logs do", tuple(names[k] for k in helpless), left)
+        )
+    return tuple(told)
+
+
+def sentence(item: Advice, most: int = 4) -> str:
+    """An advice as a person reads it."""
+    names = ", ".join(item.parameters[:most]) + (
+        f" and {len(item.parameters) - most} others" if len(item.parameters) > most else ""
+    )
+    return f"for {names}: {item.motion}"
+
+
+def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """Words, number of moving joints and motion (q, dq, ddq) (N, n) of every candidate."""
+    arm, n = model.arm, model.arm.n
+    t = np.arange(int(SECONDS * RATE)) / RATE
+    out = []
+    postures = [("", home), *_turned(model, home)]
+    for where, posture in postures:
+        for j in range(n):
+            for word, share in (("slowly", SLOW), ("fast", FAST)):
+                motion = _motion(model, posture, t, {j: (share, 1.0)})
+                rate = f"up to {np.abs(motion[1][:, j]).max():.2g} rad/s"
+                out.append((f"move {arm.joint_names[j]} {word} to and fro ({rate}){where}", 1, motion))
+        for i, j in itertools.combinations(range(n), 2):
+            motion = _motion(model, posture, t, {i: (FAST, 1.0), j: (FAST, 1.37)})
+            out.append(
+                (f"move {arm.joint_names[i]} and {arm.joint_names[j]} fast together, at different rates{where}", 2, motion)
+            )
+    return out
+
+
+def _turned(model: TorqueModel, home: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Postures in which one joint of the last half stands a quarter of a turn away, for gravity to pull another way."""
+    arm, out = model.arm, []
+    for j in range(arm.n // 2, arm.n):
+        q = home.copy()
+        q[j] += np.pi / 2 if q[j] + np.pi / 2 < arm.q_max[j] else -np.pi / 2
+        out.append((f", with {arm.joint_names[j]} a quarter of a turn away", q))
+    return out
+
+
+def _motion(
+    model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict[int, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    arm = model.arm
+    q = np.tile(posture, (len(t), 1))
+    dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    for j, (share, pace) in moving.items():
+        room = min(REACH, 0.9 * (arm.q_max[j] - posture[j]), 0.9 * (posture[j] - arm.q_min[j]))
+        speed = share * (arm.dq_max[j] if np.isfinite(arm.dq_max[j]) else 2.0)
+        most = 0.8 * (arm.ddq_max[j] if np.isfinite(arm.ddq_max[j]) else 5.0)
+        reach = max(min(room, REACH), 0.05)
+        rate = pace * min(speed / reach, np.sqrt(most / reach))
+        q[:, j] += reach * np.sin(rate * t)
+        dq[:, j], ddq[:, j] = reach * rate * np.cos(rate * t), -reach * rate**2 * np.sin(rate * t)
+    return q, dq, ddq
+
+
+def _information(model: TorqueModel, sigma: np.ndarray, motion: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """(p, p) what the rows of a motion tell at the residual that the fit left; standing joints tell nothing of their friction."""
+    q, dq, ddq = motion
+    a = model.columns(q, dq, ddq)
+    still = ~np.any(dq, axis=0)
+    for j in range(model.arm.n):
+        column = model.friction_column("coulomb", j)
+        a[:, j, column] = np.sign(dq[:, j])
+        if still[j]:
+            a[:, j] = 0.0
+    weight = ROWS_A_SECOND / RATE / sigma**2
+    return np.asarray(np.einsum("kjp,j,kjr->pr", a, weight, a, optimize=True))

@@ -1,0 +1,78 @@
+"""Sentences about a fit: what a reader of its numbers should know."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.identification.instruments import LEVEL
+from calib.identification.model import SLIP_WIDTHS
+from calib.result import FitResult
+from sim.arm import Arm
+
+if TYPE_CHECKING:
+    from calib.identification.identify import Fit
+
+
+def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
+    """Sentences that a reader of the numbers should know."""
+    out, solution, sweeps, model = list(fit.remarks), fit.solution, fit.sweeps, fit.model
+    if sweeps:
+        joints = ", ".join(arm.joint_names[s.joint] for s in sweeps)
+        out.append(f"friction of {joints} was estimated from the constant-speed sweeps first and enters as a prior")
+    for m in fit.measurements:
+        if m.period is not None and m.noise is not None:
+            floor = ", ".join(f"{x:.3g}" for x in m.noise)
+            out.append(
+                f"{m.name} repeats a motion of {m.period:.4g} s: its average over the periods was differentiated; the torque differs by {floor} N m "
+                "between the periods (RMS, filtered), which no model can explain"
+            )
+    if solution.regularised:
+        out.append(
+            f"the scaled condition number is {solution.condition_scaled:.3g}, so the arm's nominal numbers hold what the motion did not show"
+        )
+    wide = [j for j, w in zip(arm.joint_names, model.slip_width, strict=True) if w > SLIP_WIDTHS[0]]
+    if wide:
+        out.append(
+            f"dry friction of {', '.join(wide)} builds up over more than {SLIP_WIDTHS[0]:g} rad after a change of direction"
+        )
+    if fit.by_command and fit.by_command.preferred:
+        out.append(
+            f"noise of the positions biases least squares (Hausman test, p = {fit.by_command.p_value:.1g}), so the commanded motion was used "
+            "as instrument"
+        )
+    elif fit.by_command and fit.by_command.p_value < LEVEL:
+        out.append(
+            f"least squares disagrees with the commanded motion as instrument (p = {fit.by_command.p_value:.1g}), which follows too loosely to "
+            "replace it: the intervals may be too narrow"
+        )
+    if fit.often.any():
+        names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)
+        out.append(
+            f"{names} changes direction so often that the rows about each change had to stay; friction and rotor inertia may be off by "
+            "more than their standard deviations: record a slower or longer motion"
+        )
+    for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):
+        if share > 0.1:
+            out.append(
+                f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause"
+            )
+    return tuple(out)
+
+
+def outcome(result: FitResult) -> str:
+    """The fit in one sentence."""
+    unknown = [e.name.split(" ")[0] for e in result.estimates if not e.identifiable]
+    gap = result.holdout or result.training
+    where = "held-out" if result.holdout else "training"
+    share = float(np.nanmean(gap.after / np.maximum(gap.before, 1e-12)))
+    told = (
+        f"; not identifiable from these logs: {', '.join(unknown[:6])}{' and others' if len(unknown) > 6 else ''}"
+        if unknown
+        else ""
+    )
+    return (
+        f"{len(result.estimates) - len(unknown)} of {len(result.estimates)} parameters identified, condition number "
+        f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's{told}"
+    )

@@ -1,0 +1,58 @@
+"""What an arm's torque leaves of the measured one, from the sums over rows that a fit made anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.identification.information import Information
+from calib.identification.model import TorqueModel
+from calib.preprocessing import Measurement
+from calib.result import Gap
+
+
+def gap(
+    model: TorqueModel,
+    rows: Sequence[Information],
+    apart: Sequence[Information],
+    names: Sequence[str],
+    after: np.ndarray,
+    noise: np.ndarray | None = None,
+) -> Gap:
+    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave.
+
+    rows: per joint those of [A_j b_j] that a fit would use; apart: those about reversals, which count for all but `sliding`.
+    """
+    slid, rows = rows, [Information.merged(pair) for pair in zip(rows, apart, strict=True)]
+    n = model.arm.n
+    used = [model.used_by(j) for j in range(n)]
+    count = np.array([r.rows for r in rows])
+    safe = np.where(count > 0, count, np.nan)
+
+    def rms(theta: np.ndarray, of: Sequence[Information]) -> np.ndarray:
+        squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
+        return np.sqrt(squares / [x.rows or np.nan for x in of])
+
+    before, left = rms(model.nominal(), rows), rms(after, rows)
+    total, mean = (
+        np.array([r.gram[k, -1] for r in rows]) / safe for k in (-1, -2)
+    )  # the column before the torque is the constant
+    constant = model.arm.torque_constant
+    return Gap(
+        logs=tuple(names),
+        before=before,
+        after=left,
+        signal=np.sqrt(np.maximum(total - mean**2, 0.0)),
+        rows=count,
+        before_ampere=None if constant is None else before / constant,
+        after_ampere=None if constant is None else left / constant,
+        sliding=rms(after, slid),
+        noise=noise,
+    )
+
+
+def noise_between_periods(measurements: Sequence[Measurement]) -> np.ndarray | None:
+    """(n,) N m, RMS over the measurements whose motion repeats itself; None where none does."""
+    known = [m.noise for m in measurements if m.noise is not None]
+    return np.sqrt(np.nanmean(np.square(known), axis=0)) if known else None
