@@ -73,13 +73,18 @@ _LOG_DET = np.array([4.0, 1.0, 1.0, 1.0, 0, 0, 0, 0, 0, 0])
 def nearest(pi: np.ndarray, information: np.ndarray, pull: Pull) -> np.ndarray:
     """The body (10,) with least (body - pi)^T information (body - pi) + pull, by descent in x from the body that pulls."""
 
-    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
-        off, (held, by_pull, _) = body(x) - pi, pull(x)
-        return float(off @ information @ off) + held, 2 * (slope(x).T @ (information @ off) + by_pull)
-
     start = coordinates(link_of_pseudo_inertia(pull.root @ pull.root.T))
-    found = scipy.optimize.minimize(cost, start, jac=True, method="BFGS", options={"maxiter": ROUNDS, "gtol": SETTLED})
-    return body(found.x)
+    # in units in which the start's curvature is one, so that the first step is no leap
+    bend = slope(start).T @ information @ slope(start) + pull(start)[2]
+    to_x = np.linalg.inv(np.linalg.cholesky(bend + 1e-12 * np.diag(np.diag(bend)))).T
+
+    def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+        x = start + to_x @ z
+        off, (held, by_pull, _) = body(x) - pi, pull(x)
+        return float(off @ information @ off) + held, 2 * to_x.T @ (slope(x).T @ (information @ off) + by_pull)
+
+    found = scipy.optimize.minimize(cost, np.zeros(10), jac=True, method="BFGS", options={"maxiter": ROUNDS, "gtol": SETTLED})
+    return body(start + to_x @ found.x)
 
 
 def _root(x: np.ndarray) -> np.ndarray:

@@ -8,18 +8,20 @@ for why a known mass is needed).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.identification.consistency import GAMMA
 from calib.identification.least_squares import Solution, inverse
-from calib.identification.log_cholesky import nearest
+from calib.identification.log_cholesky import Pull, body, coordinates, nearest, slope
 from calib.identification.model import TorqueModel
 from sim.errors import AnswerIsNo
-from sim.rigid_body import link_inertia
+from sim.rigid_body import link_inertia, link_parameters
 
-ROUNDS = 30
+ROUNDS = 60
 SETTLED = 1e-9
+LOAD_RADIUS = 0.05  # m, of what hangs at a flange
 
 
 @dataclass(frozen=True)
@@ -63,54 +65,97 @@ def load_between(model: TorqueModel, free: Solution, loaded: Solution) -> Load:
     left = difference - g @ phi
     chi2 = float(left @ weight @ left) / (len(left) - len(phi))
     ones = np.ones(model.arm.n)
-    covariance = gain @ (free.covariance + loaded.covariance) @ gain.T
-    return _load(model, phi, covariance * max(chi2, 1.0), ones, 0 * ones, chi2)
+    covariance = gain @ (free.covariance + loaded.covariance) @ gain.T * max(chi2, 1.0)
+    _require_mass(model, float(phi[0]), float(np.sqrt(covariance[0, 0])))
+    # of all loads that can exist the one nearest to the estimate: moments of inertia that no body has pull the centre of mass with them
+    possible = nearest(phi, inverse(covariance), Pull.towards(_compact(phi[0], phi[1:4] / phi[0]), GAMMA))
+    return _load(possible, covariance, ones, 0 * ones, chi2)
 
 
 def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, mass: float) -> Load:
-    """Load and torque scale when the load weighs `mass` kg: Gauss-Newton on both fits' information, every joint with a scale of its own.
+    """Load and torque scale when the load weighs `mass` kg: both fits' information, every joint with a scale of its own.
 
-    AnswerIsNo where the mass is not positive, or leaves the scale of every joint unknown to more than a tenth.
+    Not linear, so the load is sought in log-Cholesky coordinates, where its mass is one of them and every load is one that can exist. AnswerIsNo
+    where the mass is not positive, or leaves the scale of every joint unknown to more than a tenth.
     """
     if not mass > 0 or not np.isfinite(mass):
         raise AnswerIsNo(
             f"a known mass of {mass:g} kg tells nothing of a torque constant; weigh what is mounted, give its mass in kg"
         )
-    n, p, g = model.arm.n, model.p, flange_columns(model)
+    n, p = model.arm.n, model.p
     start = load_between(model, free, loaded)
-    x = np.concatenate([free.theta, start.parameters, np.ones(n)])
-    x[: p + 10] *= mass / start.mass
-    x[p + 10 :] *= start.mass / mass
-    x[p] = mass
+    compact = _compact(mass, start.com)
+    fit = _ScaledFit(model, (free, loaded), Pull.towards(compact, GAMMA))
+    x = np.concatenate([free.theta * (mass / start.mass), coordinates(compact), np.full(n, start.mass / mass)])
     unknown = np.delete(np.arange(len(x)), p)
-    groups = ((free, np.concatenate([np.eye(p), np.zeros((p, 10))], axis=1)), (loaded, np.concatenate([np.eye(p), g], axis=1)))
+    cost, damping = fit.cost(x), 0.0
     for _ in range(ROUNDS):
-        hessian, slope = np.zeros((len(x), len(x))), np.zeros(len(x))
-        for fit, to_theta in groups:
-            eta = to_theta @ x[: p + 10]
-            for j in range(n):
-                kappa = x[p + 10 + j]
-                jacobian = np.zeros((p, len(x)))
-                jacobian[:, : p + 10] = kappa * to_theta
-                jacobian[:, p + 10 + j] = eta
-                weighted = jacobian.T @ fit.by_joint[j]
-                hessian += weighted @ jacobian
-                slope += jacobian.T @ fit.vectors[j] - weighted @ (kappa * eta)
-        covariance = inverse(hessian[np.ix_(unknown, unknown)])
-        step = covariance @ slope[unknown]
-        x[unknown] += step
-        if np.max(np.abs(step) / np.maximum(np.abs(x[unknown]), 1e-3)) < SETTLED:
+        hessian, downhill = (part[np.ix_(*[unknown] * part.ndim)] for part in fit.step(x))
+        change = inverse(hessian + damping * np.diag(np.diag(hessian))) @ downhill
+        tried = x.copy()
+        tried[unknown] += change
+        then = fit.cost(tried)
+        if not then <= cost + SETTLED * abs(cost):
+            damping = max(4 * damping, 1e-4)
+            continue
+        settled = np.max(np.abs(change) / np.maximum(np.abs(x[unknown]), 1e-3)) < SETTLED
+        x, cost, damping = tried, then, damping / 4
+        if settled:
             break
     ratio = [np.median(np.diag(s.covariance) / np.diag(inverse(s.information))) for s in (free, loaded)]
     full = np.zeros((len(x), len(x)))
-    full[np.ix_(unknown, unknown)] = covariance * max(*ratio, 1.0)
+    full[np.ix_(unknown, unknown)] = inverse(fit.step(x)[0][np.ix_(unknown, unknown)]) * max(*ratio, 1.0)
     # the reading is kappa times the torque of a model whose mass is true
     scale, scale_std = x[p + 10 :], np.sqrt(np.diag(full)[p + 10 :])
     if not np.any(scale_std < 0.1 * np.abs(scale)):
         raise AnswerIsNo(
             f"{model.arm.name}: {mass:g} kg moves the torque of no joint enough to tell its scale to a tenth; mount more mass, or move it farther"
         )
-    return _load(model, x[p : p + 10], full[p : p + 10, p : p + 10], scale, scale_std, start.chi2)
+    by_x = slope(x[p : p + 10])
+    load = _load(body(x[p : p + 10]), by_x @ full[p : p + 10, p : p + 10] @ by_x.T, scale, scale_std, start.chi2)
+    return replace(load, mass=mass)
+
+
+@dataclass(frozen=True)
+class _ScaledFit:
+    """sum over fits and joints |A_j (kappa_j theta) - b_j|^2 + pull in [theta (p,), load's coordinates (10,), kappa (n,)]."""
+
+    model: TorqueModel
+    fits: tuple[Solution, Solution]
+    pull: Pull
+
+    def _sides(self, x: np.ndarray) -> list[tuple[Solution, np.ndarray, np.ndarray]]:
+        """Each fit, its theta (p,), and that one's slope (p, p + 10) by theta and the load's coordinates."""
+        p, g = self.model.p, flange_columns(self.model)
+        theta, at, nothing = x[:p], x[p : p + 10], np.zeros((p, 10))
+        free, loaded = self.fits
+        return [
+            (free, theta, np.concatenate([np.eye(p), nothing], axis=1)),
+            (loaded, theta + g @ body(at), np.concatenate([np.eye(p), g @ slope(at)], axis=1)),
+        ]
+
+    def cost(self, x: np.ndarray) -> float:
+        """What is left, but for a constant."""
+        kappa, total = x[self.model.p + 10 :], self.pull(x[self.model.p : self.model.p + 10])[0]
+        for fit, theta, _ in self._sides(x):
+            for j, k in enumerate(kappa):
+                total += float(k * theta @ (k * fit.by_joint[j] @ theta - 2 * fit.vectors[j]))
+        return total
+
+    def step(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Half the Gauss-Newton Hessian and half the negative gradient at x."""
+        p, own = self.model.p, slice(self.model.p, self.model.p + 10)
+        _, uphill, bend = self.pull(x[own])
+        hessian, downhill = np.zeros((len(x), len(x))), np.zeros(len(x))
+        hessian[own, own], downhill[own] = bend, -uphill
+        for fit, theta, by_x in self._sides(x):
+            for j, kappa in enumerate(x[p + 10 :]):
+                jacobian = np.zeros((p, len(x)))
+                jacobian[:, : p + 10], jacobian[:, p + 10 + j] = kappa * by_x, theta
+                weighted = jacobian.T @ fit.by_joint[j]
+                hessian += weighted @ jacobian
+                downhill += jacobian.T @ fit.vectors[j] - weighted @ (kappa * theta)
+        return hessian, downhill
 
 
 def flange_columns(model: TorqueModel) -> np.ndarray:
@@ -121,23 +166,26 @@ def flange_columns(model: TorqueModel) -> np.ndarray:
     return out
 
 
-def _load(
-    model: TorqueModel, phi: np.ndarray, covariance: np.ndarray, scale: np.ndarray, scale_std: np.ndarray, chi2: float
-) -> Load:
-    mass, mass_std = float(phi[0]), float(np.sqrt(covariance[0, 0]))
-    if mass < -2 * mass_std:
+def _compact(mass: float, com: np.ndarray) -> np.ndarray:
+    """A ball of LOAD_RADIUS, of which nothing but mass and centre is known."""
+    return link_parameters(float(mass), np.asarray(com), 0.4 * float(mass) * LOAD_RADIUS**2 * np.eye(3))
+
+
+def _require_mass(model: TorqueModel, mass: float, std: float) -> None:
+    if mass < -2 * std:
         raise AnswerIsNo(
             f"{model.arm.name}: the loaded logs carry {-mass:.3g} kg less than the others; were they given the wrong way round?"
         )
-    if not mass > 2 * mass_std:
+    if not mass > 2 * std:
         raise AnswerIsNo(
-            f"{model.arm.name}: the logs differ by {mass:.3g} ± {mass_std:.2g} kg at the flange, which may be nothing; compare logs of the same "
+            f"{model.arm.name}: the logs differ by {mass:.3g} ± {std:.2g} kg at the flange, which may be nothing; compare logs of the same "
             "motion with and without the load"
         )
-    # of all loads that can exist the one nearest to the estimate: moments of inertia that no body has would pull the centre of mass with them
-    phi = nearest(phi, inverse(covariance + 1e-12 * np.diag([mass**2] + 9 * [0.0])))
-    mass, com = float(phi[0]), phi[1:4] / phi[0]
-    slope = np.concatenate([-com[:, None], np.eye(3)], axis=1) / mass
-    com_std = np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T))
-    _, _, inertia = link_inertia(phi)
-    return Load(mass, mass_std, com, com_std, (inertia + inertia.T) / 2, phi, covariance, scale, scale_std, chi2)
+
+
+def _load(phi: np.ndarray, covariance: np.ndarray, scale: np.ndarray, scale_std: np.ndarray, chi2: float) -> Load:
+    mass, com, inertia = link_inertia(phi)
+    by_phi = np.concatenate([-com[:, None], np.eye(3)], axis=1) / mass
+    com_std = np.sqrt(np.diag(by_phi @ covariance[:4, :4] @ by_phi.T))
+    mass_std = float(np.sqrt(covariance[0, 0]))
+    return Load(float(mass), mass_std, com, com_std, (inertia + inertia.T) / 2, phi, covariance, scale, scale_std, chi2)
