@@ -1,7 +1,8 @@
 """How well an arm predicts logs: torque along the measured motion, and motion under the measured torque.
 
 Torque: tau_hat = sim.prediction along the measured motion, filtered like the measured torque. Forward: windows of HORIZON s start at the
-measured state; MuJoCo gets the measured torque and nothing else, and the angle at the end is compared with the measured one.
+measured state; MuJoCo gets the measured torque and nothing else, and the angle at the end is compared with the measured one. How far it may be
+off is stated beforehand (calib.forward_bound), from what is known of the arm's numbers and nothing of this log's torque.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from calib.forward_bound import forward_bound
+from calib.identification.known import Known
 from calib.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
@@ -45,15 +48,22 @@ class LogCheck:
     windows: int
     measurement: Measurement
     tau_hat: np.ndarray
+    bound: np.ndarray | None = None
+
+    @property
+    def within_bound(self) -> np.ndarray | None:
+        """(n,) whether the forward simulation stayed within its bound; None where there was none."""
+        return None if self.forward is None or self.bound is None else self.forward <= self.bound
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The checks of several logs against one arm, and the outcome as a sentence."""
+    """The checks of several logs against one arm, and the outcome as a sentence; source: what the bounds rest on."""
 
     arm: Arm
     checks: tuple[LogCheck, ...]
     outcome: str
+    source: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """validation.json."""
@@ -75,6 +85,12 @@ class Validation:
                 entry["forward"] = {
                     "horizon_s": HORIZON, "windows": c.windows, "unit": "rad", "rms": _numbers(c.forward), "travel": _numbers(c.travel),
                 }  # fmt: skip
+                if c.bound is not None and c.within_bound is not None:
+                    entry["forward"] |= {
+                        "bound": _numbers(c.bound),
+                        "within_bound": c.within_bound.tolist(),
+                        "bound_from": self.source,
+                    }
             logs.append(entry)
         return {
             "schema": "validation/1", "arm": self.arm.name, "unit": "N*m", "joints": list(self.arm.joint_names), "logs": logs,
@@ -108,33 +124,42 @@ def validate(
 ) -> Validation:
     """Predict every log with everything the arm has; BadLog and ConfigError for logs that cannot serve."""
     checks = []
+    known = Known.of_arm(arm)
     for k, log in enumerate(logs):
         progress("torque", k / len(logs))
         m = prepare(log, arm, cutoff)
         tau_hat = predict(arm, m.trajectory)
         usable = m.row_usable
         rows, predicted = m.rows(m.tau), m.rows(tau_hat)
-        moved = travelled = None
+        moved = travelled = bound = None
         windows = 0
         if forward:
             progress("forward simulation", k / len(logs))
-            moved, travelled, windows = forward_error(arm, m)
+            moved, travelled, starts = forward_error(arm, m)
+            windows = len(starts)
+            if windows:
+                bound = forward_bound(arm, m, starts, horizon_steps(m), known)
         checks.append(
             LogCheck(
                 m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable), _std(rows, usable), usable.sum(axis=0),
-                moved, travelled, windows, m, tau_hat,
+                moved, travelled, windows, m, tau_hat, bound,
             )
         )  # fmt: skip
-    return Validation(arm, tuple(checks), _outcome(arm, checks))
+    return Validation(arm, tuple(checks), _outcome(arm, checks), known.source)
 
 
-def forward_error(arm: Arm, m: Measurement) -> tuple[np.ndarray, np.ndarray, int]:
-    """RMS angle error (n,) rad after HORIZON s under the measured torque, RMS travel (n,) rad, number of windows.
+def horizon_steps(m: Measurement) -> int:
+    """Samples of a window of HORIZON s."""
+    return max(1, round(HORIZON * m.rate))
+
+
+def forward_error(arm: Arm, m: Measurement) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """RMS angle error (n,) rad after HORIZON s under the measured torque, RMS travel (n,) rad, first samples of the windows.
 
     Windows lie where every joint moves: friction at rest holds any torque below its level, so a standing joint proves nothing.
     """
     plant = Plant(arm)
-    steps = max(1, round(HORIZON * m.rate))
+    steps = horizon_steps(m)
     good = m.usable.all(axis=1)
     run = np.convolve(good, np.ones(steps + 1), mode="valid") >= steps + 1
     starts = _spread(np.flatnonzero(run), steps, MOST_WINDOWS)
@@ -152,9 +177,9 @@ def forward_error(arm: Arm, m: Measurement) -> tuple[np.ndarray, np.ndarray, int
         errors.append(plant.read().q - tr.q[k + steps])
         travels.append(tr.q[k + steps] - tr.q[k])
     if not errors:
-        return np.full(arm.n, np.nan), np.full(arm.n, np.nan), 0
+        return np.full(arm.n, np.nan), np.full(arm.n, np.nan), []
     off, travel = (np.sqrt(np.mean(np.square(x), axis=0)) for x in (errors, travels))
-    return off, travel, len(errors)
+    return off, travel, starts
 
 
 def _spread(starts: np.ndarray, apart: int, most: int) -> list[int]:
@@ -193,8 +218,21 @@ def _outcome(arm: Arm, checks: Sequence[LogCheck]) -> str:
     moved = [c.forward for c in checks if c.forward is not None and c.windows]
     if moved:
         error = np.sqrt(np.mean(np.square(moved), axis=0))
-        told += f"; simulated forward for {HORIZON:g} s its joints are off by {np.degrees(error.max()):.2g} deg at most (RMS)"
+        told += f"; simulated forward for {HORIZON:g} s its joints are off by {np.degrees(error.max()):.2g} deg at most (RMS), "
+        told += _bounded(arm, checks)
     return told
+
+
+def _bounded(arm: Arm, checks: Sequence[LogCheck]) -> str:
+    """Whether the stated bounds were kept, and where not."""
+    over = [
+        f"{joint} in {c.log} ({np.degrees(c.forward[j]):.2g} deg, bound {np.degrees(c.bound[j]):.2g})"
+        for c in checks
+        if c.forward is not None and c.bound is not None and c.within_bound is not None
+        for j, joint in enumerate(arm.joint_names)
+        if not c.within_bound[j]
+    ]
+    return f"beyond the stated bound: {', '.join(over)}" if over else "within the stated bound at every joint"
 
 
 def _numbers(x: np.ndarray) -> list[float | None]:

@@ -72,6 +72,7 @@ def command(
         else:
             found = identify(nominal, logs, held, options, told)
         write_calibrated(folder / "arm", nominal, found.arm)
+        found.known.write(folder / "arm", found.model)
         found.result.write(folder / "result.json")
         page.write(folder / "report.html", found.result.as_dict(), evidence(found))
     conclude(found.result.outcome)

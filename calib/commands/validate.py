@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from calib import console
@@ -50,14 +51,15 @@ def command(
     for check in found.checks:
         headers = ["joint", "residual [N m]", "unfiltered [N m]", "signal [N m]", "left"]
         headers += [] if constant is None else ["residual [A]"]
-        headers += [] if check.forward is None else [f"off after {HORIZON:g} s [deg]", "travel [deg]"]
+        headers += [] if check.forward is None else [f"off after {HORIZON:g} s [deg]", "bound [deg]", "travel [deg]"]
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
             row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), f"{left:.1%}"]
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.forward is not None and check.travel is not None:
-                row += [float(check.forward[j] * 57.29578), float(check.travel[j] * 57.29578)]
+                bound = float("nan") if check.bound is None else check.bound[j]
+                row += [float(np.degrees(x)) for x in (check.forward[j], bound, check.travel[j])]
             rows.append(row)
         console.table(headers, rows, check.log)
     console.say(f"{found.outcome}.")

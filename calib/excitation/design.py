@@ -13,6 +13,17 @@ from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
 
 SAMPLES = 120
+LEAST_REACH, LEAST_SHARE = (
+    0.1,
+    0.02,
+)  # rad, and of a joint's range: less than this stays within what dry friction and gears hide
+GROWTH = {
+    "dq": 1,
+    "point speed": 1,
+    "ddq": 2,
+    "torque": 2,
+    "jerk": 3,
+}  # by which power of the period a motion at that limit grows
 
 
 @dataclass(frozen=True)
@@ -111,26 +122,70 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
             "start with --home, or correct the limit"
         )
     trial = random_fourier(basis, home, np.random.default_rng(0))
-    use = room.use(coarse(trial.scaled(0.2 * _own_scale(room, trial))))
+    trial = trial.scaled(0.2 * _own_scale(room, trial))
+    use = room.use(coarse(trial))
     name, share = use.worst
-    what = f"{name} ({share:.0%} of what a plan may use)" if share > 1 else f"the distance of {use.pair[0]} and {use.pair[1]}"
+    if share <= 1:
+        return (
+            f"no motion of useful size fits: {use.pair[0]} and {use.pair[1]} come within {use.clearance * 1e3:.0f} mm of the cell's margin, a plan "
+            f"keeps {CLEARANCE_MARGIN * 1e3:g} mm; give another start with --home, farther from both, or move the obstacle"
+        )
+    own = use.shares[name]
+    where = f"{room.arm.joint_names[int(np.argmax(own))]}'s " if len(own) == room.arm.n else "the "
+    slower = f"a longer --period (about {basis.period * share ** (1 / GROWTH.get(name, 1)):.3g} s instead of {basis.period:g})"
+    remedy = "another --home" if name == "q" else f"{slower} or another --home"
+    return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit"
+
+
+def too_small(room: Room, motion: Fourier) -> str | None:
+    """The sentence that says which joint hardly moves, which limit holds it and what would relax it; None where every joint moves enough."""
+    arm, q = room.arm, coarse(motion).q
+    needed = np.minimum(LEAST_REACH, LEAST_SHARE * (arm.q_max - arm.q_min))
+    share = np.ptp(q, axis=0) / needed
+    j = int(np.argmin(share))
+    if share[j] >= 1:
+        return None
+    factors = _own_factors(room, motion)
+    name = min(factors, key=lambda k: float(factors[k][j]))
+    reach = f"{arm.joint_names[j]} moves through {np.ptp(q[:, j]):.2g} rad, {needed[j]:.2g} rad are the least that tells its parameters"
+    if share[j] * factors[name][j] >= 1:  # alone it would move enough
+        use = room.use(coarse(motion))
+        held = (
+            f"{use.pair[0]} near {use.pair[1]}"
+            if use.clearance < 2 * CLEARANCE_MARGIN
+            else f"the {use.worst[0]} limit of all joints together"
+        )
+        return f"{reach}; {held} holds it: give another start with --home, or more room"
+    if name == "q":
+        return f"{reach}; the start is too near q_min or q_max: give another with --home, farther from both"
+    period = motion.basis.period / (share[j] * factors[name][j]) ** (1 / GROWTH[name])
+    limit = float(getattr(arm, f"{name}_max")[j])
     return (
-        f"no motion of useful size fits; {what} binds first; a longer --period, another --home or wider limits would relax it"
+        f"{reach}; {name}_max of {limit:g} holds it in a period of {motion.basis.period:g} s: a --period of {period:.2g} s or more relaxes it, or "
+        f"a larger {name}_max in arm.toml if the arm allows it"
     )
 
 
 def _own_scale(room: Room, motion: Fourier) -> np.ndarray:
     """(n,) factor that brings every joint to its own limits of position, speed, acceleration and jerk, whichever binds."""
+    return np.maximum(np.min(list(_own_factors(room, motion).values()), axis=0), 0.0)
+
+
+def _own_factors(room: Room, motion: Fourier) -> dict[str, np.ndarray]:
+    """By limit the factor (n,) that brings every joint to it."""
     arm, t = room.arm, np.linspace(0, motion.basis.period, 400)
     rows = [motion.basis.matrix(t, k) @ motion.x.T for k in range(4)]
     middle, half = (arm.q_max + arm.q_min) / 2, MARGIN["q"] * (arm.q_max - arm.q_min) / 2
     up, down = rows[0].max(axis=0), -rows[0].min(axis=0)
-    factor = np.minimum(
-        (middle + half - motion.home) / np.maximum(up, 1e-9), (motion.home - middle + half) / np.maximum(down, 1e-9)
-    )
-    for row, limit, name in ((rows[1], arm.dq_max, "dq"), (rows[2], arm.ddq_max, "ddq"), (rows[3], arm.jerk_max, "jerk")):
-        factor = np.minimum(factor, 0.999 * MARGIN[name] * limit / np.maximum(np.abs(row).max(axis=0), 1e-9))
-    return np.maximum(factor, 0.0)
+    factors = {
+        "q": np.minimum(
+            (middle + half - motion.home) / np.maximum(up, 1e-9), (motion.home - middle + half) / np.maximum(down, 1e-9)
+        )
+    }
+    for row, name in zip(rows[1:], ("dq", "ddq", "jerk"), strict=True):
+        limit = getattr(arm, f"{name}_max")
+        factors[name] = 0.999 * MARGIN[name] * limit / np.maximum(np.abs(row).max(axis=0), 1e-9)
+    return factors
 
 
 def coarse(motion: Fourier) -> Trajectory:

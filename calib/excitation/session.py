@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start
+from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.optimise import optimised, preference
@@ -92,6 +92,9 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     rate = min(arm.sensors.rate, 500.0)
     progress("excitation", 0.0)
     best, _ = random_start(room, information, basis, home, rng, session.tries)
+    small = too_small(room, best)
+    if small:
+        raise AnswerIsNo(f"{arm.name}: {small}")
     if session.starts:
         found = optimised(arm, cell, best, session.starts, session.seed, progress)[0]
         best = max((best, found.motion), key=lambda m: preference(information.worth(coarse(m))))

@@ -122,6 +122,7 @@ def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
     held = list(opened.apart)[:2]
     found = identify(arm, opened.fitted, held, kept=kept)
     calibrated = write_calibrated(out / "arm", arm, found.arm)
+    found.known.write(out / "arm", found.model)
     found.result.write(out / "result.json")
     checked = validate(calibrated, held or [opened.fitted[len(opened.fitted) - 1]])
     (out / "validation.json").write_text(json.dumps(checked.as_dict(), indent=1) + "\n", encoding="utf-8")

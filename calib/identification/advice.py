@@ -1,7 +1,7 @@
 """C_then = (C^-1 + G)^-1 with G = sum y y^T / sigma^2: of a menu of motions, the one after which a poorly known parameter is known best.
 
 C is the covariance of the estimate and y are the columns along the motion; no torque is needed to know what a motion would tell. The menu moves
-one joint or two, slowly or fast, about postures that the logs did not rest in; the simplest motion that makes a parameter known is named.
+one joint or two, slowly or fast, about postures that the logs did not rest in; few motions are named that together serve most parameters.
 """
 
 from __future__ import annotations
@@ -15,21 +15,30 @@ import numpy as np
 from calib.identification.estimates import CONTRACTION, RELATIVE
 from calib.identification.least_squares import Prior, Solution, inverse
 from calib.identification.model import TorqueModel
+from sim.trajectory import Trajectory
 
-SECONDS, RATE = 20.0, 10.0
+SECONDS, RATE = 20.0, 20.0
 ROWS_A_SECOND = 20.0  # that a filter of 8 Hz leaves, for about the same number of independent readings
 REACH = 1.2  # rad to either side
 SLOW, FAST = 0.06, 0.5  # of dq_max
-WORTH = 0.6  # a motion that leaves more than this share of the standard deviation is not worth the time
+WORTH, NEAR = (
+    0.6,
+    0.7,
+)  # a motion that leaves more of the standard deviation, or does much worse than the best, is not worth the time
+MOST = 5  # motions that one operator is asked for
 
 
 @dataclass(frozen=True)
 class Advice:
-    """A motion, in words, and the parameters that it would make known or halve the doubt of; std: each one's now and after it."""
+    """A motion, in words and as a path, and the parameters that it would make known; std: each one's now and after it.
+
+    Where no motion of the menu helps, path is None and the words say so.
+    """
 
     motion: str
     parameters: tuple[str, ...]
     std: tuple[tuple[float, float], ...]
+    path: Trajectory | None
 
 
 def advice(
@@ -46,28 +55,29 @@ def advice(
     before = np.sqrt(np.diag(inverse(nominal.precision)))
     enough = np.maximum(CONTRACTION * before, RELATIVE * np.abs(solution.theta))
     menu = _menu(model, home)
-    then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, q)))) for _, _, q in menu])
+    then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, path)))) for _, _, path in menu])
     effort = np.array([moving for _, moving, _ in menu])
-    chosen: dict[int, list[int]] = {}
-    helpless = []
-    for k in unknown:
-        after = then[:, k]
-        able = np.flatnonzero(after < enough[k])
-        # the fewest moving joints that do, else whatever helps most
-        best = int(min(able, key=lambda i: (effort[i], after[i]))) if len(able) else int(np.argmin(after))
-        if after[best] < max(WORTH * std[k], enough[k]):
-            chosen.setdefault(best, []).append(int(k))
-        else:
-            helpless.append(int(k))
-    names = [name.split(" ")[0] for name in model.names]
-    told = [
-        Advice(menu[i][0], tuple(names[k] for k in ks), tuple((float(std[k]), float(then[i, k])) for k in ks))
-        for i, ks in sorted(chosen.items(), key=lambda item: -len(item[1]))
-    ]
-    if helpless:
-        left = tuple((float(std[k]), float(then[:, k].min())) for k in helpless)
+    # a motion is for those that it makes known, or, failing that, brings much nearer
+    helped = {k: (then[:, k] < enough[k]) | (then[:, k] < WORTH * min(std[k], then[:, k].min() / NEAR)) for k in unknown}
+    names, told, left = [name.split(" ")[0] for name in model.names], [], list(unknown)
+    while left and len(told) < MOST:
+        count = np.sum([helped[k] for k in left], axis=0)
+        best = int(np.lexsort((effort, -count))[0])
+        served = [k for k in left if helped[k][best]]
+        if not served:
+            break
+        doubt = tuple((float(std[k]), float(then[best, k])) for k in served)
+        told.append(Advice(menu[best][0], tuple(names[k] for k in served), doubt, menu[best][2]))
+        left = [k for k in left if k not in served]
+    if left:
+        doubt = tuple((float(std[k]), float(then[:, k].min())) for k in left)
         told.append(
-            Advice("no motion of one or two joints tells much; longer logs do", tuple(names[k] for k in helpless), left)
+            Advice(
+                "record the excitation of `calib plan`, for longer: one or two joints alone do not show them",
+                tuple(names[k] for k in left),
+                doubt,
+                None,
+            )
         )
     return tuple(told)
 
@@ -80,8 +90,8 @@ def sentence(item: Advice, most: int = 4) -> str:
     return f"for {names}: {item.motion}"
 
 
-def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-    """Words, number of moving joints and motion (q, dq, ddq) (N, n) of every candidate."""
+def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajectory]]:
+    """Words, number of moving joints and path of every candidate."""
     arm, n = model.arm, model.arm.n
     t = np.arange(int(SECONDS * RATE)) / RATE
     out = []
@@ -90,7 +100,7 @@ def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, tuple[np
         for j in range(n):
             for word, share in (("slowly", SLOW), ("fast", FAST)):
                 motion = _motion(model, posture, t, {j: (share, 1.0)})
-                rate = f"up to {np.abs(motion[1][:, j]).max():.2g} rad/s"
+                rate = f"up to {np.abs(motion.dq[:, j]).max():.2g} rad/s"
                 out.append((f"move {arm.joint_names[j]} {word} to and fro ({rate}){where}", 1, motion))
         for i, j in itertools.combinations(range(n), 2):
             motion = _motion(model, posture, t, {i: (FAST, 1.0), j: (FAST, 1.37)})
@@ -110,9 +120,7 @@ def _turned(model: TorqueModel, home: np.ndarray) -> list[tuple[str, np.ndarray]
     return out
 
 
-def _motion(
-    model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict[int, tuple[float, float]]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _motion(model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict[int, tuple[float, float]]) -> Trajectory:
     arm = model.arm
     q = np.tile(posture, (len(t), 1))
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
@@ -124,17 +132,16 @@ def _motion(
         rate = pace * min(speed / reach, np.sqrt(most / reach))
         q[:, j] += reach * np.sin(rate * t)
         dq[:, j], ddq[:, j] = reach * rate * np.cos(rate * t), -reach * rate**2 * np.sin(rate * t)
-    return q, dq, ddq
+    return Trajectory(t, q, dq, ddq)
 
 
-def _information(model: TorqueModel, sigma: np.ndarray, motion: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+def _information(model: TorqueModel, sigma: np.ndarray, path: Trajectory) -> np.ndarray:
     """(p, p) what the rows of a motion tell at the residual that the fit left; standing joints tell nothing of their friction."""
-    q, dq, ddq = motion
-    a = model.columns(q, dq, ddq)
-    still = ~np.any(dq, axis=0)
+    a = model.columns(path.q, path.dq, path.ddq)
+    still = ~np.any(path.dq, axis=0)
     for j in range(model.arm.n):
         column = model.friction_column("coulomb", j)
-        a[:, j, column] = np.sign(dq[:, j])
+        a[:, j, column] = np.sign(path.dq[:, j])
         if still[j]:
             a[:, j] = 0.0
     weight = ROWS_A_SECOND / RATE / sigma**2

@@ -15,6 +15,7 @@ from calib.identification.findings import findings, outcome
 from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
 from calib.identification.instruments import Instrumental, commanded, instrumental
+from calib.identification.known import Known
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
@@ -22,10 +23,10 @@ from calib.identification.prior import full_covariance, full_nominal, nominal_pr
 from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.rows import Rows
 from calib.identification.slip_width import fitted_slip_width
-from calib.identification.sums import Sums, plain
+from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
 from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
-from calib.result import Conditioning, FitResult
+from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm
 from sim.prediction import torque_path
@@ -51,9 +52,10 @@ class Options:
 
 @dataclass(frozen=True)
 class Identification:
-    """The calibrated arm, the result that tells of it, and what a report needs to draw: model, theta and measurements."""
+    """The calibrated arm, how well it is known, the result that tells of it, and what a report draws: model, theta and measurements."""
 
     arm: Arm
+    known: Known
     result: FitResult
     model: TorqueModel
     solution: Solution
@@ -122,7 +124,8 @@ def identify(
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
     result = replace(result, outcome=outcome(result))
-    return Identification(calibrated, result, model, solution, possible, fit.measurements, tuple(held))
+    known = Known(solution.covariance, _intensity(fit, training), "was identified from " + ", ".join(fit.names))
+    return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,7 @@ class Fit:
 
     model: TorqueModel
     solution: Solution
+    weights: Reference
     sums: Sums
     measurements: tuple[Measurement, ...]
     remarks: tuple[str, ...]
@@ -195,7 +199,14 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     remarks = tuple(
         f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
     )
-    return Fit(model, solution, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command)
+    return Fit(model, solution, weights, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command)
+
+
+def _intensity(fit: Fit, left: Gap) -> np.ndarray:
+    """(n,) (N m)^2 s at low frequency, of the residual's own colour, and larger by what reversals add to it."""
+    slow = fit.weights.sigma / (1 - fit.weights.ar.sum(axis=1))
+    more = 1.0 if left.sliding is None else left.after / np.maximum(left.sliding, 1e-12)
+    return np.asarray(np.nan_to_num(slow * more) ** 2 / fit.measurements[0].decimator.row_rate)
 
 
 def survey(logs: Sequence[Log]) -> list[int]:

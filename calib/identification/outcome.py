@@ -15,8 +15,12 @@ MOST_ROWS = 20_000
 
 
 def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
-    """RMS residual before and after, N m and, with torque constants, A; sliding: without the rows about changes of direction."""
+    """RMS residual before and after, N m and, with torque constants, A; sliding: without the rows about changes of direction.
+
+    Where a motion repeated itself, `periods` is the torque's standard deviation between its periods, which no model explains.
+    """
     headers = ["joint", "before [N m]", "after [N m]", "sliding [N m]", "signal [N m]", "left"]
+    headers += [] if gap.noise is None else ["periods [N m]"]
     rows: list[list[Any]] = []
     for j, joint in enumerate(joint_names):
         left = gap.after[j] / gap.signal[j] if gap.signal[j] > 0 else np.nan
@@ -27,6 +31,8 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
             *[float(x[j]) for x in (gap.after if gap.sliding is None else gap.sliding, gap.signal)],
             f"{left:.1%}",
         ]
+        if gap.noise is not None:
+            row.append(float(gap.noise[j]))
         if gap.before_ampere is not None and gap.after_ampere is not None:
             row += [float(gap.before_ampere[j]), float(gap.after_ampere[j])]
         rows.append(row)

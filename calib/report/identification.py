@@ -43,6 +43,10 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     )  # fmt: skip
     _gaps(page, result)
     _parameters(page, result)
+    if result.get("advice"):
+        page.section("What to record next").table(
+            ["motion", "would tell"], [[m, ", ".join(names)] for m, names in result["advice"]]
+        )
     excluded = result.get("excluded") or []
     if excluded:
         page.section("What was left out, and why").table(["log", "joint", "reason", "seconds"], excluded)
@@ -71,10 +75,19 @@ def _gaps(page: Page, result: Mapping[str, Any]) -> None:
         if gap is None:
             continue
         ampere = gap.get("after_ampere") is not None
-        headers = ["joint", "before [N m]", "after [N m]", "signal [N m]", "left"]
+        between = gap.get("noise")
+        headers = [
+            "joint",
+            "before [N m]",
+            "after [N m]",
+            "signal [N m]",
+            "left",
+            *([] if between is None else ["between periods [N m]"]),
+        ]
         rows = []
         for k, joint in enumerate(result["joint_names"]):
             row = [joint, gap["before"][k], gap["after"][k], gap["signal"][k], f"{gap['after'][k] / gap['signal'][k]:.1%}"]
+            row += [] if between is None else [between[k]]
             rows.append([*row, gap["before_ampere"][k], gap["after_ampere"][k]] if ampere else row)
         page.table(
             [*headers, "before [A]", "after [A]"] if ampere else headers,

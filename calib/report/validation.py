@@ -29,12 +29,15 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
         forward = entry.get("forward")
         headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque [N m]", "left"]
         if forward:
-            headers += [f"off after {forward['horizon_s']:g} s [mrad]", "travel [mrad]"]
+            headers += [f"off after {forward['horizon_s']:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
         rows = []
         for k, joint in enumerate(names):
             row = [joint, entry["residual"][k], entry["residual_unfiltered"][k], entry["signal"][k], _percent(entry, k)]
-            rows.append(row + ([_milli(forward["rms"][k]), _milli(forward["travel"][k])] if forward else []))
+            bound = (forward or {}).get("bound") or [None] * len(names)
+            rows.append(row + ([_milli(forward["rms"][k]), _milli(bound[k]), _milli(forward["travel"][k])] if forward else []))
         told = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
+        if forward and forward.get("bound_from"):
+            told += f"; the bound holds in 95 % of logs, by what {forward['bound_from']}"
         page.table(headers, rows, f"RMS on {entry['log']}{told}")
     left_out = [[entry["log"], *item] for entry in result["logs"] for item in entry["excluded"]]
     if left_out:

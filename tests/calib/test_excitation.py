@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,10 @@ import numpy as np
 import pytest
 
 from calib import main as program
-from calib.excitation.design import Information, fitted_to_room, noise_of, random_start
+from calib.excitation.design import Information, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.fourier import Basis, random_fourier
 from calib.excitation.room import Room, segment_closest
-from calib.excitation.session import home_of, open_cell, posture
+from calib.excitation.session import QUICK, Session, design, home_of, open_cell, posture
 from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
 from calib.identification.model import TorqueModel
 from safety.clear import clear
@@ -124,6 +125,35 @@ def test_limits_that_are_too_tight_name_the_one_that_binds() -> None:
     room, model = Room(weak, CELL), TorqueModel.of_arm(weak)
     with pytest.raises(AnswerIsNo, match="torque"):
         random_start(room, Information(model, noise_of(model)), Basis(4, 10.0), HOME, np.random.default_rng(0), 2)
+
+
+QUICKEST = replace(QUICK, tries=3)
+
+
+@pytest.mark.parametrize(
+    ("change", "session", "words"),
+    [
+        ({}, replace(QUICKEST, period=1.0), ["moves through", "jerk_max of 100 holds it in a period of 1 s", "--period of"]),
+        ({"dq_max": np.array([2.0, 2.0, 3.0, 3.0, 0.01, 3.0])}, QUICKEST, ["wrist_2_joint", "dq_max of 0.01 holds it", "--period of"]),
+        ({"ddq_max": np.array([5.0, 0.003, 5.0, 5.0, 5.0, 5.0])}, QUICKEST, ["shoulder_lift_joint", "ddq_max of 0.003", "in arm.toml"]),
+    ],
+)  # fmt: skip
+def test_a_plan_that_is_too_small_says_what_holds_it_and_what_would_relax_it(
+    change: dict[str, np.ndarray], session: Session, words: list[str]
+) -> None:
+    with pytest.raises(AnswerIsNo) as caught:
+        design(replace(ARM, **change), CELL, replace(session, home=HOME))
+    assert [word for word in words if word not in str(caught.value)] == []
+
+
+def test_the_period_that_a_refusal_asks_for_is_enough() -> None:
+    with pytest.raises(AnswerIsNo) as caught:
+        design(ARM, CELL, replace(QUICKEST, period=1.0, home=HOME))
+    asked = re.search(r"--period of ([\d.]+) s", str(caught.value))
+    assert asked
+    found = fitted_to_room(Room(ARM, CELL), random_fourier(Basis(6, 1.3 * float(asked[1])), HOME, np.random.default_rng(5)))
+    assert found is not None
+    assert too_small(Room(ARM, CELL), found) is None
 
 
 @pytest.mark.parametrize("text", ["1,2,3", "a,b", "nan,0,0,0,0,0"])

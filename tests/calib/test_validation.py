@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from calib import main as program
+from calib.identification.calibrated import write_calibrated
+from calib.identification.identify import identify
+from calib.identification.known import FILE, Known
 from calib.validation import validate
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
-from tests.calib.conftest import fourier_motion, recorded
+from sim.errors import ConfigError
+from tests.calib.conftest import fourier_motion, recorded, varied
 
 
 def test_the_right_arm_leaves_the_noise(ur5e: Arm) -> None:
@@ -79,3 +83,44 @@ def test_the_command_writes_what_design_says(ur5e: Arm, tmp_path: Path, monkeypa
     names = [f"{k}_{j}" for k in ("tau", "tau_hat") for j in table["joints"]]
     assert list(rows[0]) == ["t", *names]
     assert len(rows) > 700
+
+
+def test_the_forward_simulation_stays_within_its_stated_bound(ur5e: Arm, tmp_path: Path) -> None:
+    truth = varied(ur5e, 3)
+    logs = [recorded(truth, fourier_motion(ur5e, k), k) for k in (1, 2, 3)]
+    found = identify(ur5e, logs[:2])
+    arm = write_calibrated(tmp_path / "arm", ur5e, found.arm)
+    found.known.write(tmp_path / "arm", found.model)
+    check = validate(arm, logs[2:]).checks[0]
+    assert check.bound is not None
+    assert check.within_bound is not None
+    assert check.forward is not None
+    assert check.within_bound.all()
+    assert np.all(check.bound < 12 * check.forward)
+    far = replace(arm, tree=replace(arm.tree, mass=arm.tree.mass * 1.2))
+    worse = validate(far, logs[2:])
+    assert worse.checks[0].within_bound is not None
+    assert not worse.checks[0].within_bound.all()
+    assert "beyond the stated bound: " in worse.outcome
+
+
+def test_a_nominal_arm_has_the_bound_of_its_own_tolerances(ur5e: Arm) -> None:
+    known = Known.of_arm(ur5e)
+    assert "arm's file states" in known.source
+    log = recorded(varied(ur5e, 4, relative=0.02), fourier_motion(ur5e, 1, seconds=10.0))
+    check = validate(ur5e, [log]).checks[0]
+    assert check.within_bound is not None
+    assert check.within_bound.all()
+
+
+def test_an_uncertainty_of_another_arm_is_refused(ur5e: Arm, tmp_path: Path) -> None:
+    found = identify(ur5e, [recorded(ur5e, fourier_motion(ur5e, 1), 1)])
+    arm = write_calibrated(tmp_path / "arm", ur5e, found.arm)
+    found.known.write(tmp_path / "arm", found.model)
+    file = tmp_path / "arm" / FILE
+    file.write_text(file.read_text().replace("mcx_2", "mcx_7"))
+    with pytest.raises(ConfigError, match="other parameters than ur5e has; identify the arm again"):
+        validate(arm, [recorded(ur5e, fourier_motion(ur5e, 1, seconds=5.0))])
+    file.write_text("{")
+    with pytest.raises(ConfigError, match="is not what `calib identify` writes"):
+        Known.of_arm(arm)

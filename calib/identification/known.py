@@ -1,0 +1,73 @@
+"""uncertainty.json beside arm.toml: how well the numbers of a calibrated arm are known, so that what it predicts can have a bound.
+
+Covariance of the base parameters and the friction, and the torque that they leave unexplained, as white noise of the same slow power.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.identification.least_squares import inverse
+from calib.identification.model import TorqueModel
+from calib.identification.prior import nominal_prior
+from sim.arm import Arm
+from sim.errors import ConfigError
+
+FILE = "uncertainty.json"
+SCHEMA = "uncertainty/1"
+
+
+@dataclass(frozen=True)
+class Known:
+    """covariance (p, p) of the columns of the arm's TorqueModel; intensity (n,) (N m)^2 s, power of the unexplained torque at low frequency.
+
+    source: where this comes from, in words.
+    """
+
+    covariance: np.ndarray
+    intensity: np.ndarray
+    source: str
+
+    @staticmethod
+    def of_arm(arm: Arm) -> Known:
+        """What identification left in the arm's folder; without it, what the arm's file says of its own numbers and its sensors' noise.
+
+        ConfigError where the file is there and does not belong to this arm.
+        """
+        model = TorqueModel.of_arm(arm)
+        file = arm.model_path.parent / FILE
+        if file.is_file():
+            return _read(file, model)
+        prior = nominal_prior(arm, model)
+        noise = np.array(arm.sensors.torque_noise, dtype=float)
+        return Known(
+            inverse(prior.precision), noise**2 / arm.sensors.rate, "the arm's file states of its numbers and its sensors"
+        )
+
+    def write(self, folder: Path, model: TorqueModel) -> None:
+        """Beside the arm's own files."""
+        table = {
+            "schema": SCHEMA, "parameters": list(model.names), "covariance": self.covariance.tolist(), "intensity": self.intensity.tolist(),
+            "unit": "(N*m)^2*s", "source": self.source,
+        }  # fmt: skip
+        (folder / FILE).write_text(json.dumps(table) + "\n", encoding="utf-8")
+
+
+def _read(file: Path, model: TorqueModel) -> Known:
+    remedy = "identify the arm again, or remove the file: then the arm's own tolerances count"
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        covariance, intensity = (np.array(table[key], dtype=float) for key in ("covariance", "intensity"))
+        names, source = table["parameters"], str(table["source"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{file}: {type(error).__name__}: {error}: is not what `calib identify` writes; {remedy}") from error
+    p, n = model.p, model.arm.n
+    if names != list(model.names) or covariance.shape != (p, p) or intensity.shape != (n,):
+        raise ConfigError(f"{file}: is of an arm with other parameters than {model.arm.name} has; {remedy}")
+    if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) >= 0) and np.all(intensity >= 0)):
+        raise ConfigError(f"{file}: variances must be finite and not negative; {remedy}")
+    return Known(covariance, intensity, source)

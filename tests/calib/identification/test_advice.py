@@ -1,0 +1,67 @@
+"""Advice: the motion that is named makes known what it is said to make known, and a well-recorded arm needs none."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from benchmarks.known_truth import HOME
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.identification.advice import advice, sentence
+from calib.identification.estimates import base_estimates
+from calib.identification.identify import Fit, Options, fitted, identify
+from calib.identification.prior import nominal_prior
+from sim.arm import Arm
+from sim.trajectory import Trajectory
+from tests.calib.conftest import recorded, varied
+
+NARROW = Options(slip_width=1e-4, cutoff=8.0)
+
+
+def slow_motion(arm: Arm) -> Trajectory:
+    """Thirty seconds in which inertia hardly shows."""
+    motion = random_fourier(Basis(3, 30.0), HOME, np.random.default_rng(2))
+    speed = np.abs(motion.sampled(20.0).dq).max(axis=0)
+    return Fourier(motion.basis, HOME, motion.x * (0.15 * arm.dq_max / speed)[:, None]).sampled(200.0)
+
+
+def unknown_of(arm: Arm, fit: Fit) -> list[int]:
+    estimates = base_estimates(fit.model, fit.solution, nominal_prior(arm, fit.model))
+    return [k for k, e in enumerate(estimates) if not e.identifiable]
+
+
+def test_the_motion_that_is_named_helps_as_it_says(ur5e: Arm) -> None:
+    truth = varied(ur5e, 6)
+    log = recorded(truth, slow_motion(ur5e), 1)
+    fit = fitted(ur5e, [log], NARROW)
+    unknown = unknown_of(ur5e, fit)
+    assert "Ia_3" in [fit.model.names[k] for k in unknown]
+    told = advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), unknown, HOME)
+    item = next(a for a in told if "Ia_3" in a.parameters)
+    assert "elbow_joint" in item.motion
+    assert "fast" in item.motion
+    assert item.path is not None
+    assert "Ia_3" in sentence(item, most=99)
+    # the same path at the arm's rate, every joint that stands nudged so that nothing is missing in the fit
+    t = np.arange(0.0, item.path.t[-1], 1 / 200.0)
+    spline = CubicHermiteSpline(item.path.t, item.path.q, item.path.dq)
+    path = Trajectory(t, spline(t), spline(t, 1), spline(t, 2))
+    both = fitted(ur5e, [log, recorded(truth, path, 2)], NARROW)
+    now, then = item.std[item.parameters.index("Ia_3")]
+    k = fit.model.names.index("Ia_3")
+    found = float(np.sqrt(both.solution.covariance[k, k]))
+    assert then < 0.6 * now
+    assert then / 2 < found < 2 * then
+
+
+def test_what_is_advised_stands_in_the_result(ur5e: Arm) -> None:
+    found = identify(ur5e, [recorded(varied(ur5e, 6), slow_motion(ur5e), 1)], options=NARROW).result
+    named = {name for _, names in found.advice for name in names}
+    assert named == {e.name.split(" ")[0] for e in found.estimates if not e.identifiable}
+    assert any(sentence_of.startswith("for ") and "move " in sentence_of for sentence_of in found.findings)
+    assert found.as_dict()["advice"]
+
+
+def test_nothing_unknown_needs_no_advice(ur5e: Arm) -> None:
+    fit = fitted(ur5e, [recorded(ur5e, slow_motion(ur5e), 1)], NARROW)
+    assert advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), [], HOME) == ()
