@@ -114,18 +114,23 @@ def checked_text(path: Path, root: Path | None = None) -> str:
     if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
         raise ConfigError(f"{path}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
     depth = bodies = 0
+    within: list[str] = []
     try:
         for kind, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
             if kind == "end":
                 depth -= 1
+                if element.tag in ("body", "link"):
+                    within.pop()
                 continue
             depth += 1
+            if element.tag in ("body", "link"):
+                within.append(f"<{element.tag} name={element.get('name')!r}>")
             bodies += element.tag in ("body", "link")
             if depth > MAX_DEPTH or bodies > MAX_BODIES:
                 raise ConfigError(
                     f"{path}: deeper than {MAX_DEPTH} elements or more than {MAX_BODIES} bodies; this is not an arm"
                 )
-            _check_attributes(path, root, element)
+            _check_attributes(path, root, element, within[-1] if within else "")
     except ElementTree.ParseError as error:
         line, column = error.position
         raise ConfigError(
@@ -134,8 +139,9 @@ def checked_text(path: Path, root: Path | None = None) -> str:
     return text
 
 
-def _check_attributes(path: Path, root: Path, element: ElementTree.Element) -> None:
-    where = f"{path}: <{element.tag}{' name=' + repr(element.get('name')) if element.get('name') else ''}>"
+def _check_attributes(path: Path, root: Path, element: ElementTree.Element, body: str) -> None:
+    named = f" name={element.get('name')!r}" if element.get("name") else ""
+    where = f"{path}: <{element.tag}{named}>{f' of {body}' if body and not named else ''}"
     if element.tag in ("replicate", "composite", "flexcomp", "plugin", "extension", "include", "mimic", "attach"):
         raise ConfigError(
             f"{where}: <{element.tag}> is not read here; write the arm out as plain bodies and joints in one file"
@@ -184,7 +190,9 @@ def _check_inertia(where: str, element: ElementTree.Element) -> None:
         return
     small, middle, large = np.sort(moments)
     if not (np.all(np.isfinite(moments)) and small >= 0):
-        raise ConfigError(f"{where}: principal moments of inertia {moments.tolist()} kg m^2; none may be negative")
+        raise ConfigError(
+            f"{where}: principal moments of inertia {moments.tolist()} kg m^2; none may be negative; check the unit and the signs"
+        )
     if small + middle < large * (1 - 1e-6) - 1e-12:
         raise ConfigError(
             f"{where}: principal moments of inertia {moments.tolist()} kg m^2; the two smaller add up to less "

@@ -10,11 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from safety.reach import spine
+from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
 from safety.torque import torque_interval
 from sim.arm import Arm, require_limits
-from sim.cell import Cell
-from sim.model import Shape
+from sim.cell import BoxObstacle, Cell
 from sim.trajectory import Trajectory
 
 # Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside
@@ -49,7 +48,7 @@ class Room:
     def __init__(self, arm: Arm, cell: Cell) -> None:
         require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
         self.arm, self.cell = arm, cell
-        pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in _capsules(s)]
+        pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in capsules(s)]
         self._ends = [(ends, radius) for _, ends, radius in pieces]
         self._links = [s.link for s, _, _ in pieces]
         self._names = [s.name for s, _, _ in pieces]
@@ -88,7 +87,7 @@ class Room:
                 p = p + q[:, i : i + 1] * (r @ tree.axis[i])
                 rotation[:, i] = r_up @ r
             else:
-                rotation[:, i] = r_up @ (r @ _turn(tree.axis[i], q[:, i]))
+                rotation[:, i] = r_up @ (r @ turn(tree.axis[i], q[:, i]))
             origin[:, i] = p_up + np.einsum("kab,kb->ka", r_up, p)
         return rotation, origin
 
@@ -168,6 +167,8 @@ class Room:
                     pull[:, shape, 1] += sign * share[:, None] * push
         motion = self.cell.table.motion
         for obstacle in self.cell.table.obstacles:
+            if obstacle.kind == "box":
+                value += self._near_box(obstacle, ends, wanted, pull)
             if obstacle.kind != "plane":
                 continue
             normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
@@ -181,6 +182,18 @@ class Room:
             value += float(np.sum(lack**2))
             pull[:, turning] += -2 * lack[..., None] * normal
         return value, pull
+
+    def _near_box(self, box: BoxObstacle, ends: np.ndarray, wanted: float, pull: np.ndarray) -> float:
+        """What the clearances of one box lack, squared, its slopes added to `pull`."""
+        moving = [k for k, link in enumerate(self._links) if link >= 0]
+        margin = self._radius[moving] + self.cell.table.motion.clearance_obstacle
+        half = np.array(box.size) / 2
+        distance, share, slope = from_box(ends[:, moving], rpy_matrix(box.rpy), np.array(box.position), half)
+        lack = np.maximum(wanted - (distance - margin), 0.0)
+        push = (-2 * lack)[..., None] * slope
+        pull[:, moving, 0] += (1 - share)[..., None] * push
+        pull[:, moving, 1] += share[..., None] * push
+        return float(np.sum(lack**2))
 
     @cached_property
     def _radius(self) -> np.ndarray:
@@ -229,14 +242,8 @@ class Room:
                 columns.append(height - radius[turning] - motion.clearance_obstacle)
                 names += [(self._names[k], obstacle.name) for k in turning]
             elif obstacle.kind == "box":
-                turn = _rpy(obstacle.rpy)
-                along = np.linspace(0, 1, 5)[:, None, None, None]
-                points = ends[:, moving, 0] * (1 - along) + ends[:, moving, 1] * along
-                outside = np.maximum(np.abs((points - position) @ turn) - np.array(obstacle.size) / 2, 0.0)
-                spacing = np.linalg.norm(ends[:, moving, 1] - ends[:, moving, 0], axis=-1) / 8
-                columns.append(
-                    np.linalg.norm(outside, axis=-1).min(axis=0) - spacing - radius[moving] - motion.clearance_obstacle
-                )
+                distance, *_ = from_box(ends[:, moving], rpy_matrix(obstacle.rpy), position, np.array(obstacle.size) / 2)
+                columns.append(distance - radius[moving] - motion.clearance_obstacle)
                 names += [(self._names[k], obstacle.name) for k in moving]
         return np.concatenate(columns, axis=1), names
 
@@ -270,53 +277,6 @@ class Room:
         return float(normal @ (tree.rotation[0] @ tree.axis[0]))
 
 
-def segment_closest(
-    a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of segments a0-a1 and b0-b1, shares s and t along them of the nearest points, and a(s) - b(t); arrays (..., 3).
-
-    C. Ericson, Real-Time Collision Detection, section 5.1.9.
-    """
-    d1, d2, r = a1 - a0, b1 - b0, a0 - b0
-    a, e, f = np.sum(d1 * d1, -1), np.sum(d2 * d2, -1), np.sum(d2 * r, -1)
-    b, c = np.sum(d1 * d2, -1), np.sum(d1 * r, -1)
-    denominator = a * e - b * b
-    tiny = 1e-15
-    s = np.where(denominator > tiny, np.clip((b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0, 1.0), 0.0)
-    t = (b * s + f) / np.maximum(e, tiny)
-    clipped = np.clip(t, 0.0, 1.0)
-    s = np.where(t == clipped, s, np.clip((b * clipped - c) / np.maximum(a, tiny), 0.0, 1.0))
-    s = np.where(a <= tiny, 0.0, s)
-    clipped = np.where(e <= tiny, 0.0, clipped)
-    apart = r + d1 * s[..., None] - d2 * clipped[..., None]
-    return np.linalg.norm(apart, axis=-1), s, clipped, apart
-
-
-def _capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
-    """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
-
-    A cylinder, whose flat ends no capsule has, becomes one of its own length where it is long, else a ring of six.
-    """
-    if shape.kind == "cylinder":
-        radius, half = shape.size[0], shape.size[1]
-        if half >= radius:
-            ends = np.array([[0, 0, radius / 2 - half], [0, 0, half - radius / 2]])
-            return [(ends @ shape.rotation.T + shape.position, float(radius))]
-        angle = np.arange(7) * np.pi / 3
-        ring = (radius - half) * np.stack(
-            [np.cos(angle), np.sin(angle), np.zeros(7)], axis=1
-        ) @ shape.rotation.T + shape.position
-        return [(ring[k : k + 2], float(half)) for k in range(6)]
-    points, radius = spine(shape)
-    if len(points) <= 2:
-        return [(np.stack([points[0], points[-1]]), radius)]
-    centre = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
-    along = (points - centre) @ axes[0]
-    across = np.linalg.norm((points - centre) - along[:, None] * axes[0], axis=1).max()
-    return [(centre + np.array([[along.min()], [along.max()]]) * axes[0], float(across + radius))]
-
-
 def _near(parent: np.ndarray, a: int, b: int) -> bool:
     return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
 
@@ -329,22 +289,3 @@ def _kin(parent: np.ndarray, a: int, b: int) -> bool:
         high = int(parent[high])
         count += 1
     return count <= 2
-
-
-def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' formula, (N, 3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    c, s = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
-
-
-def _rpy(rpy: list[float]) -> np.ndarray:
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from calib import main as program
+from calib.excitation.capsules import segment_closest
 from calib.excitation.design import Information, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.fourier import Basis, random_fourier
-from calib.excitation.room import Room, segment_closest
+from calib.excitation.room import Room
 from calib.excitation.session import QUICK, Session, design, home_of, open_cell, posture
 from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
 from calib.identification.model import TorqueModel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.excitation.capsules import from_box
 from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.objective import Objective
@@ -12,12 +13,42 @@ from calib.excitation.optimise import CONDITION_CAP, adam, optimised, preference
 from calib.excitation.room import Room
 from calib.excitation.session import cleared_fourier, open_cell
 from calib.identification.model import TorqueModel
-from sim.arm import load_arm
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, CellTable
 
 ARM = load_arm("ur10e")
 CELL = open_cell(ARM)
 MODEL = TorqueModel.of_arm(ARM)
 HOME = np.array([0.173, -1.69, 0.605, -1.521, -1.485, -0.367])
+
+
+def boxed(arm: Arm) -> Cell:
+    """A cell with a turned box that motions about HOME run into."""
+    cell = open_cell(arm)
+    box = {"kind": "box", "name": "crate", "position": [0.5, 0.3, 0.3], "rpy": [0.2, 0.1, 0.6], "size": [0.4, 0.5, 0.6]}
+    table = cell.table.model_dump(by_alias=True) | {"obstacles": [*cell.table.model_dump()["obstacles"], box]}
+    return Cell(CellTable.model_validate(table), cell.path, cell.sha256)
+
+
+def test_boxes_take_part_in_the_gradient() -> None:
+    motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0))
+    free, full = (Objective(Room(ARM, cell), MODEL, noise_of(MODEL), motion, samples=40) for cell in (CELL, boxed(ARM)))
+    assert full(motion.x)[0] > free(motion.x)[0]
+    _, gradient = full(motion.x)
+    for seed in range(3):
+        along = np.random.default_rng(seed).standard_normal(motion.x.shape)
+        rise = (full(motion.x + 1e-6 * along)[0] - full(motion.x - 1e-6 * along)[0]) / 2e-6
+        assert rise == pytest.approx(np.sum(gradient * along), rel=1e-5)
+
+
+def test_the_distance_of_a_box_is_signed() -> None:
+    ends = np.array(
+        [[[[0.0, 0.0, 0.4], [0.0, 0.0, 0.4]], [[0.0, 0.0, 0.05], [0.0, 0.0, 0.05]], [[-0.5, 0.0, 0.3], [0.5, 0.0, 0.3]]]]
+    )
+    distance, share, slope = from_box(ends, np.eye(3), np.zeros(3), np.array([0.1, 0.1, 0.1]))
+    assert distance[0] == pytest.approx([0.3, -0.05, 0.2 - 0.125])
+    assert share[0, 2] == pytest.approx(0.5)
+    assert slope[0] == pytest.approx(np.array([[0.0, 0.0, 1.0]] * 3))
 
 
 @pytest.mark.parametrize("name", ["ur10e", "servo6"])

@@ -53,7 +53,7 @@ TOML = {
     ),
 }
 MODEL = {
-    "negative mass": (r'mass="0.75"', 'mass="-0.75"', "a mass is not negative"),
+    "negative mass": (r'mass="0.75"', 'mass="-0.75"', "<inertial> of <body name='.*'> mass=-0.75: a mass is not negative"),
     "no mass": (r'mass="0.75"', 'mass="0"', "elbow|forearm|mass"),
     "triangle inequality": (r'fullinertia="0.0009 0.0048 0.0048', 'fullinertia="0.0009 0.0048 0.0068', "triangle inequality"),
     "negative inertia": (r'fullinertia="0.0009', 'fullinertia="-0.0009', "none may be negative"),

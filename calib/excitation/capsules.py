@@ -1,0 +1,102 @@
+"""Shapes as capsules, and how far capsules are from one another and from boxes, with the slopes that a descent needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from safety.reach import spine
+from sim.model import Shape
+
+POINTS = 5  # along a capsule, for its distance from a box
+
+
+def segment_closest(
+    a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of segments a0-a1 and b0-b1, shares s and t along them of the nearest points, and a(s) - b(t); arrays (..., 3).
+
+    C. Ericson, Real-Time Collision Detection, section 5.1.9.
+    """
+    d1, d2, r = a1 - a0, b1 - b0, a0 - b0
+    a, e, f = np.sum(d1 * d1, -1), np.sum(d2 * d2, -1), np.sum(d2 * r, -1)
+    b, c = np.sum(d1 * d2, -1), np.sum(d1 * r, -1)
+    denominator = a * e - b * b
+    tiny = 1e-15
+    s = np.where(denominator > tiny, np.clip((b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0, 1.0), 0.0)
+    t = (b * s + f) / np.maximum(e, tiny)
+    clipped = np.clip(t, 0.0, 1.0)
+    s = np.where(t == clipped, s, np.clip((b * clipped - c) / np.maximum(a, tiny), 0.0, 1.0))
+    s = np.where(a <= tiny, 0.0, s)
+    clipped = np.where(e <= tiny, 0.0, clipped)
+    apart = r + d1 * s[..., None] - d2 * clipped[..., None]
+    return np.linalg.norm(apart, axis=-1), s, clipped, apart
+
+
+def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
+    """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
+
+    A cylinder, whose flat ends no capsule has, becomes one of its own length where it is long, else a ring of six.
+    """
+    if shape.kind == "cylinder":
+        radius, half = shape.size[0], shape.size[1]
+        if half >= radius:
+            ends = np.array([[0, 0, radius / 2 - half], [0, 0, half - radius / 2]])
+            return [(ends @ shape.rotation.T + shape.position, float(radius))]
+        angle = np.arange(7) * np.pi / 3
+        ring = (radius - half) * np.stack(
+            [np.cos(angle), np.sin(angle), np.zeros(7)], axis=1
+        ) @ shape.rotation.T + shape.position
+        return [(ring[k : k + 2], float(half)) for k in range(6)]
+    points, radius = spine(shape)
+    if len(points) <= 2:
+        return [(np.stack([points[0], points[-1]]), radius)]
+    centre = points.mean(axis=0)
+    _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
+    along = (points - centre) @ axes[0]
+    across = np.linalg.norm((points - centre) - along[:, None] * axes[0], axis=1).max()
+    return [(centre + np.array([[along.min()], [along.max()]]) * axes[0], float(across + radius))]
+
+
+def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula, (N, 3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    c, s = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
+    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+
+
+def rpy_matrix(rpy: Sequence[float]) -> np.ndarray:
+    """R (3, 3) of roll, pitch and yaw about the fixed axes, rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def from_box(
+    ends: np.ndarray, turn_of_box: np.ndarray, position: np.ndarray, half: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Signed distance (N, k) m of segments, ends (N, k, 2, 3), from a box; share (N, k) along each of its nearest point, and slope (N, k, 3) by it.
+
+    By POINTS points along every segment, less half their spacing, so that it is never too large outside.
+    """
+    along = np.linspace(0.0, 1.0, POINTS)
+    points = ends[:, :, None, 0] * (1 - along)[:, None] + ends[:, :, None, 1] * along[:, None]
+    local = (points - position) @ turn_of_box
+    beyond = np.abs(local) - half
+    outside = np.maximum(beyond, 0.0)
+    distance = np.linalg.norm(outside, axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
+    nearest = np.argmin(distance, axis=-1)[..., None]
+    found = np.take_along_axis(distance, nearest, axis=-1)[..., 0]
+    local, beyond, outside = (np.take_along_axis(x, nearest[..., None], axis=-2)[..., 0, :] for x in (local, beyond, outside))
+    way = np.where(
+        found[..., None] > 0, outside / np.maximum(found, 1e-12)[..., None], beyond == beyond.max(axis=-1, keepdims=True)
+    )
+    spacing = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1) / (2 * (POINTS - 1))
+    return found - spacing, along[nearest[..., 0]], (way * np.sign(local)) @ turn_of_box.T
