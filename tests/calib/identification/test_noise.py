@@ -1,0 +1,74 @@
+"""What a fit absorbs of the noise is given back: stated deviations are those that noise of the same colour makes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from calib.identification.least_squares import Prior, estimate, inverse, reference
+from calib.identification.model import TorqueModel
+from calib.identification.noise import weighted
+from calib.identification.rows import Rows
+from calib.identification.sums import Reference, correlated, summed, whitened
+from calib.preprocessing import prepare
+from sim.arm import Arm
+from tests.calib.conftest import fourier_motion, recorded, varied
+
+MEMORY, DRAWS = 0.8, 150
+
+
+@pytest.fixture(scope="module")
+def rows(ur5e: Arm) -> Rows:
+    truth = varied(ur5e, 1001)
+    logs = [recorded(truth, fourier_motion(ur5e, k, rate=125.0), 10 + k, memory=MEMORY) for k in (1, 2)]
+    return Rows(TorqueModel.of_arm(ur5e), [prepare(log, ur5e, 8.0) for log in logs])
+
+
+def scatter(arm: Arm, rows: Rows, weights: Reference) -> np.ndarray:
+    """(p,) standard deviation of the estimate over draws of the noise that `recorded` adds, under these weights."""
+    rng, p = np.random.default_rng(5), rows.model.p
+    information, score = np.zeros((p, p)), np.zeros((p, DRAWS))
+    for block in rows:
+        m = rows.measurements[block.log]
+        for j, used in enumerate(rows.used):
+            a, _, index, weight = weighted(block, j, used, weights)
+            white = rng.standard_normal((len(m.tau), DRAWS))
+            series = m.rows(arm.sensors.torque_noise[j] * lfilter([np.sqrt(1 - MEMORY**2)], [1, -MEMORY], white, axis=0))
+            k = weights.ar.shape[1]
+            left = series[k:] - sum(weights.ar[j, lag - 1] * series[k - lag : len(series) - lag] for lag in range(1, k + 1))
+            information[np.ix_(used, used)] += a.T @ (weight[:, None] * a)
+            score[used] += a.T @ (weight[:, None] * left[index - k])
+    return np.asarray((inverse(information) @ score).std(axis=1))
+
+
+def test_stated_deviations_are_those_of_the_noise(ur5e: Arm, rows: Rows) -> None:
+    weights = reference(rows)
+    stated = np.sqrt(np.diag(estimate(rows.model, summed(rows, weights), weights).covariance))
+    ratio = stated / scatter(ur5e, rows, weights)
+    assert 0.92 < np.sqrt(np.mean(ratio**2)) < 1.12
+    assert np.mean((ratio > 0.7) & (ratio < 1.4)) > 0.95
+
+
+def test_what_the_fit_absorbs_is_not_little(rows: Rows) -> None:
+    weights = reference(rows)
+    assert weights.shortfall is not None
+    assert np.all(weights.shortfall >= 1)
+    assert 1.1 < np.median(weights.shortfall) < 2.0
+    assert weights.rows == sum(len(whitened(b, j, weights.ar[j])[1]) for b in rows for j in range(6))
+
+
+def test_longer_logs_need_less_of_it(rows: Rows) -> None:
+    weights, none = reference(rows), Prior.none(rows.model.p)
+    sums = summed(rows, weights)
+    short = estimate(rows.model, sums, weights, none)
+    seen_ten_times = Reference(weights.theta, weights.ar, weights.sigma, weights.huber, weights.rows / 10, weights.shortfall)
+    long = estimate(rows.model, sums, seen_ten_times, none)
+    assert np.all(np.diag(long.covariance) <= np.diag(short.covariance) * (1 + 1e-12))
+    assert np.array_equal(long.theta, short.theta)
+
+
+def test_products_of_neighbours_have_the_weights_of_bartlett() -> None:
+    x = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, -1.0]])
+    assert correlated(x, 1) == pytest.approx([14 + 2 * 0.5 * (2 + 6), 2 + 2 * 0.5 * (0 - 1)])
+    assert correlated(x, 0) == pytest.approx([14, 2])
