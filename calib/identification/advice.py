@@ -84,10 +84,9 @@ def advice(
 
 def sentence(item: Advice, most: int = 4) -> str:
     """An advice as a person reads it."""
-    names = ", ".join(item.parameters[:most]) + (
-        f" and {len(item.parameters) - most} others" if len(item.parameters) > most else ""
-    )
-    return f"for {names}: {item.motion}"
+    left = len(item.parameters) - most
+    more = f" and {left} other{'s' if left > 1 else ''}" if left > 0 else ""
+    return f"for {', '.join(item.parameters[:most])}{more}: {item.motion}"
 
 
 def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajectory]]:
