@@ -59,7 +59,8 @@ def advice(
     effort = np.array([moving for _, moving, _ in menu])
     # a motion is for those that it makes known, or, failing that, brings much nearer
     helped = {k: (then[:, k] < enough[k]) | (then[:, k] < WORTH * min(std[k], then[:, k].min() / NEAR)) for k in unknown}
-    names, told, left = [name.split(" ")[0] for name in model.names], [], list(unknown)
+    names, left = [name.split(" ")[0] for name in model.names], list(unknown)
+    told: list[Advice] = []
     while left and len(told) < MOST:
         count = np.sum([helped[k] for k in left], axis=0)
         best = int(np.lexsort((effort, -count))[0])
