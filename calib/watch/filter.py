@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from calib.watch.kernels import innovation, left, sizes
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
@@ -28,6 +29,7 @@ REVERSAL_DOUBT, REVERSAL_SPEED = (
     0.05,
 )  # share of dry friction that is in doubt as a joint turns round, and until which rad/s
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight
+LEARNT = 0.5  # s of motion that their first guesses are worth
 NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estimated
 
 
@@ -97,6 +99,10 @@ class TorqueFilter:
         self._kf.x[:4, 0] = first
         self._white = self._spread = 0.5 * torque**2  # long-run variance of the white noise, and its variance in one row
         self._slow = (0.3 * torque + 0.05 * friction) ** 2
+        self._h = np.zeros((n, size))
+        self._every = np.arange(n)
+        self._h[self._every, 4 + 2 * n + self._every] = 1.0
+        self._floor = 1e-4 * self.dry**2
         self._moved = 0.0
         self._asked: tuple[Row, np.ndarray] | None = None
         self._recent: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=3)
@@ -156,13 +162,9 @@ class TorqueFilter:
 
     def left(self, row: Row, x: np.ndarray) -> np.ndarray:
         """(n,) N m that payload and friction of state x leave of a row."""
-        return (
-            row.residual
-            - self._known(row, x)
-            - row.payload[:, :4] @ x[self.payload]
-            - row.slip * x[self.coulomb]
-            - row.speed * x[self.viscous]
-        )
+        out = np.empty(self.n)
+        left(row.residual, row.payload, row.slip, row.speed, x, 0.02 * self.mass_scale, 0.5 * self.reach, out)
+        return out
 
     def add(self, row: Row, learn: bool = True, trust: bool = False) -> Innovation | None:
         """One row; None where no joint tells anything. `learn` follows the sizes of the noise; `trust` takes outliers at full weight."""
@@ -171,23 +173,19 @@ class TorqueFilter:
         if not used.any():
             self._recent.clear()
             return None
-        h = np.zeros((self.n, len(self._kf.x)))
-        h[:, self.payload] = row.payload[:, :4]
-        every = np.arange(self.n)
-        h[every, 4 + every], h[every, 4 + self.n + every], h[every, 4 + 2 * self.n + every] = row.slip, row.speed, 1.0
-        h = h[used]
-        z = (row.residual - self._known(row, self.x))[used]
+        self._h[:, self.payload] = row.payload[:, :4]
+        self._h[self._every, 4 + self._every], self._h[self._every, 4 + self.n + self._every] = row.slip, row.speed
+        h = self._h[used]
         doubt = (REVERSAL_DOUBT * self.dry * np.exp(-row.slowest / REVERSAL_SPEED)) ** 2
-        noise = np.diag((self._white + doubt)[used])
-        y = z - h @ self.x
-        expected = h @ self._kf.P @ h.T
-        s = expected + noise
-        inverse = np.linalg.inv(s)
-        nis = float(y @ np.linalg.solve(expected + np.diag((self._spread + doubt)[used]), y))
+        noise = (self._white + doubt)[used]
+        y = (self.left(row, self.x) - self.x[self.unknown])[used]
+        inverse, variance = np.empty((len(y), len(y))), np.empty(len(y))
+        nis = innovation(h, self._kf.P, y, noise, (self._spread + doubt)[used], inverse, variance)
         if not trust:
-            excess = np.maximum(np.abs(y) / (OUTLIER * np.sqrt(np.diag(s))), 1.0) ** 2
-            noise = noise + np.diag((excess - 1) * np.diag(s))
-        self._kf.update(z[:, None], R=noise, H=h)
+            noise = noise + (np.maximum(y**2 / (OUTLIER**2 * variance), 1.0) - 1) * variance
+        # the state that payload and friction see as it is, but for a load's own inertia, which is not linear in it
+        z = y + h @ self.x
+        self._kf.update(z[:, None], R=np.diag(noise), H=h)
         found = Innovation(used, y, inverse, h, self._kf.K, self._decay, nis)
         if learn:
             self._learn(row, used)
@@ -211,15 +209,6 @@ class TorqueFilter:
         walk[self.unknown] = self._slow * (1 - fade**2)
         self._kf.predict(F=np.diag(self._decay), Q=np.diag(walk))
 
-    def _known(self, row: Row, x: np.ndarray) -> np.ndarray:
-        """Torque of the inertia that a point mass m at c has about the last joint's origin: m (c^2 1 - c c^T)."""
-        mass, moment = x[0], x[1:4]
-        if mass < 0.02 * self.mass_scale:
-            return np.zeros(self.n)
-        c = np.clip(moment / mass, -0.5 * self.reach, 0.5 * self.reach)
-        inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
-        return row.payload[:, 4:] @ inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-
     def _learn(self, row: Row, used: np.ndarray) -> None:
         """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.
 
@@ -227,23 +216,18 @@ class TorqueFilter:
         as white noise with its long-run variance.
         """
         limit = 3.0 * self.noise
-        left = np.clip(self.left(row, self.x), -limit, limit)
-        self._recent.appendleft((used, left))
+        self._recent.appendleft((used, np.minimum(np.maximum(self.left(row, self.x), -limit), limit)))
         if len(self._recent) < 3:
             return
         self._moved += row.seconds
-        gain = row.seconds / min(max(self._moved, 3.0), NOISE_MEMORY)
-        told = used & self._recent[1][0] & self._recent[2][0]
-        products = np.stack([left * before for _, before in self._recent])
-        self._products = np.where(told, (1 - gain) * self._products + gain * products, self._products)
-        self._sizes(np.exp(-row.seconds / MEMORY))
-
-    def _sizes(self, fade: float) -> None:
-        floor = 1e-4 * self.dry**2
-        at_once, next_, after = self._products
-        self._slow = np.clip(after / fade**2, 0.02 * at_once, at_once) + floor
-        self._spread = np.maximum(at_once - self._slow, 0.1 * at_once) + floor
-        self._white = np.maximum(self._spread + 2 * (next_ - self._slow * fade), 0.7 * self._spread)
+        gain = row.seconds / min(max(self._moved, LEARNT), NOISE_MEMORY)
+        (_, now), (used_before, before), (used_earlier, earlier) = self._recent
+        told = used & used_before & used_earlier
+        self._slow, self._spread, self._white = np.empty((3, self.n))
+        sizes(
+            now, before, earlier, told, gain, np.exp(-row.seconds / MEMORY), self._floor, self._products, self._slow, self._spread,
+            self._white,
+        )  # fmt: skip
 
 
 def carrying_scale(arm: Arm) -> tuple[float, float]:

@@ -54,9 +54,6 @@ class JumpDetector:
         ratios = []
         for k in range(2):
             # candidates move one place back, a new one begins at this row
-            for store in (self._lag[k], self._c[k], self._d[k]):
-                store[1:] = store[:-1]
-                store[0] = 0.0
             size, ratio = np.zeros((CANDIDATES, self._kinds[k])), np.zeros(CANDIDATES)
             traces(
                 self._lag[k], self._c[k], self._d[k], direct[k], innovation.h, innovation.gain, innovation.decay, innovation.inverse, y,

@@ -159,7 +159,8 @@ class TrendTable:
         )
         for key, started, name, sha256, source, mass, mass_std, nis in rows.fetchall():
             joints = self._db.execute(
-                "select joint, seconds, coulomb, coulomb_std, viscous, viscous_std, residual, temperature from joint where run = ?",
+                "select joint, seconds, coulomb, coulomb_std, viscous, viscous_std, residual, temperature from joint where run = ? "
+                "order by rowid",
                 (key,),
             )
             found.append(

@@ -6,7 +6,7 @@ Blocks of about 20 ms make rows of the momentum balance; the filter follows payl
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -101,6 +101,8 @@ class Watcher:
         self._nis = np.nan
         self._samples = 0
         self._row: Row | None = None
+        self._due: Row | None = None
+        self._load_due = False
         self._still = True
         self._complained = np.nan
         self._delay: deque[Sample] = deque(maxlen=max(2, int(np.ceil(max(drives.delay, 0.0) * rate)) + 2))
@@ -113,21 +115,48 @@ class Watcher:
     def add(self, state: JointState) -> list[WatchEvent]:
         """One reading; the events that it brings."""
         self._samples += 1
+        events = self._work()
         sample, fault = self._intake.add(state)
         if fault is not None:
-            return self._faulty(fault)
-        if sample is None:
-            return []
+            events += self._rest() + self._faulty(fault)
+        elif sample is not None:
+            events += self._joined(sample)
+        # an event is told when the newest reading is there, not when the block ended that shows it
+        return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
+
+    def _joined(self, sample: Sample) -> list[WatchEvent]:
+        """A sample joins its block; a block that is full becomes a row, about which is decided in the next cycles."""
         if self._since is None:
             self._since = sample.t
         self._temperature = sample.temperature
         self._block.append(self._aligned(sample))
         if len(self._block) <= self._length:
             return []
+        events = self._rest()
         block, self._block = self._block, self._block[-1:]
         t, q, dq, tau = (np.array([getattr(s, name) for s in block]) for name in ("t", "q", "dq", "tau"))
         row = self._balance.add(t, self._since, q, dq, tau)
-        return [] if row is None else self._decide(row)
+        if row is not None:
+            self._due, self._load_due = row, True
+        return events
+
+    def _work(self) -> list[WatchEvent]:
+        """The next part of what is due: a cycle that closes a block leaves the rest to the following ones, so that none takes long."""
+        row = self._due
+        if row is None:
+            return []
+        if self._load_due:
+            self._load_due = False
+            return self._load_of(row)
+        self._due = None
+        return self._wear_of(row)
+
+    def _rest(self) -> list[WatchEvent]:
+        """All that is still due."""
+        events = []
+        while self._due is not None:
+            events += self._work()
+        return events
 
     def picture(self) -> Picture:
         """What is believed now."""
@@ -138,7 +167,7 @@ class Watcher:
             samples=self._samples, faults=dict(self._faults),
         )  # fmt: skip
 
-    def _decide(self, row: Row) -> list[WatchEvent]:
+    def _load_of(self, row: Row) -> list[WatchEvent]:
         self._row = row
         self._still = not self._filter.usable(row).any()
         events, innovation = self._load.add(row, self._validity.fits is True)
@@ -146,8 +175,12 @@ class Watcher:
             share = min(row.seconds / NIS_MEMORY, 1.0)
             now = innovation.nis / innovation.degrees
             self._nis = now if np.isnan(self._nis) else self._nis + share * (now - self._nis)
+        return events
+
+    def _wear_of(self, row: Row) -> list[WatchEvent]:
+        events = []
         if not self._load.deciding and not self._still:
-            events = self._validity.add(row, self._load.settled) + events
+            events += self._validity.add(row, self._load.settled)
             if self._validity.fits:
                 events += self._wear.add(row, self._temperature)
         return events + self._compared(row)
@@ -207,6 +240,9 @@ def rehearse(arm: Arm, rate: float) -> None:
     for k in range(8 * watcher._length):
         t = k / rate
         watcher.add(JointState(t, t, np.full(arm.n, 0.1 * t), np.full(arm.n, 0.1), 1e-6 * k * np.ones(arm.n), nothing, nothing))
+    if watcher._row is not None:
+        for _ in range(4):
+            watcher._filter.add(watcher._row)
 
 
 def _modelled_payload(arm: Arm) -> np.ndarray:

@@ -15,6 +15,7 @@ from drivers.can_servo.feedforward import Feedforward
 from drivers.can_servo.holder import Holder
 from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
+from drivers.can_servo.listener import Listener, require_audible
 from drivers.can_servo.report import preflight_checks
 from drivers.can_servo.speed import Differentiator, window_for
 from drivers.can_servo.switching import switch_off, switch_on
@@ -53,6 +54,7 @@ class CanServo(Driver):
         self._feedforward = Feedforward(arm, options.feedforward, 1.0 / options.rate)
         self._lock = threading.RLock()
         self._link: Link | None = None
+        self._listener: Listener | None = None
         self._fault: DeviceError | None = None
         self._on = self._asked = False
         self._holder = Holder(self._keep, min(1.0 / options.rate, options.watchdog / 4))
@@ -99,8 +101,26 @@ class CanServo(Driver):
             extra={"bus": self._link.where, "speed": self._speed_source(), "watchdog": f"{max(self.watchdogs):g} s"},
         )
 
+    def listen(self) -> DeviceInfo:
+        """Hear what the drives answer to the program that commands them; no frame is put on the bus, so serial numbers stay unknown."""
+        self.close()
+        require_audible(self.options)
+        self._listener = Listener(make_drives(self.options), self._open_link(), self.clock, self.rate)
+        try:
+            self._listener.read()
+        except DeviceError:
+            self.close()
+            raise
+        where = self._listener.link.where
+        return DeviceInfo(f"{self.arm.n} {self.options.protocol} drives", "", "not asked", self.rate, extra={"bus": where})
+
     def read(self) -> JointState:
-        """All joints' answers to the last command; without one, the drives are asked at the next instant of the schedule."""
+        """All joints' answers to the last command; without one, the drives are asked at the next instant of the schedule.
+
+        After `listen`, the next answers to whoever commands the drives.
+        """
+        if self._listener is not None:
+            return self._listener.read()
         with self._lock:
             self._require()
             try:
@@ -160,6 +180,9 @@ class CanServo(Driver):
 
     def close(self) -> None:
         """Torque off and bus released, if the arm then stays where it is; otherwise a DeviceError, and the arm is held on."""
+        if self._listener is not None:
+            self._listener.link.close()
+            self._listener = None
         if self._link is None:
             return
         if self._on and not self._link.failed:

@@ -5,7 +5,6 @@ Protocol: linux-can/socketcand, as python-can's client speaks it.
 
 from __future__ import annotations
 
-import contextlib
 import re
 import select
 import socket
@@ -17,16 +16,16 @@ from sim.emulated.can.port import Port
 from sim.errors import DeviceError
 
 SEND = re.compile(rb"< send ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8}) ([0-8])((?: [0-9A-Fa-f]{1,2})*) >")
+PATIENCE = 0.2  # s: a client that takes nothing for so long is let go, so that it does not hold up the bus
 
 
 class SocketcandPort(Port):
-    """One client at a time on host:port."""
+    """Any number of clients on host:port; each hears the drives and what the other clients send, as on a bus."""
 
     def __init__(self, host: str, port: int) -> None:
         self.address = (host, port)
         self._server: socket.socket | None = None
-        self._client: socket.socket | None = None
-        self._buffer = b""
+        self._clients: dict[socket.socket, bytes] = {}  # what of its next request has come already
 
     def open(self) -> None:
         self._server = socket.socket()
@@ -37,47 +36,33 @@ class SocketcandPort(Port):
             raise DeviceError(
                 f"{self.address[0]}:{self.address[1]} cannot be opened ({error}); end the other program there"
             ) from error
-        self._server.listen(1)
+        self._server.listen()
         self.address = self._server.getsockname()
 
     def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
         if self._server is None:
             time.sleep(timeout)
             return []
-        watched = [self._server] + ([self._client] if self._client is not None and not stalled else [])
-        ready = select.select(watched, [], [], timeout)[0]
-        if self._server in ready:
-            self._drop()
-            self._client = self._server.accept()[0]
-            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._buffer = b""
-            self._say("< hi >")
-        elif self._client in ready and self._client is not None:
-            try:
-                data = self._client.recv(65536)
-            except OSError:
-                data = b""
-            if not data:
-                self._drop()
-                return []
-            self._buffer += data
-            return self._requests()
-        return []
+        watched = [self._server, *(() if stalled else self._clients)]
+        frames = []
+        for ready in select.select(watched, [], [], timeout)[0]:
+            if ready is self._server:
+                self._accept(self._server)
+            elif ready in self._clients:
+                frames += self._heard(ready)
+        return frames
 
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
         """The protocol has no answer to a frame."""
 
     def deliver(self, messages: list[can.Message]) -> None:
-        now = time.time()
-        for m in messages:
-            if m.is_error_frame:
-                self._say(f"< error {m.arbitration_id:03X} {now:.6f} >")
-            else:
-                identifier = f"{m.arbitration_id:08X}" if m.is_extended_id else f"{m.arbitration_id:03X}"
-                self._say(f"< frame {identifier} {now:.6f} {m.data.hex().upper()} >")
+        for message in messages:
+            for client in list(self._clients):
+                self._say(client, _told(message))
 
     def unplug(self) -> None:
-        self._drop()
+        for client in list(self._clients):
+            self._drop(client)
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -85,10 +70,34 @@ class SocketcandPort(Port):
     def close(self) -> None:
         self.unplug()
 
-    def _requests(self) -> list[can.Message]:
+    def _accept(self, server: socket.socket) -> None:
+        client = server.accept()[0]
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.settimeout(PATIENCE)
+        self._clients[client] = b""
+        self._say(client, "< hi >")
+
+    def _heard(self, client: socket.socket) -> list[can.Message]:
+        try:
+            data = client.recv(65536)
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(client)
+            return []
+        self._clients[client] += data
+        frames = self._requests(client)
+        for frame in frames:
+            for other in list(self._clients):
+                if other is not client:
+                    self._say(other, _told(frame))
+        return frames
+
+    def _requests(self, client: socket.socket) -> list[can.Message]:
         frames = []
-        while (end := self._buffer.find(b">")) >= 0:
-            text, self._buffer = self._buffer[: end + 1].strip(), self._buffer[end + 1 :]
+        buffer = self._clients[client]
+        while (end := buffer.find(b">")) >= 0:
+            text, buffer = buffer[: end + 1].strip(), buffer[end + 1 :]
             found = SEND.fullmatch(text)
             if found:
                 identifier, length, data = found.groups()
@@ -98,17 +107,29 @@ class SocketcandPort(Port):
                         can.Message(arbitration_id=int(identifier, 16), is_extended_id=len(identifier) == 8, data=payload)
                     )
             elif text.startswith(b"< open ") or text == b"< rawmode >":
-                self._say("< ok >")
+                self._say(client, "< ok >")
             else:
-                self._say("< error unknown command >")
+                self._say(client, "< error unknown command >")
+        if client in self._clients:
+            self._clients[client] = buffer
         return frames
 
-    def _say(self, text: str) -> None:
-        if self._client is not None:
-            with contextlib.suppress(OSError):
-                self._client.sendall(text.encode("ascii"))
+    def _say(self, client: socket.socket, text: str) -> None:
+        if client not in self._clients:
+            return
+        try:
+            client.sendall(text.encode("ascii"))
+        except OSError:
+            self._drop(client)
 
-    def _drop(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.pop(client, None)
+        client.close()
+
+
+def _told(message: can.Message) -> str:
+    now = time.time()
+    if message.is_error_frame:
+        return f"< error {message.arbitration_id:03X} {now:.6f} >"
+    identifier = f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
+    return f"< frame {identifier} {now:.6f} {message.data.hex().upper()} >"

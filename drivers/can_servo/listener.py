@@ -1,0 +1,95 @@
+"""Hearing what drives answer to somebody else: frames are taken off the bus, and none is ever put on it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import can
+import numpy as np
+
+from drivers.can_servo.drive import Drive, Reading
+from drivers.can_servo.link import Link
+from drivers.can_servo.speed import Differentiator, window_for
+from sim.can_wiring import CanOptions
+from sim.clock import Clock
+from sim.errors import ConfigError, DeviceError
+from sim.joint_state import JointState, Status
+
+PATIENCE = 5.0  # s without one whole set of answers
+SHARED = ("socketcan", "socketcand", "virtual", "udp_multicast")  # several programs can be on such a bus at once
+
+
+class Listener:
+    """`read` gives one state for each round of answers, in which every joint has spoken once.
+
+    A joint that speaks again before all have spoken means that an answer was lost: the round is given up and a new one begins, so that
+    a state never mixes two rounds. Answers of drives that are switched off are passed over: they carry no torque, and replies to
+    questions about registers look like them.
+    """
+
+    def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float) -> None:
+        self.drives, self.link, self.clock = drives, link, clock
+        self.lost = 0
+        self._by_key: dict[Hashable, int] = {d.key: j for j, d in enumerate(drives)}
+        windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
+        self._speed = [Differentiator(w) if w else None for w in windows]
+        self._round: dict[int, Reading] = {}
+        self._began = 0.0
+
+    def read(self) -> JointState:
+        """The next round, at the instant of its first answer; DeviceError after PATIENCE s without one."""
+        end = self.clock.now() + PATIENCE
+        while (message := self.link.receive(end)) is not None:
+            if self._take(message) and len(self._round) == len(self.drives):
+                return self._state()
+        heard = ", ".join(self.drives[j].servo.joint for j in self._round) or "none of its drives"
+        raise DeviceError(
+            f"{self.link.where}: in {PATIENCE:g} s not all drives have answered anybody, heard: {heard}; drives answer only the program "
+            "that commands them, so start that program first, and look whether this one is on the same bus"
+        )
+
+    def _take(self, message: can.Message) -> bool:
+        """Whether the frame is an answer of a drive that is on."""
+        key = self.drives[0].key_of(message)
+        j = self._by_key.get(key) if key is not None else None
+        if j is None:
+            return False
+        reading = self.drives[j].decode(message)
+        if reading is None or reading.on is False:
+            return False
+        if j in self._round:
+            self.lost += 1
+            self._round = {}
+        if not self._round:
+            # the instant at which the frame was on the wire, where the interface tells it
+            self._began = message.timestamp or self.clock.now()
+        self._round[j] = reading
+        return True
+
+    def _state(self) -> JointState:
+        readings, self._round = [self._round[j] for j in range(len(self.drives))], {}
+        speeds = []
+        for reading, differentiator in zip(readings, self._speed, strict=True):
+            slope = differentiator(self._began, reading.q) if differentiator is not None else np.nan
+            speeds.append(slope if slope == slope else reading.dq)
+        q, tau, temperature = (np.array([getattr(r, key) for r in readings]) for key in ("q", "tau", "temperature"))
+        wrong = "; ".join(f"{d.name}: {r.error}" for d, r in zip(self.drives, readings, strict=True) if r.error)
+        status = Status.FAULT if wrong else Status.RUNNING
+        return JointState(
+            self.clock.now(), self._began, q, np.array(speeds), tau, np.full(len(q), np.nan), temperature, status, wrong
+        )
+
+
+def require_audible(options: CanOptions) -> None:
+    """ConfigError where the bus is one program's alone, or where frames cannot be read without asking a drive for its ranges."""
+    if options.interface not in SHARED:
+        raise ConfigError(
+            f"{options.interface} {options.channel}: this adapter belongs to the program that opened it, nobody can listen beside it; reach "
+            "the bus through socketcan or socketcand (a serial adapter through slcand), or record a log and watch the log"
+        )
+    silent = [s.joint for s in options.servos if s.ranges is None and options.protocol != "odrive"]
+    if silent:
+        raise ConfigError(
+            f"{', '.join(silent)}: who only listens cannot ask a drive for its ranges; state them in its servo, as `calib servo "
+            "CELL --json` tells them while nobody commands the drives"
+        )

@@ -1,0 +1,175 @@
+"""One who only listens reads what the commanding program reads, loses nothing silently, and never puts a frame on the bus."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+
+import can
+import numpy as np
+import pytest
+
+from drivers.can_servo.bring_up import make_drives
+from drivers.can_servo.driver import CanServo
+from drivers.can_servo.link import Link
+from drivers.can_servo.listener import Listener
+from sim.cell import Cell
+from sim.clock import SimulatedClock
+from sim.emulated.can.stepped import SteppedBus
+from sim.errors import ConfigError, DeviceError
+from sim.joint_state import JointState
+from tests.drivers.can_servo.conftest import Bench, cell_of
+from tests.drivers.can_servo.test_wire import started, swing, wire_cell
+
+
+class Heard(can.BusABC):
+    """What was on a bus, to be listened to once more; sending on it fails the test."""
+
+    def __init__(self, frames: list[can.Message], clock: SimulatedClock) -> None:
+        super().__init__(channel="heard")
+        self.frames, self.clock = deque(frames), clock
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self.frames:
+            return self.frames.popleft()
+        self.clock.sleep_until(self.clock.now() + (timeout or 0.0))
+        return None
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise AssertionError(f"a listener sent {msg}")
+
+
+def frames_of(bench: Bench, cycles: int) -> tuple[list[can.Message], list[JointState]]:
+    """All frames that the driver heard while it streamed, with the instants at which it did, and the states that it read."""
+    frames: list[can.Message] = []
+
+    class Tapped(SteppedBus):
+        def recv(self, timeout: float | None = None) -> can.Message | None:
+            message = super().recv(timeout)
+            if message is not None:
+                message.timestamp = self.clock.now()
+                frames.append(message)
+            return message
+
+    driver = bench.driver
+    driver._open_link = lambda: Link(Tapped(bench.bus, bench.clock), bench.clock, "tapped")
+    driver.connect()
+    frames.clear()
+    states = bench.stream(cycles)
+    heard = list(frames)
+    driver.release()
+    return heard, states
+
+
+@pytest.fixture
+def listener() -> Iterator[Callable[[Bench, list[can.Message]], Listener]]:
+    """Makes listeners of a bench's drives that hear given frames."""
+    made: list[Listener] = []
+
+    def make(bench: Bench, frames: list[can.Message]) -> Listener:
+        made.append(hearing(bench, frames))
+        return made[-1]
+
+    yield make
+    for ear in made:
+        ear.link.close()
+
+
+def hearing(bench: Bench, frames: list[can.Message]) -> Listener:
+    options = bench.driver.options
+    drives = make_drives(options)
+    for drive, known in zip(drives, bench.driver.drives, strict=True):
+        drive.set_ranges(known.ranges)
+    clock = SimulatedClock()
+    return Listener(drives, Link(Heard(frames, clock), clock, "heard"), clock, options.rate)
+
+
+@pytest.mark.parametrize("protocol", ["damiao", "cubemars", "robstride", "odrive"])
+def test_a_listener_reads_what_the_commanding_program_reads(bench, listener, protocol: str) -> None:
+    made = bench(protocol)
+    frames, states = frames_of(made, 60)
+    ear = listener(made, frames)
+    started = [ear.read() for _ in range(10)][-1]  # while drives are switched on one by one, rounds are broken
+    lost = ear.lost
+    heard = [ear.read() for _ in range(30)]
+    first = next(k for k, s in enumerate(states) if np.array_equal(s.tau, started.tau)) + 1
+    for mine, own in zip(heard, states[first:], strict=False):
+        np.testing.assert_array_equal(mine.q, own.q)
+        np.testing.assert_array_equal(mine.tau, own.tau)
+    t = np.array([s.t_device for s in heard])
+    np.testing.assert_allclose(np.diff(t), 1 / made.driver.rate, atol=0.3 / made.driver.rate)
+    assert ear.lost == lost
+
+
+def test_a_lost_answer_costs_its_round_and_mixes_no_two(bench, listener) -> None:
+    made = bench("robstride")
+    frames, states = frames_of(made, 40)
+    key = made.driver.drives[2].key
+    answers = [k for k, m in enumerate(frames) if made.driver.drives[0].key_of(m) == key]
+    del frames[answers[20]]
+    ear = listener(made, frames)
+    heard = [ear.read() for _ in range(30)]
+    assert ear.lost >= 1
+    rounds = {s.tau.tobytes() for s in states} | {s.q.tobytes() for s in states}
+    assert all(s.q.tobytes() in rounds for s in heard[5:])
+    assert np.max(np.diff([s.t_device for s in heard[5:]])) > 1.5 / made.driver.rate
+
+
+def test_silence_names_who_was_heard(bench, listener) -> None:
+    made = bench("robstride")
+    frames, _ = frames_of(made, 10)
+    key = made.driver.drives[2].key
+    ear = listener(made, [m for m in frames if made.driver.drives[0].key_of(m) != key])
+    with pytest.raises(DeviceError, match=r"not all drives have answered.*start that program first"):
+        ear.read()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"interface": "slcan", "channel": "/dev/none"}, "nobody can listen beside it"),
+        ({"interface": "virtual", "channel": "nothing"}, "cannot ask a drive for its ranges"),
+    ],
+)
+def test_what_cannot_be_heard_is_refused_before_the_bus_is_opened(servo6, options: dict, says: str) -> None:
+    cell = cell_of("damiao", options=options)
+    with pytest.raises(ConfigError, match=says):
+        CanServo.from_cell(cell, servo6).listen()
+
+
+def test_beside_a_commanding_program_over_socketcand(tmp_path, servo6) -> None:
+    emulator, cell = started(wire_cell("socketcand", tmp_path), servo6)
+    rest = np.array(cell.table.rest)
+    commanding = CanServo.from_cell(cell, servo6)
+    own: list[JointState] = []
+
+    def command() -> None:
+        own.extend(swing(commanding, rest, 1, k=k) for k in range(45))
+
+    at_work = threading.Thread(target=command)
+    try:
+        commanding.connect()
+        listening = CanServo.from_cell(stating_ranges(cell, commanding), servo6)
+        at_work.start()
+        listening.listen()
+        heard = [listening.read() for _ in range(10)]
+        with pytest.raises(DeviceError, match="connect first"):
+            listening.send(rest, np.zeros(6), np.zeros(6))
+        listening.close()
+    finally:
+        at_work.join()
+        commanding.release()
+        emulator.stop()
+    known = {s.q.tobytes() for s in own}
+    assert all(s.q.tobytes() in known for s in heard)
+
+
+def stating_ranges(cell: Cell, driver: CanServo) -> Cell:
+    """The cell with the ranges that the drives have told."""
+    servos = [
+        {**servo, "ranges": d.ranges.model_dump()} for servo, d in zip(cell.table.options["servos"], driver.drives, strict=True)
+    ]
+    table = cell.table.model_copy(update={"options": {**cell.table.options, "servos": servos}})
+    return dataclasses.replace(cell, table=table)
