@@ -125,7 +125,7 @@ def _rms(x: np.ndarray, scale: float) -> str:
     return f"{scale * np.sqrt(np.mean(x**2)):.3g}"
 
 
-def _told(x: np.ndarray, within: float, scale: float = 1.0) -> str:
+def _told(x: np.ndarray, within: float | np.floating[Any], scale: float = 1.0) -> str:
     x = np.where(np.isfinite(x), x, np.inf) * scale
     middle, most = np.quantile(x, [0.5, 0.9], method="higher")
     return f"{middle:.3g} / {most:.3g} / {within:.0%}"

@@ -99,7 +99,8 @@ class TorqueFilter:
         self._kf.x[:4, 0] = first
         self._white = self._spread = 0.5 * torque**2  # long-run variance of the white noise, and its variance in one row
         self._slow = (0.3 * torque + 0.05 * friction) ** 2
-        self._h = np.zeros((n, size))
+        self._h, self._f, self._q = np.zeros((n, size)), np.zeros((size, size)), np.zeros((size, size))
+        self._diagonal = np.arange(size)
         self._every = np.arange(n)
         self._h[self._every, 4 + 2 * n + self._every] = 1.0
         self._floor = 1e-4 * self.dry**2
@@ -205,9 +206,10 @@ class TorqueFilter:
         fade = np.exp(-seconds / MEMORY)
         self._decay = np.ones(len(self._kf.x))
         self._decay[self.unknown] = fade
-        walk = self._walk * seconds
-        walk[self.unknown] = self._slow * (1 - fade**2)
-        self._kf.predict(F=np.diag(self._decay), Q=np.diag(walk))
+        self._f[self._diagonal, self._diagonal] = self._decay
+        self._q[self._diagonal, self._diagonal] = self._walk * seconds
+        self._q[self._diagonal[self.unknown], self._diagonal[self.unknown]] = self._slow * (1 - fade**2)
+        self._kf.predict(F=self._f, Q=self._q)
 
     def _learn(self, row: Row, used: np.ndarray) -> None:
         """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.

@@ -130,22 +130,29 @@ def traces(lag, c, d, direct, h, gain, decay, inverse, y, prior, count, size, ra
             lag[i], c[i], d[i] = lag[i - 1], c[i - 1], d[i - 1]
         else:
             lag[i], c[i], d[i] = 0.0, 0.0, 0.0
-        for b in range(m):
-            for s in range(states):
+        for s in range(states):
+            for b in range(m):
                 lag[i, s, b] *= decay[s]
-            for r in range(rows):
-                value = direct[r, b]
-                for s in range(states):
-                    value -= h[r, s] * lag[i, s, b]
-                trace[r, b] = value
+        for r in range(rows):
+            for b in range(m):
+                trace[r, b] = direct[r, b]
             for s in range(states):
-                for r in range(rows):
-                    lag[i, s, b] += gain[s, r] * trace[r, b]
+                seen = h[r, s]
+                if seen != 0.0:
+                    for b in range(m):
+                        trace[r, b] -= seen * lag[i, s, b]
+        for s in range(states):
             for r in range(rows):
-                value = 0.0
-                for k in range(rows):
-                    value += trace[k, b] * inverse[k, r]
-                weighted[b, r] = value
+                taken = gain[s, r]
+                for b in range(m):
+                    lag[i, s, b] += taken * trace[r, b]
+        for b in range(m):
+            for r in range(rows):
+                weighted[b, r] = 0.0
+            for k in range(rows):
+                seen = trace[k, b]
+                for r in range(rows):
+                    weighted[b, r] += seen * inverse[k, r]
         for a in range(m):
             for r in range(rows):
                 d[i, a] += weighted[a, r] * y[r]
