@@ -26,7 +26,7 @@ from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
 from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
-from calib.result import Conditioning, FitResult, Gap
+from calib.result import Conditioning, FitResult
 from logs import Log, Pieces
 from sim.arm import Arm
 from sim.prediction import torque_path
@@ -124,7 +124,9 @@ def identify(
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
     result = replace(result, outcome=outcome(result))
-    known = Known(solution.covariance, _intensity(fit, training), "was identified from " + ", ".join(fit.names))
+    slow = fit.weights.sigma / (1 - fit.weights.ar.sum(axis=1))
+    intensity = slow**2 / fit.measurements[0].decimator.row_rate
+    known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
 
 
@@ -200,13 +202,6 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
         f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
     )
     return Fit(model, solution, weights, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command)
-
-
-def _intensity(fit: Fit, left: Gap) -> np.ndarray:
-    """(n,) (N m)^2 s at low frequency, of the residual's own colour, and larger by what reversals add to it."""
-    slow = fit.weights.sigma / (1 - fit.weights.ar.sum(axis=1))
-    more = 1.0 if left.sliding is None else left.after / np.maximum(left.sliding, 1e-12)
-    return np.asarray(np.nan_to_num(slow * more) ** 2 / fit.measurements[0].decimator.row_rate)
 
 
 def survey(logs: Sequence[Log]) -> list[int]:

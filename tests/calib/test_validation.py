@@ -96,7 +96,7 @@ def test_the_forward_simulation_stays_within_its_stated_bound(ur5e: Arm, tmp_pat
     assert check.within_bound is not None
     assert check.forward is not None
     assert check.within_bound.all()
-    assert np.all(check.bound < 12 * check.forward)
+    assert np.all(check.bound < 5 * check.forward)
     far = replace(arm, tree=replace(arm.tree, mass=arm.tree.mass * 1.2))
     worse = validate(far, logs[2:])
     assert worse.checks[0].within_bound is not None
