@@ -11,6 +11,7 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.preprocessing import Measurement
@@ -19,34 +20,38 @@ from sim.trajectory import Trajectory
 SHORTEST = 2.0  # s
 LOOK_RATE = 50.0  # Hz, at which periods are looked for
 SAME = 2e-3  # mean square difference between periods over the motion's variance
-MORE_THAN_NOISE = 1.5
+SIGMAS = 5.0  # of the noise of an acceleration, beyond which two periods differ
+MOST_APART = 0.15
 NEARLY = 0.1
 
 
 def averaged(m: Measurement) -> Measurement:
     """The measurement with the averaged motion and its exact derivatives in every whole period; as it was where nothing repeats.
 
-    Its `noise` is the standard deviation of the filtered torque between the periods, the floor of any model's residual.
-
-    Where the motion of the periods differs by more than the noise of the reading it stays as it was too: then it was not the same motion.
+    Its `noise` is the standard deviation of the filtered torque between the periods, the floor of any model's residual. Parts of the
+    period in which the motion of the periods differs by more than the noise of the reading, such as the first moment after a start from rest, stay as
+    they were; where that is more than MOST_APART of the period, all of it does: then it was not the same motion.
     """
     found = _repeated(m)
     if found is None:
         return m
     start, samples, count = found
     whole = slice(start, start + samples * count)
-    q = m.trajectory.q[whole].reshape(count, samples, m.n)
-    mean = q.mean(axis=0)
-    smooth = SavitzkyGolay.of_bandwidth(m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff)
+    band = SG_OVER_BANDWIDTH * m.decimator.cutoff
+    smooth = SavitzkyGolay.of_bandwidth(m.rate, band)
+    ddq = m.trajectory.ddq[whole].reshape(count, samples, m.n)
     noise = m.q_noise * np.linalg.norm(smooth.coefficients(2))
-    if np.any(_apart(m.trajectory.ddq[whole].reshape(count, samples, m.n)) > MORE_THAN_NOISE * noise):
+    apart = (np.abs(ddq - ddq.mean(axis=0)) > SIGMAS * noise).any(axis=(0, 2))
+    apart = maximum_filter1d(apart, 2 * smooth.window + 1, mode="wrap")
+    if apart.mean() > MOST_APART:
         return m
-    parts = [_derivative(mean, m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff, k) for k in range(3)]
+    mean = m.trajectory.q[whole].reshape(count, samples, m.n).mean(axis=0)
+    same = whole.start + np.flatnonzero(np.tile(~apart, count))
     arrays = [x.copy() for x in (m.trajectory.q, m.trajectory.dq, m.trajectory.ddq)]
-    for array, part in zip(arrays, parts, strict=True):
-        array[whole] = np.tile(part, (count, 1))
+    for order, array in enumerate(arrays):
+        array[same] = np.tile(_derivative(mean, m.rate, band, order)[~apart], (count, 1))
     motion = Trajectory(m.trajectory.t, *arrays)
-    return replace(m, trajectory=motion, period=samples / m.rate, noise=_floor(m, whole, count))
+    return replace(m, trajectory=motion, period=samples / m.rate, noise=_floor(m, whole, count, apart))
 
 
 def _repeated(m: Measurement) -> tuple[int, int, int] | None:
@@ -100,17 +105,13 @@ def _derivative(mean: np.ndarray, rate: float, band: float, order: int) -> np.nd
     return np.asarray(np.fft.irfft(spectrum, len(mean), axis=0))
 
 
-def _apart(x: np.ndarray) -> np.ndarray:
-    """(n,) standard deviation between the periods x (P, S, n)."""
-    return np.sqrt(np.mean(np.var(x, axis=0, ddof=1), axis=0))
-
-
-def _floor(m: Measurement, whole: slice, count: int) -> np.ndarray:
+def _floor(m: Measurement, whole: slice, count: int, apart: np.ndarray) -> np.ndarray:
     taps = m.decimator.taps
     smooth = np.stack([np.convolve(x, taps, mode="same") for x in m.tau[whole].T], axis=1)
     good = np.stack([np.convolve(x, np.abs(taps), mode="same") for x in (~m.usable[whole]).astype(float).T], axis=1) < 1e-9
     good[: m.decimator.reach] = good[len(good) - m.decimator.reach :] = False
     periods, usable = smooth.reshape(count, -1, m.n), good.reshape(count, -1, m.n).all(axis=0)
+    usable &= ~apart[:, None]
     variance = np.var(periods, axis=0, ddof=1)
     counted = usable.sum(axis=0)
     return np.sqrt(np.where(usable, variance, 0.0).sum(axis=0) / np.where(counted > 0, counted, np.nan))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.known_truth import HOME
+from benchmarks.known_truth import HOME, recorded_on_mock
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.filtering import Decimator
 from calib.periods import averaged
@@ -15,7 +15,7 @@ from calib.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
 from sim.trajectory import Trajectory
-from tests.calib.conftest import recorded
+from tests.calib.conftest import recorded, varied
 
 RATE, PERIOD = 125.0, 8.0
 
@@ -66,12 +66,39 @@ def test_two_motions_are_not_a_repetition(ur5e: Arm) -> None:
     assert averaged(m) is m
 
 
-def test_a_motion_that_was_disturbed_once_is_kept_as_it_was(ur5e: Arm) -> None:
+def test_where_one_period_was_disturbed_each_keeps_its_own_motion(ur5e: Arm) -> None:
     path = motion(ur5e, 3)
     log = noisy(ur5e, path)
     bump = 2e-3 * np.exp(-(((path.t - 12.3) / 0.05) ** 2))
     m = prepare(replace(log, q=log.q + bump[:, None]), ur5e)
+    found = averaged(m)
+    assert found.period == pytest.approx(PERIOD)
+    phase = np.abs(path.t % PERIOD - 4.3)
+    near, far = phase < 0.1, phase > 1.0
+    assert np.array_equal(found.trajectory.ddq[near], m.trajectory.ddq[near])
+    inside = far & (path.t > 1.0) & (path.t < 23.0)
+    off = [np.sqrt(np.mean((x.trajectory.ddq - path.ddq)[inside] ** 2, axis=0)) for x in (found, m)]
+    assert np.all(off[0] < 0.7 * off[1])
+
+
+def test_a_motion_that_drifts_from_period_to_period_is_kept_as_it_was(ur5e: Arm) -> None:
+    path = motion(ur5e, 3)
+    log = noisy(ur5e, path)
+    tremble = 1e-3 * np.sin(2 * np.pi * 5.3 * path.t) * (path.t / path.t[-1])
+    m = prepare(replace(log, q=log.q + tremble[:, None]), ur5e)
     assert averaged(m) is m
+
+
+def test_the_mock_repeats_itself_but_for_its_start(ur5e: Arm) -> None:
+    log = recorded_on_mock(varied(ur5e, 100), ur5e, motion(ur5e, 2), 3)
+    m = prepare(log, ur5e)
+    found = averaged(m)
+    assert found.period == pytest.approx(PERIOD)
+    assert found.noise is not None
+    assert np.all(found.noise > 0)
+    changed = (found.trajectory.ddq != m.trajectory.ddq).any(axis=1)
+    assert not changed[:20].any()
+    assert changed.mean() > 0.85
 
 
 def test_what_stands_before_and_after_does_not_hide_the_periods(ur5e: Arm) -> None:
