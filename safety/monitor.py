@@ -29,7 +29,8 @@ RESIDUAL_STEP = 0.05
 # noise of a reading less a mean of such readings that may have begun with one of them
 TWO_READINGS = 1.5
 FROZEN = 10
-# a position that stays although the joint has turned by more than its grain is frozen sooner: by then its reading is too old
+# a position that stays although the joint was told to turn by more than its grain, and says that it does, is frozen sooner: by then its
+# reading is too old. A joint that sticks where it was told to end or to turn back is not: a speed made of positions shows that late.
 FROZEN_LEAST = 3
 WINDOW = 5
 CLEARANCE_EVERY = 0.05
@@ -66,7 +67,7 @@ class Monitor:
         self._has_temperature = np.isfinite(first.temperature)
         self._n, self._count = n, 0
         self._last, self._paused = first, False
-        self._frozen = np.zeros(n, dtype=int)
+        self._frozen, self._asked, self._q_cmd = np.zeros(n, dtype=int), np.zeros(n), first.q.copy()
         self._window: list[JointState] = []
         self._speeds = np.zeros((WINDOW, n))
         self._slow: np.ndarray | None = None
@@ -87,7 +88,7 @@ class Monitor:
         trip = (
             self._check_device(state, now)
             or self._check_motion(state, q_cmd)
-            or self._check_feedback(state)
+            or self._check_feedback(state, q_cmd)
             or self._check_torque(state, expected)
             or self._check_clearance(state)
         )
@@ -144,11 +145,13 @@ class Monitor:
                               "look for contact, a wrong payload or a brake; plan a slower motion if there is none")  # fmt: skip
         return None
 
-    def _check_feedback(self, state: JointState) -> Trip | None:
+    def _check_feedback(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
         stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
         self._frozen = (self._frozen + 1) * stuck
+        self._asked, self._q_cmd = (self._asked + np.abs(q_cmd - self._q_cmd)) * stuck, q_cmd.copy()
         if not (self._frozen < FROZEN_LEAST).all():
-            within_grain = self._frozen * np.abs(state.dq) * self._period <= self._grain
+            turned = np.minimum(self._frozen * np.abs(state.dq) * self._period, self._asked)
+            within_grain = turned <= self._grain
             fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
             if not fine.all():
                 return self._trip("readings with the same position at speed", ~fine, self._frozen.astype(float),

@@ -31,9 +31,15 @@ def monitor(arm: Arm, cell: Cell) -> Monitor:
     return Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at())
 
 
-def ask(monitor: Monitor, state: JointState, now: float | None = None, tau_hat: np.ndarray | None = None) -> str | None:
+def ask(
+    monitor: Monitor,
+    state: JointState,
+    now: float | None = None,
+    tau_hat: np.ndarray | None = None,
+    q_cmd: np.ndarray = HOME,
+) -> str | None:
     expected = None if tau_hat is None else (tau_hat, np.zeros(6), np.zeros(6))
-    trip = monitor.check(state, state.t if now is None else now, HOME, expected)
+    trip = monitor.check(state, state.t if now is None else now, q_cmd, expected)
     return None if trip is None else trip.quantity
 
 
@@ -151,8 +157,17 @@ def test_a_frozen_encoder_trips_as_soon_as_the_joint_has_turned_by_more_than_its
 ) -> None:
     moving = np.zeros(6)
     moving[0] = speed
-    found = [ask(monitor, state_at(k, dq=moving)) for k in range(1, 12)]
+    found = [ask(monitor, state_at(k, dq=moving), q_cmd=HOME + k * PERIOD * moving) for k in range(1, 12)]
     assert found.index("readings with the same position at speed") == reading - 1
+
+
+def test_a_joint_that_sticks_where_it_was_told_to_end_may_report_its_speed_late(monitor: Monitor) -> None:
+    """A drive's speed made of its positions: 85 ms of them, on a joint that dry friction holds at once."""
+    found = []
+    for k in range(1, 12):
+        late = np.array([0.5, 0, 0, 0, 0, 0]) * max(0.0, 1 - k / 9)
+        found.append(ask(monitor, state_at(k, dq=late)))
+    assert found == [None] * 11
 
 
 def test_a_coarse_encoder_may_stay_for_ten_readings(arm: Arm, cell: Cell) -> None:
