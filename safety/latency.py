@@ -4,15 +4,30 @@ from __future__ import annotations
 
 import math
 
+from drivers.driver import DeviceStop, Driver
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock, SimulatedClock
 
 SECONDS = 2.0
+PLANNED = (
+    0.03  # s that a computer is taken to be late when a motion is planned; what it really is, is measured before the motion
+)
 
 
 def latency_of(cell: Cell, rate: float, clock: Clock) -> float:
     """How late a loop of `rate` Hz may be in a cell, s: what is measured now, at least what the cell states; none where time is simulated."""
     return 0.0 if isinstance(clock, SimulatedClock) else max(worst_latency(rate, clock=clock), cell.table.motion.latency)
+
+
+def stop_to_plan_for(driver: Driver, cell: Cell) -> DeviceStop:
+    """The device's own stop, latency included, that a planned motion needs room for, so that a recording will not refuse it.
+
+    No shorter than the default of DeviceStop, so that a plan does not hang on how quick one device is. driver: not connected yet.
+    """
+    own, usual = driver.device_stop, DeviceStop()
+    late = 0.0 if isinstance(driver.clock, SimulatedClock) else max(PLANNED, cell.table.motion.latency)
+    reaction = max(usual.reaction, own.reaction + late)
+    return DeviceStop(reaction, min(usual.deceleration, own.deceleration), own.proportional)
 
 
 def worst_latency(rate: float, seconds: float = SECONDS, clock: Clock | None = None) -> float:

@@ -23,7 +23,10 @@ from calib.excitation.optimise import optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
 from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
+from drivers import open_driver
+from drivers.driver import DeviceStop
 from safety.clear import clear
+from safety.latency import stop_to_plan_for
 from safety.plan import Motion
 from sim.arm import Arm
 from sim.cell import Cell, CellTable
@@ -90,6 +93,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     information = Information(model, noise_of(model))
     basis = Basis(session.harmonics, session.period)
     rate = min(arm.sensors.rate, 500.0)
+    stop = stop_to_plan_for(open_driver(cell, arm), cell)
     progress("excitation", 0.0)
     best, _ = random_start(room, information, basis, home, rng, session.tries)
     small = too_small(room, best)
@@ -99,7 +103,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         found = optimised(arm, cell, best, session.starts, session.seed, progress)[0]
         best = max((best, found.motion), key=lambda m: preference(information.worth(coarse(m))))
     progress("checking the excitation", 0.0)
-    excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods)
+    excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods, stop)
     motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
     motions.append(Motion("friction", "friction", _friction(room, home, session, rate)))
     motions.append(Motion("excitation", "excitation", excitation))
@@ -109,18 +113,18 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         other = other or fitted_to_room(room, random_fourier(basis, home, rng))
     if other is None:
         raise AnswerIsNo(f"{arm.name}: {binding(room, basis, home)}")
-    motions.append(Motion("validation", "validation", cleared_fourier(other, arm, cell, rate, 1)[0]))
+    motions.append(Motion("validation", "validation", cleared_fourier(other, arm, cell, rate, 1, stop)[0]))
     if session.probes:
-        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate)]
+        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate, stop)]
     separated = None
     if session.apart:
         progress("telling effects apart", 0.0)
         parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5))
-        motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1)[0]))
+        motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1, stop)[0]))
     for motion in motions:
         progress(f"checking {motion.name}", 0.0)
         if motion.kind not in ("excitation", "validation"):
-            clear(motion.trajectory, arm, cell)
+            clear(motion.trajectory, arm, cell, stop=stop)
     worth = information.worth(kept.sampled(1000 / basis.period))
     weak = [e for e, known in identifiable(model, information, kept).items() if not known]
     summary = {
@@ -215,12 +219,14 @@ def _amplitude(room: Room, motion: Fourier) -> float:
     return 0.0 if found is None else float((np.abs(found.sampled(4.0).dq).max(axis=0) / room.arm.dq_max).sum())
 
 
-def cleared_fourier(motion: Fourier, arm: Arm, cell: Cell, rate: float, periods: int) -> tuple[Trajectory, Fourier]:
+def cleared_fourier(
+    motion: Fourier, arm: Arm, cell: Cell, rate: float, periods: int, stop: DeviceStop | None = None
+) -> tuple[Trajectory, Fourier]:
     """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
     for k, share in enumerate(SHARES):
         smaller = motion.scaled(share)
         try:
-            clear(smaller.sampled(rate), arm, cell)
+            clear(smaller.sampled(rate), arm, cell, stop=stop)
             return smaller.sampled(rate, periods), smaller
         except SafetyStop:
             if k == len(SHARES) - 1:
@@ -282,18 +288,20 @@ def _bring_up(room: Room, basis: Basis, home: np.ndarray, rate: float, rng: np.r
     return motions
 
 
-def _probes(room: Room, cell: Cell, home: np.ndarray, excitation: Fourier, rate: float) -> list[tuple[str, Trajectory]]:
+def _probes(
+    room: Room, cell: Cell, home: np.ndarray, excitation: Fourier, rate: float, stop: DeviceStop
+) -> list[tuple[str, Trajectory]]:
     arm = room.arm
     ladder = reversal_ladder(arm, home, (0.002, 0.005, 0.015, 0.04), rate)
     path = excitation.sampled(40 / excitation.basis.period)
     far = path.q[np.linspace(0, len(path) - 1, 7).astype(int)[1:-1]]
     holds = static_holds(arm, home, [home + 0.8 * (q - home) for q in far], 0.03, rate)
     half = Fourier(Basis(excitation.basis.harmonics, 2 * excitation.basis.period), home, excitation.x / 2)
-    slow, _ = cleared_fourier(half, arm, cell, rate, 1)
+    slow, _ = cleared_fourier(half, arm, cell, rate, 1, stop)
     out = [("reversals", ladder), ("half_speed", slow)]
     if room.use(_thinned(holds, 60.0)).fits:
         try:
-            clear(holds, arm, cell)
+            clear(holds, arm, cell, stop=stop)
             out.append(("holds", holds))
         except SafetyStop:
             pass

@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from safety.latency import latency_of, worst_latency
-from sim.cell import Cell, MotionTable
+from drivers import open_driver
+from drivers.driver import DeviceStop
+from safety.latency import PLANNED, latency_of, stop_to_plan_for, worst_latency
+from sim.arm import load_arm
+from sim.cell import Cell, MotionTable, load_cell
 from sim.clock import Clock, SimulatedClock
 
 
@@ -63,3 +66,22 @@ class WallClock(Clock):
 
     def sleep_until(self, instant: float) -> None:
         self._inner.sleep_until(instant)
+
+
+@pytest.mark.parametrize(
+    ("name", "stop"),
+    [
+        ("mock-ur10e", DeviceStop()),
+        ("emulated-ur10e", DeviceStop()),
+        ("emulated-servo6", DeviceStop(reaction=0.1 + PLANNED, deceleration=4.0, proportional=True)),
+    ],
+)
+def test_a_plan_leaves_room_for_the_stop_of_the_cell_s_device_on_a_late_computer(name: str, stop: DeviceStop) -> None:
+    cell = load_cell(name)
+    assert stop_to_plan_for(open_driver(cell, load_arm(cell.table.arm)), cell) == stop
+
+
+def test_a_cell_may_state_a_later_computer_for_its_plans_too() -> None:
+    cell = load_cell("emulated-servo6")
+    later = replace(cell, table=cell.table.model_copy(update={"motion": MotionTable(latency=0.2)}))
+    assert stop_to_plan_for(open_driver(later, load_arm("servo6")), later).reaction == pytest.approx(0.3)
