@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import struct
@@ -24,7 +25,8 @@ SLOTS = 8192  # 16 s at 500 Hz: longer than a disk usually stalls
 SAMPLE, EVENT = 1, 2
 START_TIME = 30.0  # s
 CLOSE_TIME = 600.0  # s
-# a control loop's real-time priority is not for writing files: given up before anything else is loaded
+PRIORITY = 1  # of the real-time scheduler while samples come: behind every control loop, before all other programs
+# a control loop's real-time priority is not for loading libraries: given up before that
 PROGRAM = """
 import os, sys
 if hasattr(os, "sched_setscheduler"):
@@ -155,6 +157,7 @@ def serve(task_text: str) -> None:
     task = json.loads(task_text)
     ring = Ring(task["fd"], task["slots"], task["slot"])
     os.close(task["fd"])
+    _prefer(True)
     try:
         recorder = Recorder(task["path"], task["joint_names"], task["metadata"], reserve=task["reserve"])
         ring.say("ready", "yes")
@@ -162,6 +165,12 @@ def serve(task_text: str) -> None:
     except Exception as error:  # whatever it is, the control loop must learn of it
         ring.say("failure", str(error) or type(error).__name__)
         sys.exit(1)
+
+
+def _prefer(wanted: bool) -> None:
+    """Before other programs or like them, where the system grants that: a computer that is busy must not cost samples."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO if wanted else os.SCHED_OTHER, os.sched_param(PRIORITY if wanted else 0))
 
 
 def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
@@ -184,6 +193,7 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
             ring.say("failure", str(error))
     if ring.lost:
         end = f"{ring.lost} samples were lost: the disk was too slow"
+    _prefer(False)
     recorder.close(end)
     if failure is not None:
         raise failure
