@@ -114,7 +114,17 @@ def _odrive() -> list[dict[str, Any]]:
     start = time.process_time()
     theirs = [message.encode({"Position": q, "Velocity": v * 0.001, "Torque": t * 0.001}, strict=False) for q, v, t in values]
     peer = (time.process_time() - start) / FRAMES
-    return _compared("odrive SetInputPosition encoded", sum(a != b for a, b in zip(ours, theirs, strict=True)), own, peer)
+    rows = _compared("odrive SetInputPosition encoded", sum(a != b for a, b in zip(ours, theirs, strict=True)), own, peer)
+    message = _message("odrive", "EncoderEstimates")
+    data = [x.tobytes() for x in rng.normal(0, 20, (FRAMES, 2)).astype("<f4")]
+    start = time.process_time()
+    read = [frames.two_floats(x) for x in data]
+    own = (time.process_time() - start) / FRAMES
+    start = time.process_time()
+    told = [message.decode(x, decode_choices=False) for x in data]
+    peer = (time.process_time() - start) / FRAMES
+    differ = sum(a != (b["Position"], b["Velocity"]) for a, b in zip(read, told, strict=True))
+    return rows + _compared("odrive EncoderEstimates decoded", differ, own, peer)
 
 
 def _compared(what: str, differ: int, own: float, peer: float) -> list[dict[str, Any]]:

@@ -151,8 +151,8 @@ def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
     late = 100.0 * float(np.mean(gaps > 2.5))
     load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     return [
-        {"what": f"frames kept, {rt}", "value": 100.0 * frames / (frames + lost), "unit": "%", "bar": "100", "note": f"{frames} frames, {load}"},
-        {"what": f"commands late by more than a period, {rt}", "value": late, "unit": "%", "bar": "", "note": f"longest {gaps.max():.0f} periods, {load}"},
+        {"what": f"frames kept, {rt}", "value": round(100.0 * frames / (frames + lost), 3), "unit": "%", "bar": "100", "note": f"{frames} frames, {load}"},
+        {"what": f"commands late by more than a period, {rt}", "value": round(late, 3), "unit": "%", "bar": "", "note": f"longest {gaps.max():.0f} periods, {load}"},
     ]  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 Measured with the real library before: the receive interface answers with old values after its socket is gone; a dropped control socket
 makes it upload its program again and again; on PolyScope X a drop is a segmentation fault, and an interface that is destroyed after its
 controller went aborts the process; a second control interface takes the registers or the program of the first; from 5.26 the upper
-registers time out; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
+registers time out; after a stop was unlocked, a program that was uploaded again is said to run before it does; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
 test_driver.py.
 """
 
@@ -15,10 +15,11 @@ from collections.abc import Callable
 import pytest
 
 from drivers.ur_rtde.driver import UrDriver
+from drivers.ur_rtde.receiver import OPTIONAL, REQUIRED
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.emulated.ur.emulator import UrEmulator
-from sim.emulated.ur.robot import STOPPED
+from sim.emulated.ur.robot import NORMAL, STOPPED, UNLOCK_AFTER
 from sim.errors import DeviceError
 from sim.joint_state import Status
 from tests.drivers.ur_rtde.conftest import Pair, rests, stream, wait_for
@@ -111,3 +112,32 @@ def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm,
         with pytest.raises(DeviceError, match=r"not taken"):
             stream(first, 30.0, until=lambda s: False)
         assert stream(second, 0.1).status is Status.RUNNING
+
+
+def test_after_a_protective_stop_was_unlocked_a_new_connection_moves_at_once(pair: Pair) -> None:
+    emulator, driver = pair()
+    driver.connect()
+    stream(driver, 0.1)
+    emulator.inject("protective_stop")
+    with pytest.raises(DeviceError, match="not taken"):
+        stream(driver, 30.0)
+    driver.stop()
+    driver.close()
+    robot = emulator.robot
+
+    def operator_unlocks() -> None:
+        robot._stopped_at = robot.time - UNLOCK_AFTER
+        assert robot.unlock()
+
+    emulator.do(operator_unlocks)
+    wait_for(lambda: robot.safety_mode == NORMAL, "the operator")
+    driver.connect()
+    before = robot.actual_q[0]
+    assert stream(driver, 0.3, speed=0.2).status is Status.RUNNING
+    assert robot.actual_q[0] > before + 0.02
+    driver.close()
+
+
+def test_what_the_controller_computes_is_never_read_as_a_measurement() -> None:
+    assert not any(name.startswith("target_") for name in (*REQUIRED, *OPTIONAL) if "current" in name or "moment" in name)
+    assert {"actual_current", "actual_q"} <= set(REQUIRED)
