@@ -43,6 +43,8 @@ HIDDEN = (
 HIDDEN_EVERY = 10
 START = 1_750_000_000
 DAY = 86_400
+LENGTHS = (1.0, 3.0, 10.0, 30.0, 60.0)  # minutes; 600 takes a quarter of an hour to make, and 5 GB of disk
+FILE_MINUTES = 60.0
 ENVIRONMENT = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])}  # fmt: skip
 
 
@@ -123,12 +125,12 @@ HOUR = """
 import json, resource, sys, tempfile, time
 from pathlib import Path
 from calib.identification.identify import identify
-from logs import open_pieces
+from logs import Pieces, open_pieces
 from sim.arm import load_arm
 arm = load_arm("ur10e")
 wall, cpu = time.perf_counter(), time.process_time()
 with tempfile.TemporaryDirectory() as scratch:
-    pieces = open_pieces(Path(sys.argv[1]), arm.joint_names, Path(scratch))
+    pieces = Pieces.joined(open_pieces(Path(f), arm.joint_names, Path(scratch) / str(k)) for k, f in enumerate(sys.argv[1:]))
     read = time.process_time() - cpu
     found = identify(arm, pieces)
 spent = time.process_time() - cpu
@@ -137,17 +139,19 @@ print(json.dumps([time.perf_counter() - wall, spent, read, peak, float(found.res
 """
 
 
-def length(minutes: tuple[float, ...] = (1, 3, 10, 30, 60)) -> list[dict[str, Any]]:
+def length(minutes: tuple[float, ...] = LENGTHS) -> list[dict[str, Any]]:
     """Reading and identifying recordings of several lengths at 500 Hz: CPU time, memory, and the power of length that fits the cost."""
     arm = load_arm(MODEL)
     truth = individual(arm, 0)
     rows, found = [], []
     with tempfile.TemporaryDirectory() as scratch:
         for m in minutes:
-            file = Path(scratch) / f"{m:g}.mcap"
-            _long(file, truth, arm, m)
+            # ten hours are a shift of recordings of an hour each, with the same motion and fresh noise
+            files = [Path(scratch) / f"{m:g}-{k}.mcap" for k in range(math.ceil(m / FILE_MINUTES))]
+            for k, file in enumerate(files):
+                _long(file, truth, arm, min(m, FILE_MINUTES), k)
             answer = subprocess.run(
-                [sys.executable, "-c", HOUR, str(file)], env=ENVIRONMENT, check=True, capture_output=True, text=True
+                [sys.executable, "-c", HOUR, *map(str, files)], env=ENVIRONMENT, check=True, capture_output=True, text=True
             ).stdout
             wall, spent, read, peak, _ = json.loads(answer)
             found.append((m, spent, peak))
@@ -157,12 +161,13 @@ def length(minutes: tuple[float, ...] = (1, 3, 10, 30, 60)) -> list[dict[str, An
                     f"{m:g} min at 500 Hz: read and identify, CPU",
                     f"{spent:.1f}",
                     "s",
-                    "<= 30" if hour else "",
+                    "<= 20" if hour else "",
                     f"of it reading {read:.1f}, wall {wall:.1f}",
                 )
             )
             rows.append(row(f"{m:g} min at 500 Hz: resident memory", f"{peak:.0f}", "MB", "< 1000" if hour else ""))
-            file.unlink()
+            for file in files:
+                file.unlink()
     m, spent, peak = np.array(found).T
     slope, fixed = np.polyfit(m, spent, 1)
     off = np.abs(fixed + slope * m - spent).max() / spent.max()
@@ -181,10 +186,55 @@ def length(minutes: tuple[float, ...] = (1, 3, 10, 30, 60)) -> list[dict[str, An
     return rows
 
 
-def _long(file: Path, truth: Arm, arm: Arm, minutes: float) -> None:
+NAMES = """
+import json, resource, sys, tempfile, time
+from pathlib import Path
+from calib.diagnosis.whole import diagnose_pieces
+from logs import open_pieces, read_log
+from sim.arm import load_arm
+arm = load_arm("ur10e")
+wall, cpu = time.perf_counter(), time.process_time()
+with tempfile.TemporaryDirectory() as scratch:
+    pieces = open_pieces(Path(sys.argv[1]), arm.joint_names, Path(scratch))
+    found, whole = diagnose_pieces(arm, pieces, [read_log(Path(sys.argv[2]), arm.joint_names)])
+names = [(e["effect"], e["joint"], [(p["value"], p["std"]) for p in e["parameters"].values()][0]) for e in found.answer["effects"]]
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu, peak, whole.searched, whole.weighed, names]))
+"""
+
+
+def names(minutes: tuple[float, ...]) -> list[dict[str, Any]]:
+    """Diagnosis of recordings of several lengths: CPU time, memory, and how well the hidden spring is known."""
+    arm = load_arm(MODEL)
+    truth = with_effect(individual(arm, 0), HIDDEN[1])
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        apart = Path(scratch) / "apart.mcap"
+        write_recording(apart, arm, recorded(truth, motion(arm, 8, 60.0, 500.0), 99), "long", "S1", "validation", 0)
+        for m in minutes:
+            file = Path(scratch) / "long.mcap"
+            _long(file, truth, arm, m, 0)
+            answer = subprocess.run(
+                [sys.executable, "-c", NAMES, str(file), str(apart)],
+                env=ENVIRONMENT,
+                check=True,
+                capture_output=True,
+                text=True,
+            ).stdout
+            wall, spent, peak, searched, weighed, found = json.loads(answer)
+            told = (
+                ", ".join(f"{effect} {joint} {value:.4g} ± {2 * std:.2g}" for effect, joint, (value, std) in found) or "nothing"
+            )
+            note = f"searched {searched:.0f} s, summed {weighed:.0f} s; {told}; wall {wall:.1f}"
+            rows.append(row(f"{m:g} min at 500 Hz: diagnose, CPU", f"{spent:.1f}", "s", "", note))
+            rows.append(row(f"{m:g} min at 500 Hz: diagnose, resident memory", f"{peak:.0f}", "MB", "< 1000"))
+    return rows
+
+
+def _long(file: Path, truth: Arm, arm: Arm, minutes: float, seed: int) -> None:
     path = motion(arm, 1, minutes * 60, 500.0)
     parts = [slice(k, k + 100_000) for k in range(0, len(path.t), 100_000)]
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     tau = np.concatenate([predict(truth, Trajectory(path.t[s], path.q[s], path.dq[s], path.ddq[s])) for s in parts])
     tau += rng.standard_normal(tau.shape) * np.array(arm.sensors.torque_noise)
     q = path.q + 1e-5 * rng.standard_normal(path.q.shape)
@@ -357,7 +407,7 @@ def _loopback() -> Iterator[str]:
                 process.wait()
 
 
-def run(arms: int = 12, seconds: float = 300.0, minutes: tuple[float, ...] = (1, 3, 10, 30, 60)) -> list[dict[str, Any]]:
+def run(arms: int = 12, seconds: float = 300.0, minutes: tuple[float, ...] = LENGTHS) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
     return length(minutes) + engines(arms, seconds)
 
@@ -365,7 +415,9 @@ def run(arms: int = 12, seconds: float = 300.0, minutes: tuple[float, ...] = (1,
 if __name__ == "__main__":
     given = sys.argv[1:]
     if given[:1] == ["length"]:
-        table = length(tuple(map(float, given[1:])) or (1, 3, 10, 30, 60))
+        table = length(tuple(map(float, given[1:])) or LENGTHS)
+    elif given[:1] == ["names"]:
+        table = names(tuple(map(float, given[1:])) or (4, 20, 60))
     elif given[:1] == ["engines"]:
         table = engines(int(given[1]), float(given[2]), given[3:] != ["identify"])
     else:

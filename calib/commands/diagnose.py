@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -34,21 +35,21 @@ def command(
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
     from calib import evidence
-    from calib.diagnosis.diagnose import diagnose
-    from calib.recordings import read_logs, require_unseen
+    from calib.diagnosis.whole import diagnose_pieces
+    from calib.recordings import read_logs, read_pieces, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
 
     subject = load_arm(arm, configs)
     require_unseen(log, holdout or [])
     folder = new_run(subject, "diagnose", out)
-    with console.progress("diagnose") as advance:
-        logs = read_logs(log, subject, accept_partial)
+    with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
+        logs = read_pieces(log, subject, Path(scratch), accept_partial)
         apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
-        found = diagnose(subject, logs, apart, lambda text: advance(0, text))
+        found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
         found.write(folder, subject)
         advance(0, "comparing before and after")
-        shown = evidence.of_diagnosis(subject, load_arm(str(folder / "arm")), [*apart[:1], *logs][0 if apart else -1], found)
+        shown = evidence.of_diagnosis(subject, load_arm(str(folder / "arm")), apart[0] if apart else logs[len(logs) - 1], found)
         page.write(folder / "report.html", found.answer, shown)
     answer = found.answer
     conclude(page.sentence(answer))

@@ -71,7 +71,7 @@ def fit(
         ]
         like = models
         rows = Rows(models)
-        columns = _columns(models, hypothesis)
+        columns = columns_of(models, hypothesis)
         widened = _joined(rows, columns, hypothesis)
         noise = noise or noise_of(rows.r, rows.joined, floor)
         for _ in range(3):
@@ -92,10 +92,10 @@ def fit(
         elif k >= 2:
             break
         theta = joint.theta[: rows.p]
-        moved = recentred(hypothesis, models[0].names, theta)
+        there = recentred(hypothesis, models[0].names, theta)
         if count:
-            moved = _moved(moved, joint.theta[rows.p :] * scales)
-        hypothesis = moved
+            there = moved(there, joint.theta[rows.p :] * scales)
+        hypothesis = there
     assert best is not None
     return best
 
@@ -145,7 +145,7 @@ def _changed(item: ArmEffect, p: Parameter, by: float) -> ArmEffect:
     return replace(item, parameters=dict(item.parameters) | {p.name: float(np.clip(value, p.lower, p.upper))})
 
 
-def _columns(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[float, list[np.ndarray]]]:
+def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[float, list[np.ndarray]]]:
     """Per fitted parameter: its step, and per log the change (R, n) of predicted torque per unit of it."""
     out = []
     for i, p in parameters_of(hypothesis.accepted):
@@ -223,7 +223,7 @@ def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]], hypothesi
     return widened
 
 
-def _moved(hypothesis: Hypothesis, change: np.ndarray) -> Hypothesis:
+def moved(hypothesis: Hypothesis, change: np.ndarray) -> Hypothesis:
     """The hypothesis with its accepted parameters moved by `change` (k,) in fitting units, kept inside their bounds."""
     accepted = list(hypothesis.accepted)
     for (i, p), by in zip(parameters_of(hypothesis.accepted), change, strict=True):

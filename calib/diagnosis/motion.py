@@ -27,6 +27,9 @@ SLIDING_TRAVEL = 4e-3  # rad within the window; slower than that, dry friction i
 PAUSE_WINDOW, PAUSE_TRAVEL = 0.1, 4e-4  # s, rad
 AFTER = 0.2  # s
 LEAST_WARMING = 2.0  # K
+Scale = tuple[
+    np.ndarray, np.ndarray
+]  # (n,) degC of the coldest instant and (n,) K up to the hottest, infinite where nothing warms
 
 
 def measured(log: Log, arm: Arm) -> Measurement:
@@ -50,16 +53,28 @@ def measured(log: Log, arm: Arm) -> Measurement:
 
 def warmed(measurements: Sequence[Measurement]) -> list[Measurement]:
     """The same with `warming` from their temperatures, on one scale for all; a joint that warms by less than LEAST_WARMING does not."""
+    return on_scale(measurements, scale_of(measurements))
+
+
+def scale_of(measurements: Sequence[Measurement]) -> Scale | None:
+    """Coldest temperature and rise of every joint; None where a recording has no temperatures, or nothing warms."""
     read = [m.temperature for m in measurements if m.temperature is not None]
     if len(read) < len(measurements):
-        return list(measurements)
+        return None
     cold, hot = (
         np.array([f(t[:, j]) for j in range(t.shape[1])]) for t, f in ((np.concatenate(read), x) for x in (np.min, np.max))
     )
     if not np.any(hot - cold > LEAST_WARMING):
+        return None
+    return cold, np.where(hot - cold > LEAST_WARMING, hot - cold, np.inf)
+
+
+def on_scale(measurements: Sequence[Measurement], scale: Scale | None) -> list[Measurement]:
+    """The same with `warming` on that scale, where they have temperatures."""
+    if scale is None:
         return list(measurements)
-    rise = np.where(hot - cold > LEAST_WARMING, hot - cold, np.inf)
-    return [replace(m, warming=(t - cold) / rise) for m, t in zip(measurements, read, strict=True)]
+    cold, rise = scale
+    return [m if m.temperature is None else replace(m, warming=(m.temperature - cold) / rise) for m in measurements]
 
 
 def _temperature(log: Log, t: np.ndarray) -> np.ndarray | None:

@@ -16,7 +16,8 @@ import fsspec
 import numpy as np
 
 from calib.console import plain
-from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, Job, Status, base_row, refusal
 from calib.fleet.since import History, histories
@@ -28,7 +29,6 @@ from logs import Log, Pieces, open_pieces
 from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
 from sim.version import program_version
 
-DIAGNOSED_SECONDS = 300.0
 APART = ("validation", "holdout")
 ANSWERS: tuple[tuple[type[CalibError], Status], ...] = (
     (AnswerIsNo, Status.NO_EXCITATION),
@@ -127,28 +127,20 @@ def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
     checked = validate(calibrated, held or [opened.fitted[len(opened.fitted) - 1]])
     (out / "validation.json").write_text(json.dumps(checked.as_dict(), indent=1) + "\n", encoding="utf-8")
     named: Diagnosis | None = None
-    trouble = ""
+    whole, trouble = Whole(0.0, 0.0), ""
     if job.diagnose:
         try:
-            named = diagnose(arm, _spread(opened.fitted), held)
+            named, whole = diagnose_pieces(arm, opened.fitted, held, kept)
             (out / "diagnosis").mkdir()
             named.write(out / "diagnosis", arm)
         except CalibError as error:
             trouble = str(error)
     past = _histories(job, opened, named, scratch) if named else []
-    row = base_row(job) | _identified(found, opened) | _validated(checked, bool(held)) | _diagnosed(named, past, trouble)
+    row = base_row(job) | _identified(found, opened) | _validated(checked, bool(held)) | _diagnosed(named, whole, past, trouble)
     row |= {"status": Status.DONE.name.lower(), "sentence": found.result.outcome, "bad_logs": opened.bad}
     row["cpu_seconds"] = time.process_time() - begin
     files = {str(f.relative_to(out)): f.read_bytes() for f in sorted(out.rglob("*")) if f.is_file()}
     return Answer(job.arm_id, Status.DONE, row, files, found.model.names, found.solution.theta, found.solution.covariance)
-
-
-def _spread(pieces: Pieces) -> list[Log]:
-    """Pieces that together last DIAGNOSED_SECONDS or little more, spread evenly over all."""
-    count = len(pieces)
-    if sum(pieces.seconds) > DIAGNOSED_SECONDS:
-        count = max(1, int(DIAGNOSED_SECONDS / (sum(pieces.seconds) / len(pieces))))
-    return [pieces[int((k + 0.5) * len(pieces) / count)] for k in range(count)]
 
 
 def _histories(job: Job, opened: Opened, named: Diagnosis, scratch: Path) -> list[History]:
@@ -197,7 +189,7 @@ def _validated(checked: Validation, apart: bool) -> dict[str, Any]:
     }
 
 
-def _diagnosed(named: Diagnosis | None, past: Sequence[History], trouble: str) -> dict[str, Any]:
+def _diagnosed(named: Diagnosis | None, whole: Whole, past: Sequence[History], trouble: str) -> dict[str, Any]:
     if named is None:
         return {"verdict": "not_diagnosed", "diagnosis_trouble": trouble, "effects": [], "unexplained": []}
     when = {(h.effect, h.joint): h for h in past}
@@ -220,6 +212,9 @@ def _diagnosed(named: Diagnosis | None, past: Sequence[History], trouble: str) -
     return {
         "verdict": named.answer["verdict"],
         "diagnosis_trouble": trouble,
+        "searched_seconds": whole.searched,
+        "weighed_seconds": whole.weighed,
+        "elsewhere": "" if whole.elsewhere is None else " ".join(filter(None, whole.elsewhere[0])),
         "effects": effects,
         "unexplained": [u["joint"] for u in named.answer["unexplained"]],
     }

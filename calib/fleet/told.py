@@ -50,6 +50,10 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
             size = ", ".join(f"{p['name']} {p['value']:.3g} {unit(p['unit'])}".strip() for p in e["parameters"])
             out.append([row["arm"], e["effect"].replace("_", " "), e["joint"] or "whole arm", size, since(e)])
         out += [[row["arm"], "something without a name", joint, "", ""] for joint in row.get("unexplained") or ()]
+        if row.get("elsewhere"):
+            out.append(
+                [row["arm"], f"looks like {row['elsewhere'].replace('_', ' ')}, in a part that was not searched", "", "", ""]
+            )
         if abs(row.get("outlier_score") or 0.0) > OUTLIER:
             out.append([row["arm"], "unlike its siblings", "", _farthest(row), ""])
     return out

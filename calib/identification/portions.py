@@ -41,21 +41,31 @@ class Kept:
 
     def get(self, context: str, piece: str) -> Portion | None:
         """The portion of that piece, or None where it was never finished."""
-        file = self._file(context, piece)
-        if not file.is_file():
+        arrays = self.arrays(context, piece)
+        if arrays is None:
             return None
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
         words = json.loads(str(arrays.pop("words")))
         return Portion(words["name"], Sums.of_arrays(arrays), tuple(Exclusion(*e) for e in words["excluded"]))
 
     def put(self, context: str, piece: str, portion: Portion) -> None:
         """Keep a portion."""
+        words = {"name": portion.name, "excluded": [[e.joint, e.reason, e.seconds] for e in portion.excluded]}
+        self.put_arrays(context, piece, portion.sums.arrays() | {"words": np.array(json.dumps(words))})
+
+    def arrays(self, context: str, piece: str) -> dict[str, np.ndarray] | None:
+        """What was kept of a piece by name, or None where it was never finished."""
+        file = self._file(context, piece)
+        if not file.is_file():
+            return None
+        with np.load(file, allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}
+
+    def put_arrays(self, context: str, piece: str, arrays: dict[str, np.ndarray]) -> None:
+        """Keep arrays by name."""
         self.folder.mkdir(parents=True, exist_ok=True)
         file = self._file(context, piece)
         draft = file.with_name(f".{os.getpid()}-{file.name}")
-        words = {"name": portion.name, "excluded": [[e.joint, e.reason, e.seconds] for e in portion.excluded]}
-        np.savez(draft, allow_pickle=False, words=np.array(json.dumps(words)), **portion.sums.arrays())
+        np.savez(draft, allow_pickle=False, **arrays)
         os.replace(draft, file)
 
     def _file(self, context: str, piece: str) -> Path:

@@ -1,0 +1,180 @@
+"""Diagnosis of a recording of any length: names are searched in some minutes of it, and weighed by sums over all of it.
+
+A search takes steps that need its rows at hand, so it looks at pieces that together last SEARCHED_SECONDS, spread over the whole. What it
+named is then estimated from every piece, and every piece is asked for what was not named; the piece that shows most of that is searched
+too, once. The sums (calib.diagnosis.sums) need the memory of one piece and come out the same in whatever order and grouping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.diagnosis.corrected import correction
+from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.fit import Fit, parameters_of
+from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.motion import measured, on_scale, scale_of
+from calib.diagnosis.rows import Rows
+from calib.diagnosis.sums import Key, Other, Point, Portion, Solution, Solver, best_other, others_of, portion
+from calib.identification.portions import Kept, digest_of
+from logs.log import Log
+from logs.pieces import Pieces
+from sim.arm import Arm
+
+SEARCHED_SECONDS = 300.0
+
+
+@dataclass(frozen=True)
+class Whole:
+    """How much of a recording an answer rests on.
+
+    searched    seconds of the pieces in which names were searched; weighed: seconds over which they were summed
+    elsewhere   the likeliest candidate that has no name in a piece that was not searched: effect, joint, and what it brings there above its
+                price; None where every piece is explained
+    """
+
+    searched: float
+    weighed: float
+    elsewhere: tuple[Key, float] | None = None
+
+
+def diagnose_pieces(
+    arm: Arm,
+    pieces: Pieces,
+    holdout: Sequence[Log] = (),
+    kept: Kept | None = None,
+    told: Callable[[str], None] = lambda text: None,
+    most: float = SEARCHED_SECONDS,
+) -> tuple[Diagnosis, Whole]:
+    """As `diagnose`, for pieces of any number, `most` seconds of which are searched; `kept` has the sums of pieces that were done before."""
+    chosen = spread(pieces.seconds, most)
+    found = diagnose(arm, [pieces[k] for k in chosen], holdout, told)
+    whole = Whole(sum(pieces.seconds[k] for k in chosen), sum(pieces.seconds))
+    if len(chosen) == len(pieces) or found.found is None:
+        return found, replace(whole, weighed=whole.searched)
+    told("summing over all pieces")
+    summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
+    odd = summed.odd(set(range(len(pieces))) - set(chosen))
+    if odd is not None:
+        chosen = sorted({*chosen, odd[0]} - {min(chosen, key=lambda k: abs(k - odd[0]))})
+        found = diagnose(arm, [pieces[k] for k in chosen], holdout, told)
+        whole = replace(whole, searched=sum(pieces.seconds[k] for k in chosen))
+        if found.found is None:
+            return found, replace(whole, weighed=whole.searched)
+        summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
+        odd = summed.odd(set(range(len(pieces))) - set(chosen))
+    left = None if odd is None else (odd[1], odd[2])
+    return _restated(arm, found, summed, pieces[chosen[-1]], holdout), replace(whole, elsewhere=left)
+
+
+def spread(seconds: Sequence[float], most: float = SEARCHED_SECONDS) -> list[int]:
+    """Pieces that together last about `most` seconds, evenly over all."""
+    count = len(seconds)
+    if sum(seconds) > most:
+        count = max(1, int(most / (sum(seconds) / len(seconds))))
+    return [int((k + 0.5) * len(seconds) / count) for k in range(count)]
+
+
+class _Summed:
+    """The sums of all pieces at one point, and what each piece says for itself."""
+
+    def __init__(self, point: Point, pieces: Pieces, without: int | None, kept: Kept | None) -> None:
+        self.point, self.pieces, self._without, self._kept = point, pieces, without, kept
+        first = pieces[0 if without != 0 else 1]
+        self._others: tuple[Other, ...] = others_of(point, first)
+        self._nuisance = len(point.model(first).names)
+        self._named = len(parameters_of(point.hypothesis.accepted))
+        self._best: list[tuple[float, Key | None]] = []
+        self.solution = self._over(point, others=True)
+
+    def odd(self, where: set[int]) -> tuple[int, Key, float] | None:
+        """The piece of `where` that most wants a name that was not given: its index, the name, and what it brings above its price."""
+        k = max(where, key=lambda k: self._best[k][0], default=None)
+        if k is None:
+            return None
+        gain, key = self._best[k]
+        return None if key is None else (k, key, gain)
+
+    def refined(self) -> tuple[Point, Solution]:
+        """A step of Gauss and Newton on all pieces, taken where it lowers their sum of squares."""
+        there = self.point.at(self.solution.delta)
+        after = self._over(there, others=False)
+        if after.chi2_here < self.solution.chi2_here:
+            return there, after
+        return self.point, self.solution
+
+    def _over(self, point: Point, others: bool) -> Solution:
+        total: Portion | None = None
+        for k, piece in enumerate(self.pieces):
+            part = self._portion(point, piece, others)
+            if others:
+                self._best.append(best_other(part, self._others, self._nuisance, self._named))
+            if k != self._without:
+                total = part if total is None else Portion.merged([total, part])
+        assert total is not None
+        return Solver(total, self._nuisance, self._named).solution()
+
+    def _portion(self, point: Point, piece: Log, others: bool) -> Portion:
+        if self._kept is None:
+            return portion(point, piece, others)
+        context, name = f"diagnosis {point.digest} {others}", digest_of(piece)
+        arrays = self._kept.arrays(context, name)
+        if arrays is not None:
+            return Portion.of_arrays(arrays)
+        part = portion(point, piece, others)
+        self._kept.put_arrays(context, name, part.arrays())
+        return part
+
+
+def _touched(found: Diagnosis, chosen: Sequence[int]) -> int | None:
+    """The piece in which something touched the arm; it stays out of the sums."""
+    if found.found is None or not any(e.effect == CONTACT for e in found.accepted):
+        return None
+    event = found.found.best.hypothesis.event_log
+    return None if event is None else chosen[event]
+
+
+def _point(found: Diagnosis, holdout: Sequence[Log]) -> Point:
+    assert found.found is not None
+    best = found.found.best
+    lasting = tuple(e for e in found.accepted if e.effect != CONTACT)
+    hypothesis = best.hypothesis.with_effects(lasting)
+    seen = [m.measurement for m in best.models] + [measured(log, hypothesis.start) for log in holdout]
+    return Point(hypothesis, best.solved.noise, scale_of(seen))
+
+
+def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: Sequence[Log]) -> Diagnosis:
+    """The answer with the parameters that all pieces give, the corrected arm that goes with them, and its gap."""
+    assert found.found is not None
+    if not summed.point.hypothesis.accepted:
+        return found
+    point, solution = summed.refined()
+    best = found.found.best
+    model = point.model(last)
+    solved = replace(best.solved, theta=solution.theta)
+    fit = Fit(point.hypothesis, [model], solved, best.objective, solution.covariance)
+    change = correction(fit)
+    written = replace(point.hypothesis, arm=change.of(arm))
+    answer = dict(found.answer)
+    values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
+    answer["effects"] = [_entry(entry, values) for entry in found.answer["effects"]]
+    shown = on_scale([measured(log, arm) for log in holdout or [last]], point.warming)
+    left = [[float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in Rows([LogModel(m, written)]).r] for m in shown]
+    answer["gap"] = answer["gap"] | {"after": [float(x) for x in np.sqrt(np.mean(np.square(left), axis=0))]}
+    contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
+    return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change)
+
+
+def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]
+    item = values.get((entry["effect"], entry["joint"]))
+    if item is None:
+        return entry
+    effect, std = item
+    parameters = {
+        name: p | {"value": float(effect.parameters[name]), "std": float(np.nan_to_num(std[name], posinf=0.0))}
+        for name, p in entry["parameters"].items()
+    }
+    return entry | {"parameters": parameters}
