@@ -121,8 +121,9 @@ def plant(folder: Path, arms: int, seconds: float, rate: float = 125.0) -> dict[
     return hidden
 
 
+# VmHWM is this process's own peak; ru_maxrss would begin at that of the process that started it
 HOUR = """
-import json, resource, sys, tempfile, time
+import json, re, sys, tempfile, time
 from pathlib import Path
 from calib.identification.identify import identify
 from logs import Pieces, open_pieces
@@ -134,7 +135,7 @@ with tempfile.TemporaryDirectory() as scratch:
     read = time.process_time() - cpu
     found = identify(arm, pieces)
 spent = time.process_time() - cpu
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+peak = int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
 print(json.dumps([time.perf_counter() - wall, spent, read, peak, float(found.result.training.after.mean())]))
 """
 
@@ -187,7 +188,7 @@ def length(minutes: tuple[float, ...] = LENGTHS) -> list[dict[str, Any]]:
 
 
 NAMES = """
-import json, resource, sys, tempfile, time
+import json, re, sys, tempfile, time
 from pathlib import Path
 from calib.diagnosis.whole import diagnose_pieces
 from logs import open_pieces, read_log
@@ -198,7 +199,7 @@ with tempfile.TemporaryDirectory() as scratch:
     pieces = open_pieces(Path(sys.argv[1]), arm.joint_names, Path(scratch))
     found, whole = diagnose_pieces(arm, pieces, [read_log(Path(sys.argv[2]), arm.joint_names)])
 names = [(e["effect"], e["joint"], [(p["value"], p["std"]) for p in e["parameters"].values()][0]) for e in found.answer["effects"]]
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+peak = int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
 print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu, peak, whole.searched, whole.weighed, names]))
 """
 
@@ -243,58 +244,62 @@ def _long(file: Path, truth: Arm, arm: Arm, minutes: float, seed: int) -> None:
     write_recording(file, arm, log, "long", "S1", "work", 0)
 
 
-def engines(arms: int = 200, seconds: float = 300.0, diagnose: bool = True) -> list[dict[str, Any]]:
-    """The same arms on two local workers, on a two-worker cluster on loopback, and with a worker killed in the middle."""
-    rows = []
+def engines(arms: int = 200, seconds: float = 300.0, diagnose: bool = True, few: int = 8) -> list[dict[str, Any]]:
+    """The pace of two local workers, and for the first `few` arms whether every way gives the same."""
+    return pace(arms, seconds, diagnose) + same(few, seconds, diagnose)
+
+
+def pace(arms: int, seconds: float, diagnose: bool = True) -> list[dict[str, Any]]:
+    """Arms a minute on two local workers, and how many were told rightly."""
     with tempfile.TemporaryDirectory() as scratch:
         root = Path(scratch)
         hidden = plant(root / "logs", arms, seconds)
-        what = f"{arms} arms x {seconds / 60:g} min" + ("" if diagnose else ", without diagnosis")
         local, wall, spent = _timed(root, "local", Settings(workers=2, diagnose=diagnose))
-        rows.append(
-            row(
-                f"{what}: two local workers",
-                f"{arms / wall * 60:.2f}",
-                "arms/min",
-                "",
-                f"{spent / arms:.1f} s CPU an arm, wall {wall:.0f} s",
-            )
-        )
-        named = sum(_named(r, hidden.get(r["cell"])) for r in local.rows)
-        rows.append(
-            row(
-                "arms whose diagnosis is the hidden effect alone, or none where none is hidden",
-                f"{named}/{arms}",
-                "",
-                "",
-                f"{len(hidden)} have one",
-            )
-        )
-        far = [r["cell"] for r in local.rows if abs(r.get("outlier_score") or 0) > 4]
-        rows.append(
-            row(
-                "arms told to be unlike their siblings, with an effect / without",
-                f"{len(set(far) & set(hidden))}/{len(set(far) - set(hidden))}",
-            )
-        )
+    named = sum(_named(r, hidden.get(r["cell"])) for r in local.rows)
+    far = {r["cell"] for r in local.rows if abs(r.get("outlier_score") or 0) > 4}
+    done = sum(r["status"] == "done" for r in local.rows)
+    return [
+        row(f"{_what(arms, seconds, diagnose)}: two local workers", f"{arms / wall * 60:.2f}", "arms/min", "",
+            f"{spent / arms:.1f} s CPU an arm, wall {wall:.0f} s"),
+        row("arms done", f"{done}/{arms}", "", f"{arms}"),
+        row("arms whose diagnosis is the hidden effect alone, or none where none is hidden", f"{named}/{arms}", "", "",
+            f"{len(hidden)} have one; told otherwise: {_otherwise(local, hidden)}"),
+        row("arms told to be unlike their siblings, with an effect / without", f"{len(far & set(hidden))}/{len(far - set(hidden))}"),
+    ]  # fmt: skip
+
+
+def same(arms: int, seconds: float, diagnose: bool = True) -> list[dict[str, Any]]:
+    """The same arms on two local workers, on a two-worker cluster on loopback, with a worker killed in the middle, and once more."""
+    what = _what(arms, seconds, diagnose)
+    with tempfile.TemporaryDirectory() as scratch:
+        root = Path(scratch)
+        plant(root / "logs", arms, seconds)
+        local, wall, _ = _timed(root, "local", Settings(workers=2, diagnose=diagnose))
+        rows = [row(f"{what}: two local workers", f"{arms / wall * 60:.2f}", "arms/min", "", f"wall {wall:.0f} s")]
         with _loopback() as address:
             other, wall, _ = _timed(root, "cluster", Settings(scheduler=address, diagnose=diagnose))
-        rows.append(
-            row(f"{what}: two-worker cluster on loopback", f"{arms / wall * 60:.2f}", "arms/min", "", f"wall {wall:.0f} s")
-        )
-        rows.append(
-            row(
-                "largest relative difference of any number, cluster against local",
-                f"{difference(local, other):.1e}",
-                "",
-                "<= 1e-9",
-            )
-        )
+        rows += [
+            row(f"{what}: two-worker cluster on loopback", f"{arms / wall * 60:.2f}", "arms/min", "", f"wall {wall:.0f} s"),
+            row("largest relative difference of any number, cluster against local", f"{difference(local, other):.1e}", "", "<= 1e-9"),
+        ]  # fmt: skip
         rows += killed(root, local, arms, diagnose)
         begin = time.perf_counter()
         again = run_fleet(str(root / "logs"), root / "local", Settings(workers=2, diagnose=diagnose))
         rows.append(row("second call: arms done again", len(again.done), "", "0", f"{time.perf_counter() - begin:.1f} s"))
     return rows
+
+
+def _what(arms: int, seconds: float, diagnose: bool) -> str:
+    return f"{arms} arms x {seconds / 60:g} min" + ("" if diagnose else ", without diagnosis")
+
+
+def _otherwise(fleet: Fleet, hidden: dict[str, ArmEffect]) -> str:
+    wrong = [r for r in fleet.rows if not _named(r, hidden.get(r["cell"]))]
+    told = [
+        "+".join(f"{e['effect']} {e['joint'] or ''}".strip() for e in r.get("effects") or ()) or r.get("verdict", "")
+        for r in wrong
+    ]
+    return "; ".join(f"{r['cell']} {t}" for r, t in zip(wrong, told, strict=True)) or "none"
 
 
 def killed(root: Path, reference: Fleet, arms: int, diagnose: bool) -> list[dict[str, Any]]:
@@ -418,8 +423,9 @@ if __name__ == "__main__":
         table = length(tuple(map(float, given[1:])) or LENGTHS)
     elif given[:1] == ["names"]:
         table = names(tuple(map(float, given[1:])) or (4, 20, 60))
-    elif given[:1] == ["engines"]:
-        table = engines(int(given[1]), float(given[2]), given[3:] != ["identify"])
+    elif given[:1] in (["engines"], ["pace"], ["same"]):
+        make = {"engines": engines, "pace": pace, "same": same}[given[0]]
+        table = make(int(given[1]), float(given[2]), given[3:] != ["identify"])
     else:
         table = run()
     for line in table:

@@ -59,7 +59,8 @@ def diagnose_pieces(
     summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
     odd = summed.odd(set(range(len(pieces))) - set(chosen))
     if odd is not None:
-        chosen = sorted({*chosen, odd[0]} - {min(chosen, key=lambda k: abs(k - odd[0]))})
+        other = odd[0]
+        chosen = sorted({*chosen, other} - {min(chosen, key=lambda k: abs(k - other))})
         found = diagnose(arm, [pieces[k] for k in chosen], holdout, told)
         whole = replace(whole, searched=sum(pieces.seconds[k] for k in chosen))
         if found.found is None:
