@@ -10,6 +10,7 @@ import enum
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
@@ -64,13 +65,21 @@ def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str
 
 
 def say(sentence: str) -> None:
-    """A sentence for the person, on standard output; brackets and file names stand as they are."""
-    _out().print(sentence, markup=False, highlight=False, soft_wrap=True)
+    """A sentence for the person, on standard output; brackets and file names stand as they are.
+
+    On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is said by `copyable`.
+    """
+    _out().print(_wrapped(sentence, _out()), markup=False, highlight=False, soft_wrap=True)
+
+
+def copyable(line: str) -> None:
+    """A line to be copied, such as a command or a path, on standard output: whole, however long."""
+    _out().print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def warn(sentence: str) -> None:
     """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
-    _err().print(f"calib: {sentence}", markup=False, highlight=False, soft_wrap=True)
+    _err().print(_wrapped(f"calib: {sentence}", _err()), markup=False, highlight=False, soft_wrap=True)
 
 
 def ask(question: str) -> str:
@@ -157,6 +166,25 @@ def _is_number(value: Any) -> bool:
 def _own(value: Any) -> Any:
     """NumPy's scalars and arrays as Python's numbers and lists, told by what they offer: `calib --help` need not import NumPy."""
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _wrapped(text: str, console: Console) -> str:
+    """`text` in lines that fit a terminal; longer words, such as paths, stay whole. Elsewhere, and where it fits, as it is."""
+    if not console.is_terminal:
+        return text
+    lines = []
+    for line in text.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        fits = textwrap.wrap(
+            line,
+            console.width,
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+            replace_whitespace=False,
+        )
+        lines += fits if len(line) > console.width else [line]
+    return "\n".join(lines)
 
 
 def _out() -> Console:

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from calib.report.diagnosis import quantity
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
-from sim.effects import checked
+from sim.effects import checked, effect_named
 
 Draw = Callable[[np.random.Generator, Arm, str], dict[str, float]]
 
@@ -121,7 +122,7 @@ def story(arm: str, cell: Path, folder: Path) -> list[Step]:
 
 @dataclass(frozen=True)
 class Reveal:
-    """What was hidden beside what was found: rows of effect, joint, parameter, hidden, found, ±; None where one of them has it not."""
+    """What was hidden beside what was found: rows of effect, joint, parameter, hidden, found, with units; None where one has it not."""
 
     rows: list[list[Any]]
     right: bool
@@ -132,13 +133,15 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     """`hidden` beside the content of diagnosis.json."""
     found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
     key = (hidden.effect, hidden.joint)
+    units = {p.name: p.unit for p in effect_named(hidden.effect).parameters}
     rows: list[list[Any]] = []
     for name, value in hidden.parameters.items():
-        seen = found.get(key, {}).get(name, {})
-        rows.append([hidden.effect, hidden.joint or "whole arm", name, value, seen.get("value"), seen.get("std")])
+        seen = found.get(key, {}).get(name)
+        truth = quantity({"value": value, "unit": units[name]})
+        rows.append([hidden.effect, hidden.joint or "whole arm", name, truth, quantity(seen) if seen else None])
     for (effect, joint), parameters in found.items():
         if (effect, joint) != key:
-            rows += [[effect, joint or "whole arm", name, None, p["value"], p["std"]] for name, p in parameters.items()]
+            rows += [[effect, joint or "whole arm", name, None, quantity(p)] for name, p in parameters.items()]
     others = len(found) - (key in found)
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     if key not in found:

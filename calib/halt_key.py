@@ -15,13 +15,15 @@ WAIT = 0.05
 
 
 class HaltKey:
-    """While entered, listens to `stream`; without one, or where it is no terminal, it never asks for a stop.
+    """While entered, listens to `stream`; without one, where it is no terminal, or in the background of one, it never asks for a stop.
+
+    `heard` says whether it listens.
 
     Ctrl-C keeps its meaning. What the terminal was set to is restored at the end, however the end comes.
     """
 
     def __init__(self, stream: Any = None) -> None:
-        self._stream = stream if stream is not None and stream.isatty() else None
+        self._stream = stream if stream is not None and stream.isatty() and not _in_background(stream.fileno()) else None
         self._over = threading.Event()
         self._pressed = False
 
@@ -40,6 +42,11 @@ class HaltKey:
             self._thread.join()
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
+    @property
+    def heard(self) -> bool:
+        """Whether a key pressed now would be heard."""
+        return self._stream is not None
+
     def reason(self) -> str | None:
         """That the key was pressed, or None."""
         return "the key h" if self._pressed else None
@@ -52,3 +59,11 @@ class HaltKey:
                 self._pressed = self._pressed or KEY in typed
                 if not typed:
                     return
+
+
+def _in_background(fd: int) -> bool:
+    """Whether another job of this terminal has its keys: who asks for them then is stopped by the system, without a word."""
+    try:
+        return os.tcgetpgrp(fd) != os.getpgrp()
+    except OSError:  # not the terminal that this process belongs to, so nobody's jobs
+        return False

@@ -71,6 +71,12 @@ class Commands(TyperGroup):
         setattr(command, "parse_args", lambda ctx, args: parse(ctx, spread(args, lists)))  # noqa: B010
         return command
 
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:  # Typer would end with a bare exit code, and nobody would say why
+            raise typer.Abort from None
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Every command with the whole first sentence of its help, wrapped and not cut off."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
@@ -161,7 +167,11 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         console.warn(_of_file(error))
         return 2, _of_file(error)
     except (KeyboardInterrupt, typer.Abort):
-        console.warn("interrupted; nothing more was done")
+        told = "interrupted; nothing more was done"
+        if invocation.folders:
+            folder = invocation.folders[0]
+            told += f"; what was begun stands in {folder}, and the same again is `calib runs {folder} --again`"
+        console.warn(told)
         return 130, "interrupted by the operator"
 
 

@@ -214,7 +214,10 @@ def _outcome(arm: Arm, checks: Sequence[LogCheck]) -> str:
     if np.all(np.isnan(share)):
         return f"no joint of {arm.name} moves in these logs, so nothing was compared"
     worst = int(np.nanargmax(np.nanmax(np.where(np.isnan(share), -1.0, share), axis=0)))
-    told = f"{arm.name} predicts the torque to {np.nanmean(share):.1%} of its variation, {np.nanmax(share):.1%} at {arm.joint_names[worst]}"
+    told = (
+        f"the model of {arm.name} misses {np.nanmean(share):.1%} of the torque's variation, most at {arm.joint_names[worst]}: "
+        f"{np.nanmax(share):.1%}"
+    )
     moved = [c.forward for c in checks if c.forward is not None and c.windows]
     if moved:
         error = np.sqrt(np.mean(np.square(moved), axis=0))

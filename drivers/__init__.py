@@ -6,7 +6,7 @@ from importlib import import_module
 
 from drivers.driver import Driver
 from sim.arm import Arm
-from sim.cell import Cell
+from sim.cell import Cell, require_postures
 from sim.errors import ConfigError
 from sim.resources import nearest
 
@@ -20,10 +20,14 @@ DRIVERS: dict[str, tuple[str, str]] = {
 
 
 def open_driver(cell: Cell, arm: Arm) -> Driver:
-    """The driver that a cell names, not yet connected; `cls.from_cell(cell, arm)` checks the cell's options."""
+    """The driver that a cell names, not yet connected; `cls.from_cell(cell, arm)` checks the cell's options.
+
+    ConfigError where the cell's driver, options, home or rest do not fit.
+    """
     name = cell.table.driver
     if name not in DRIVERS:
         raise ConfigError(f"{cell.path}: driver = {name!r} is not known; {nearest(name, DRIVERS)}")
+    require_postures(cell, arm)
     module, class_name = DRIVERS[name]
     driver: Driver = getattr(import_module(module), class_name).from_cell(cell, arm)
     return driver

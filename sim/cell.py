@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from sim.arm import Arm
 from sim.arm_table import EffectTable
 from sim.errors import ConfigError
 from sim.resources import config_folders, nearest
@@ -130,3 +131,19 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid TOML ({error}); correct the file at that place") from error
     return Cell(validated(CellTable, data, path), path, hashlib.sha256(raw).hexdigest())
+
+
+def require_postures(cell: Cell, arm: Arm) -> None:
+    """ConfigError where the cell's home or rest is no posture of its arm: one angle a joint, within the joint's limits."""
+    for key, posture in (("home", cell.table.home), ("rest", cell.table.rest)):
+        if posture is None:
+            continue
+        if len(posture) != arm.n:
+            raise ConfigError(
+                f"{cell.path}: {key} has {len(posture)} angles; {arm.name} has {arm.n} joints: {', '.join(arm.joint_names)}"
+            )
+        for joint, angle, least, most in zip(arm.joint_names, posture, arm.q_min, arm.q_max, strict=True):
+            if not least <= angle <= most:
+                raise ConfigError(
+                    f"{cell.path}: {key} has {joint} at {angle:g} rad; it turns from {least:.4g} to {most:.4g} rad; write radians, not degrees"
+                )

@@ -10,6 +10,7 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.effects import effect_named
+from sim.errors import ConfigError
 from sim.model import KinematicTree
 
 # Soft joints get a rotor body of their own; the link's body hangs on it by a second hinge of this name.
@@ -110,10 +111,16 @@ def _add_obstacles(world: ElementTree.Element, obstacles: list[BoxObstacle | Pla
     for item in obstacles:
         common = {"name": f"obstacle:{item.name}", "pos": numbers(item.position), "contype": "2", "conaffinity": "1"}
         if isinstance(item, BoxObstacle):
+            if min(item.size) <= 0:
+                raise ConfigError(f"obstacle {item.name!r}: size {item.size} m; every size must be above 0")
             turn = Rotation.from_euler("xyz", item.rpy).as_quat(scalar_first=True)
             box = {"type": "box", "size": numbers(np.array(item.size) / 2), "quat": numbers(turn)}
             ElementTree.SubElement(world, "geom", common | box)
         elif isinstance(item, PlaneObstacle):
+            if not any(item.normal):
+                raise ConfigError(
+                    f"obstacle {item.name!r}: normal {item.normal} has no direction; give the outward normal, such as [0, 0, 1]"
+                )
             turn, _ = Rotation.align_vectors([item.normal], [[0.0, 0.0, 1.0]])
             plane = {"type": "plane", "size": "5 5 0.1", "quat": numbers(turn.as_quat(scalar_first=True))}
             ElementTree.SubElement(world, "geom", common | plane)

@@ -57,7 +57,7 @@ def command(
     failed = [check for check in checks if check.ok is False]
     unsaid = sum(check.ok is None for check in checks)
     passed = len(checks) - len(failed) - unsaid
-    conclude(f"{passed} checks pass" + (f", the device says nothing to {unsaid}" if unsaid else ""))
+    conclude(f"{passed} checks pass" + (f"; for {unsaid} the device does not say what is needed" if unsaid else ""))
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
     else:

@@ -34,6 +34,7 @@ def command(
     from calib.main import start
     from sim.arm import load_arm
     from sim.cell import load_cell
+    from sim.effects import effect_named
 
     began = time.monotonic()
     seed = secrets.randbelow(10_000) if seed is None else seed
@@ -50,13 +51,15 @@ def command(
         )
         steps = demo.story(arm.name, place, folder)
         for number, step in enumerate(steps, 1):
-            console.say(f"\n{number} of {len(steps)}. {step.why}\n   $ calib {shlex.join(step.arguments)}")
+            console.say(f"\n{number} of {len(steps)}. {step.why}")
+            console.copyable(f"   $ calib {shlex.join(step.arguments)}")
             said, since = io.StringIO(), time.monotonic()
             with redirect_stdout(said):
                 code, sentence = start(list(step.arguments))
             (folder / f"{number}-{step.arguments[0]}.txt").write_text(said.getvalue(), encoding="utf-8")
             if code not in step.fine:
                 console.say(said.getvalue())
+                conclude(f"ended at step {number}, calib {step.arguments[0]}: {sentence}")
                 raise typer.Exit(code)
             console.say(f"   {sentence[0].upper()}{sentence[1:]}. ({time.monotonic() - since:.0f} s)")
     report = folder / "diagnosis" / "report.html"
@@ -72,11 +75,12 @@ def command(
             }
         )  # fmt: skip
         return
-    console.say(f"\nAnd this was hidden: {hidden.effect} at {hidden.joint or 'the whole arm'}.")
-    console.table(["effect", "joint", "parameter", "hidden", "found", "±"], revealed.rows)
-    console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
     console.say(
-        f"\nIt took {seconds:.0f} s; what each command said stands in {folder}. The same again: calib demo --seed {seed}"
+        f"\nAnd this was hidden: {hidden.effect} at {hidden.joint or 'the whole arm'} ({effect_named(hidden.effect).summary})."
     )
+    console.table(["effect", "joint", "parameter", "hidden", "found"], revealed.rows)
+    console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
+    console.say(f"\nIt took {seconds:.0f} s; what each command said stands in {folder}")
+    console.say(f"The same again: calib demo --seed {seed}")
     console.say("The report, for a browser:")
-    console.say(str(report.resolve()))
+    console.copyable(str(report.resolve()))

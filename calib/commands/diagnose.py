@@ -58,13 +58,22 @@ def command(
         console.print_json(answer)
         return code
     rows = [
-        [e["effect"], e["joint"] or "whole arm", name, p["value"], p["std"], p["nominal"], p["unit"], f"{e['confidence']:.0%}"]
+        [
+            e["effect"],
+            e["joint"] or "whole arm",
+            name,
+            p["value"],
+            p["std"],
+            page.in_the_model(e)[name],
+            p["unit"].replace("*", " "),
+            f"{e['confidence']:.0%}",
+        ]
         for e in answer["effects"]
         for name, p in e["parameters"].items()
     ]
     if rows:
         console.table(
-            ["effect", "joint", "parameter", "value", "std", "nominal", "unit", "confidence"], rows, "missing effects"
+            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "confidence"], rows, "missing effects"
         )
     gap = answer["gap"]
     if gap["before"]:

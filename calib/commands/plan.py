@@ -56,13 +56,15 @@ def command(
     from safety.collision import Clearance
     from safety.plan import write_plan
     from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_cell, require_postures
     from sim.viewer import play, require_display
 
     if viewer:
         require_display()
     nominal = load_arm(arm, configs)
     where = load_cell(cell, configs) if cell else None
+    if where:
+        require_postures(where, nominal)
     asked = replace(
         QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
         progressive=progressive, home=None if home is None else posture(home, nominal),
@@ -83,8 +85,8 @@ def command(
         page.write(folder / "plan.html", nominal, stands, designed.motions, Clearance(nominal, stands), worth)
     known, weak = len(designed.summary["identifiable"]), len(designed.summary["not_identifiable"])
     sentence = (
-        f"condition number {designed.worth.condition:.3g}; {known} of {known + weak} parameters will be known better than the arm's file "
-        f"states them; {designed.duration / 60:.1f} minutes of motion at full speed"
+        f"{designed.duration / 60:.1f} minutes of motion at full speed; {known} of {known + weak} parameters will be known better than the "
+        f"arm's file states them; condition number {designed.worth.condition:.3g}"
     )
     if "separation_sigma" in designed.summary:
         sigma = float(designed.summary["separation_sigma"])

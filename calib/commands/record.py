@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -73,7 +74,7 @@ def command(
         approve(sealed, arm, where, who, datetime.now(UTC))
     folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
     halt = HaltKey(None if hold_to_run else sys.stdin)
-    keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"}
+    keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"} if halt.heard else {}
     view = LiveView(
         arm,
         f"{arm.name} in {where.name}, recorded to {folder}",
@@ -105,7 +106,13 @@ def command(
     )
     console.table(
         ["motion", "limit used most", "share", "nearest approach", "longest stop [s]"],
-        [[name, *max(v.used.items(), key=lambda item: item[1]), v.nearest, v.stop_time] for name, v in done.verdicts.items()],
+        [[name, *_most(v.used), v.nearest, v.stop_time] for name, v in done.verdicts.items()],
         "what was proved before it moved",
     )
     console.say(f"{folder}: {', '.join(p.name for p in done.logs.values())}")
+
+
+def _most(used: Mapping[str, float]) -> tuple[str, str]:
+    """The limit that a motion uses most, and its share of it."""
+    name, share = max(used.items(), key=lambda item: item[1])
+    return name, f"{share:.0%}"

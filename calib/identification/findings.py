@@ -63,16 +63,12 @@ def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
 
 def outcome(result: FitResult) -> str:
     """The fit in one sentence."""
-    unknown = [e.name.split(" ")[0] for e in result.estimates if not e.identifiable]
+    unknown = sum(not e.identifiable for e in result.estimates)
     gap = result.holdout or result.training
     where = "held-out" if result.holdout else "training"
     share = float(np.nanmean(gap.after / np.maximum(gap.before, 1e-12)))
-    told = (
-        f"; not identifiable from these logs: {', '.join(unknown[:6])}{' and others' if len(unknown) > 6 else ''}"
-        if unknown
-        else ""
-    )
+    told = f", the other {unknown} are not identifiable from these logs and keep the file's values" if unknown else ""
     return (
-        f"{len(result.estimates) - len(unknown)} of {len(result.estimates)} parameters identified, condition number "
-        f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's{told}"
+        f"{len(result.estimates) - unknown} of {len(result.estimates)} parameters identified{told}; condition number "
+        f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's"
     )

@@ -131,8 +131,9 @@ def evidence(labels: Sequence[str], scores: Sequence[float], chosen: Sequence[bo
     ax.set_xscale("log")
     most = 1.5 * max([*scores, 3 * threshold])
     ax.set_xlim(least, most)
-    decades = [10.0**k for k in range(9) if least <= 10.0**k <= most]
-    ax.set_xticks(decades, labels=[f"{tick:,.0f}".replace(",", " ") for tick in decades])
+    finer = (1, 2, 5) if most < 100 * least else (1,)
+    ticks = [digit * 10.0**k for k in range(9) for digit in finer if least <= digit * 10.0**k <= most]
+    ax.set_xticks(ticks, labels=[f"{tick:,.0f}".replace(",", " ") for tick in ticks])
     ax.minorticks_off()
     ax.set_yticks(range(len(labels)), labels=list(labels))
     ax.set_ylim(len(labels) - 0.5, -0.5)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from calib import console
 
@@ -54,3 +55,11 @@ def test_progress_away_from_a_terminal_is_one_line(capsys: pytest.CaptureFixture
 def test_completion_offers_what_is_shipped() -> None:
     assert "mock-ur10e" in console.cell_names("mock")
     assert console.cell_names("no such") == []
+
+
+def test_a_terminal_gets_lines_between_words_and_whole_paths() -> None:
+    terminal = Console(width=20, force_terminal=True)
+    path = "runs/20260102T030405Z-ur10e-demo/report.html"
+    assert console._wrapped(f"  the page stands in {path}", terminal).splitlines() == ["  the page stands in", f"  {path}"]
+    assert console._wrapped("   two words", terminal) == "   two words"
+    assert console._wrapped("a line that is longer than twenty", Console(width=20, force_terminal=False)).count("\n") == 0

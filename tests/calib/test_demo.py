@@ -38,10 +38,15 @@ def test_the_effect_stands_in_the_emulation_of_the_cell_and_nowhere_else(tmp_pat
         assert hidden.effect not in " ".join(step.arguments)
 
 
+def unit(effect: str, parameter: str) -> str:
+    return next(p.unit for p in effect_named(effect).parameters if p.name == parameter)
+
+
 def diagnosis(*effects: tuple[str, str | None, dict[str, float]]) -> dict[str, Any]:
     return {
         "effects": [
-            {"effect": e, "joint": j, "parameters": {k: {"value": v, "std": 0.1} for k, v in p.items()}} for e, j, p in effects
+            {"effect": e, "joint": j, "parameters": {k: {"value": v, "std": 0.1, "unit": unit(e, k)} for k, v in p.items()}}
+            for e, j, p in effects
         ]
     }
 
@@ -50,7 +55,7 @@ def test_what_was_hidden_is_shown_beside_what_was_found() -> None:
     hidden = ArmEffect("coulomb_friction", "elbow_joint", {"coulomb": 8.0})
     right = demo.reveal(hidden, diagnosis(("coulomb_friction", "elbow_joint", {"coulomb": 8.1})))
     assert right.right
-    assert right.rows == [["coulomb_friction", "elbow_joint", "coulomb", 8.0, 8.1, 0.1]]
+    assert right.rows == [["coulomb_friction", "elbow_joint", "coulomb", "8 N m", "8.10 ± 0.10 N m"]]
     assert right.sentence == "what was hidden was found, and nothing else"
 
 
@@ -67,7 +72,7 @@ def test_what_was_named_too_much_is_admitted() -> None:
     hidden = ArmEffect("payload", None, {"mass": 2.0})
     both = demo.reveal(hidden, diagnosis(("payload", None, {"mass": 2.0}), ("backlash", "elbow_joint", {"half_gap": 0.001})))
     assert not both.right
-    assert both.rows[1] == ["backlash", "elbow_joint", "half_gap", None, 0.001, 0.1]
+    assert both.rows[1] == ["backlash", "elbow_joint", "half_gap", None, "0.00 ± 0.10 rad"]
     assert both.sentence == "what was hidden was found, and beside it 1 more effect that was not hidden"
 
 

@@ -3,6 +3,8 @@
 import io
 import os
 import pty
+import subprocess
+import sys
 import termios
 from collections.abc import Iterator
 
@@ -56,3 +58,26 @@ def test_the_terminal_is_restored_after_an_error(terminal: tuple[int, io.TextIOW
 def test_what_is_no_terminal_is_not_listened_to() -> None:
     with HaltKey(io.StringIO("h")) as key:
         assert key.reason() is None
+        assert not key.heard
+
+
+def test_in_the_background_of_a_terminal_the_run_goes_on_without_the_key() -> None:
+    """Whoever changes a terminal from its background is stopped by the system: as a recording before its motion, for ever."""
+    code = (
+        "import fcntl, os, sys, termios; from calib.halt_key import HaltKey\n"
+        "fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+        "job = os.fork()\n"
+        "if job == 0:\n"
+        "    os.setpgid(0, 0)\n"
+        "    with HaltKey(sys.stdin) as key: os._exit(10 + key.heard)\n"
+        "state = os.waitpid(job, os.WUNTRACED)[1]\n"
+        "if os.WIFSTOPPED(state): os.kill(job, 9)\n"
+        "sys.exit(os.WEXITSTATUS(state) if os.WIFEXITED(state) else 1)"
+    )
+    master, slave = pty.openpty()
+    try:
+        done = subprocess.run([sys.executable, "-c", code], stdin=slave, start_new_session=True, timeout=60)
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert done.returncode == 10

@@ -25,6 +25,8 @@ def _a_command_that_makes_a_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
         "def command(arm: str) -> None:\n"
         '    """Say no."""\n'
         "    new_run(arm, 'check')\n"
+        "    if arm == 'servo6':\n"
+        "        raise KeyboardInterrupt\n"
         "    raise AnswerIsNo('elbow_joint: too warm; let it cool')\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -53,6 +55,17 @@ def test_a_run_records_its_end_and_can_be_done_again(capsys: pytest.CaptureFixtu
     assert main(["runs", run.folder.name, "--again"]) == 1
     assert main(["runs", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out.split("\n", 1)[1])["runs"]) == 2
+
+
+@pytest.mark.usefixtures("_a_command_that_makes_a_run")
+def test_an_interrupted_run_says_where_it_stands_and_how_to_repeat_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["no", "servo6"]) == 130
+    run = read_run("servo6")
+    assert (run.exit_code, run.sentence) == (130, "interrupted by the operator")
+    error = capsys.readouterr().err
+    assert f"interrupted; nothing more was done; what was begun stands in {run.folder}" in error
+    assert f"`calib runs {run.folder} --again`" in error
+    assert main(["runs", str(run.folder), "--again"]) == 130
 
 
 def test_the_catalogue_is_complete(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,50 @@
+"""A cell whose postures or obstacles its arm cannot have is refused with the joint, the value and the rule."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers import open_driver
+from sim.arm import load_arm
+from sim.cell import load_cell
+from sim.errors import ConfigError
+
+ARM = load_arm("ur10e")
+
+
+def opened(tmp_path: Path, lines: str) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text(f'schema = "cell/1"\nname = "cell"\narm = "ur10e"\ndriver = "mock"\n{lines}\n')
+    open_driver(load_cell(file), ARM)
+
+
+@pytest.mark.parametrize("key", ["home", "rest"])
+@pytest.mark.parametrize(
+    ("angles", "says"),
+    [
+        ([0.0] * 5, "has 5 angles; ur10e has 6 joints: shoulder_pan_joint"),
+        ([0.0, -80.0, 75.0, -80.0, -70.0, 17.0], "shoulder_lift_joint at -80 rad; it turns from -6.283 to 6.283 rad"),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 6.284], "wrist_3_joint at 6.284 rad"),
+    ],
+)
+def test_a_posture_that_the_arm_cannot_take(tmp_path: Path, key: str, angles: list[float], says: str) -> None:
+    with pytest.raises(ConfigError, match=f"{key} has") as error:
+        opened(tmp_path, f"{key} = {angles}")
+    assert says in str(error.value)
+
+
+def test_postures_at_the_limits(tmp_path: Path) -> None:
+    opened(tmp_path, f"home = {ARM.q_min.tolist()}\nrest = {ARM.q_max.tolist()}")
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "says"),
+    [
+        ('kind = "plane"\nposition = [0, 0, -1]\nnormal = [0, 0, 0]', "no direction"),
+        ('kind = "box"\nposition = [2, 0, 0]\nsize = [0.1, 0.0, 0.1]', "above 0"),
+        ('kind = "box"\nposition = [2, 0, 0]\nsize = [0.1, -0.1, 0.1]', "above 0"),
+    ],
+)
+def test_an_obstacle_without_extent(tmp_path: Path, obstacle: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=f"'thing'.*{says}"):
+        opened(tmp_path, f'[[obstacles]]\nname = "thing"\n{obstacle}')
