@@ -49,7 +49,13 @@ def blocks() -> list[Block]:
 
 
 def calls() -> list[tuple[Block, list[str]]]:
-    lines = [(b, shlex.split(line)) for b in blocks() if b.language == "sh" for line in b.text.splitlines() if line]
+    lines = [
+        (b, shlex.split(line))
+        for b in blocks()
+        if b.language == "sh"
+        for line in b.text.replace("\\\n", "").splitlines()
+        if line
+    ]
     return [(b, words) for b, words in lines if words[0] == "calib"]
 
 
