@@ -81,7 +81,8 @@ def command(
         for file in sorted(sealed.folder.iterdir()):
             shutil.move(file, folder / file.name)
         sealed.folder.rmdir()
-        worth = {"condition": designed.worth.condition, "not_identified": designed.summary["not_identifiable"]}
+        worth = {"condition": designed.worth.condition, "identified": designed.summary["identifiable"]}
+        worth["not_identified"] = designed.summary["not_identifiable"]
         page.write(folder / "plan.html", nominal, stands, designed.motions, Clearance(nominal, stands), worth)
     known, weak = len(designed.summary["identifiable"]), len(designed.summary["not_identifiable"])
     sentence = (

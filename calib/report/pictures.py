@@ -84,7 +84,8 @@ def where(
         against(panel[key], x, residuals)
         name(panel[key], x=label)
     panel["speed"].set_ylabel(unit)
-    figure.legend(*panel["time"].get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=9)
+    if len(residuals) > 1:
+        figure.legend(*panel["time"].get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=9)
     return figure
 
 

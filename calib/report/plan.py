@@ -22,6 +22,9 @@ from sim.trajectory import Trajectory
 FRAMES_PER_SECOND = 25
 MOST_FRAMES = 3000
 LOOKS = 300
+PARAMETERS = {
+    "Ia": "rotor inertia", "coulomb": "dry friction", "viscous": "viscous friction", "offset": "torque offset",
+}  # fmt: skip
 JOINT_COLOURS = [ROLES[r] for r in ("after", "before", "good", "refit", "accent", "ink")]
 
 
@@ -66,8 +69,8 @@ def write(
     """Write the preview of a plan; returns its path.
 
     clearance  distances in the cell, without which no clearance is drawn and the page says so
-    worth      what the plan is good for: `condition` number, `identified`: (parameter, relative std) pairs, `not_identified`: names,
-               `notes`: sentences; every key may be missing
+    worth      what the plan is good for: `condition` number, `identified` and `not_identified`: names of parameters, the number after
+               whose first _ counts the joints from 1, `notes`: sentences; every key may be missing
     """
     worth = worth or {}
     looks = {motion.name: _look(arm, motion.trajectory, clearance) for motion in motions}
@@ -88,7 +91,7 @@ def write(
         )
         page.embed(Markup('<div data-motion="{}">{}</div>').format(motion.name, body))
     _motions(page, motions, looks)
-    _worth(page, worth)
+    _worth(page, arm, worth)
     return page.write(path)
 
 
@@ -184,7 +187,7 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[Motion], looks: Map
     if near:
         least = min(near, key=lambda look: float(np.min(look.gap)))  # type: ignore[arg-type]
         distance = float(np.min(least.gap)) + least.margin  # type: ignore[arg-type]
-        text += f", coming closest with {least.pair} at {1000 * distance:.0f} mm"
+        text += f"; {least.pair} come closest, {1000 * distance:.0f} mm apart"
     return text
 
 
@@ -219,20 +222,39 @@ def _motions(page: Page, motions: Sequence[Motion], looks: Mapping[str, _Looks])
     page.section("Motions").table(headers, rows)
 
 
-def _worth(page: Page, worth: Mapping[str, Any]) -> None:
+def _worth(page: Page, arm: Arm, worth: Mapping[str, Any]) -> None:
     if not worth:
         return
     page.section("What the plan will and will not identify")
     page.items(list(worth.get("notes", [])))
-    if worth.get("not_identified"):
-        page.text("Not identified by this plan: " + ", ".join(worth["not_identified"]))
-    if worth.get("identified"):
-        page.table(
-            ["parameter", "expected standard deviation, relative"],
-            [[n, s] for n, s in worth["identified"]],
-            "Identified",
-            fold=True,
-        )
+    lists = [list(worth.get(key) or ()) for key in ("identified", "not_identified")]
+    if not any(lists):
+        return
+    page.text(
+        f"{len(lists[0])} of {sum(map(len, lists))} parameters will be known better than the arm's file states them; the others keep the "
+        "file's values, because no motion of this plan shows them well enough."
+    )
+    rows = [
+        [joint, *(", ".join(_told(n) for n in names if _joint(n) == k) or None for names in lists)]
+        for k, joint in enumerate(arm.joint_names, 1)
+    ]
+    page.table(
+        ["joint", "will be known better", "will keep the file's value"],
+        rows,
+        "m: mass; mcx, mcy, mcz: mass times centre of mass; I: inertia about the joint's origin, of the link that the joint moves. "
+        "*: only in a sum with others, which stands in plan.toml.",
+    )  # fmt: skip
+
+
+def _joint(parameter: str) -> int:
+    """The joint of a parameter such as `mcx_2 - 0.6127 m_3`, counted from 1; 0 where its name has none."""
+    number = parameter.split()[0].rpartition("_")[2]
+    return int(number) if number.isdecimal() else 0
+
+
+def _told(parameter: str) -> str:
+    first, *others = parameter.split()
+    return PARAMETERS.get(first.rpartition("_")[0], first.rpartition("_")[0]) + ("*" if others else "")
 
 
 def _clock(seconds: float) -> str:

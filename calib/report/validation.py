@@ -21,7 +21,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
     evidence  for each log `log`; `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)
     """
     names = list(result["joints"])
-    page = Page(str(result["arm"]), str(result["outcome"]), None, _facts(result), "validation")
+    page = Page(str(result["arm"]), _capital(str(result["outcome"])), None, _facts(result), "validation")
     for curves in evidence:
         _curves(page, names, curves)
     page.section("Joint by joint")
@@ -81,3 +81,7 @@ def _percent(entry: Mapping[str, Any], k: int) -> str | None:
 
 def _milli(value: float | None) -> float | None:
     return None if value is None else 1000 * value
+
+
+def _capital(sentence: str) -> str:
+    return sentence[0].upper() + sentence[1:]

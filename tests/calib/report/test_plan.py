@@ -50,8 +50,8 @@ def motion(name: str, seconds: float) -> Motion:
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     worth = {
         "condition": 38.2,
-        "identified": [("m3", 0.01)],
-        "not_identified": ["Ixx1"],
+        "identified": ["coulomb_3", "mcx_2 - 0.6 m_3"],
+        "not_identified": ["Ixx_1"],
         "notes": ["<script>alert(1)</script>"],
     }
     motions = [motion("friction", 12.0), motion("excitation", 8.0)]
@@ -98,8 +98,10 @@ def test_without_webgl_the_rest_still_works(page: Path, visit: Callable[..., Vis
 def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     html = page.read_text()
     assert "ur10e will move for 20 s in mock-ur10e in 2 motions" in html
-    assert "coming closest with forearm and table at 350 mm" in html
-    assert "1 of 2 parameters" in html
+    assert "forearm and table come closest, 350 mm apart" in html
+    assert "2 of 3 parameters will be known better" in html
+    assert {"dry friction", "mcx*", "Ixx"} <= set(re.findall(r">([^<>]+)</td>", html))
+    assert "2 of 3 parameters" in html
     assert "<script>alert(1)" not in html
     assert len(html) < 1_500_000
 
