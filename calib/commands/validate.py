@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from calib import console
@@ -59,7 +59,7 @@ def command(
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.forward is not None and check.travel is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]
-                row += [float(np.degrees(x)) for x in (check.forward[j], bound, check.travel[j])]
+                row += [math.degrees(x) for x in (check.forward[j], bound, check.travel[j])]
             rows.append(row)
         console.table(headers, rows, check.log)
     console.say(f"{found.outcome}.")

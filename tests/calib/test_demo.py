@@ -33,7 +33,7 @@ def test_the_effect_stands_in_the_emulation_of_the_cell_and_nowhere_else(tmp_pat
     assert [(e.effect, e.joint, e.parameters) for e in cell.table.emulation.effects] == [
         (hidden.effect, hidden.joint, hidden.parameters)
     ]
-    assert cell.table.model_copy(update={"name": CELL.name, "emulation": CELL.table.emulation}) == CELL.table
+    assert cell.table.model_copy(update={"name": CELL.name, "emulation": CELL.table.emulation, "options": {}}) == CELL.table
     for step in demo.story("ur10e", tmp_path / "demo-cell.toml", tmp_path):
         assert hidden.effect not in " ".join(step.arguments)
 
