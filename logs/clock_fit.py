@@ -74,14 +74,19 @@ def fit_clocks(t_device: np.ndarray, t_host: np.ndarray) -> ClockFit | None:
         places = np.array([start + int(np.argmin(part)) for start, part in parts])
         line = theilslopes(apart[places], t_device[places], alpha=0.95)
         slope = float(line.slope)
-    residual = apart - line.intercept - line.slope * t_device
+    residual = apart  # an hour's arrays are not held more often than needed
+    residual -= line.intercept
+    residual -= line.slope * t_device
     middle = float(np.median(residual))
+    latency = float(np.percentile(residual, 99.9) - residual.min())
+    residual -= middle
+    np.abs(residual, out=residual)
     return ClockFit(
         offset=float(line.intercept),
         skew=float(line.slope),
         skew_std=max(float(line.high_slope - line.low_slope) / (2 * 1.96), 1e-12),
-        residual=SHARE_OF_SIGMA * float(np.median(np.abs(residual - middle))),
-        latency_most=float(np.percentile(residual, 99.9) - residual.min()),
+        residual=SHARE_OF_SIGMA * float(np.median(residual, overwrite_input=True)),
+        latency_most=latency,
         jumps=tuple(jumps),
     )
 
@@ -91,12 +96,12 @@ def _jumps(t: np.ndarray, apart: np.ndarray) -> list[tuple[float, float]]:
     rate = (len(t) - 1) / (t[-1] - t[0])
     window = max(5, min(round(JUMP_WINDOW * rate), len(t) // 4))
     least = minimum_filter1d(apart, window, origin=0, mode="nearest")
-    before = np.r_[np.full(window, math.nan), least[window // 2 : len(least) - window + window // 2]]
-    after = np.r_[least[window // 2 : len(least) - window + window // 2 + 1], np.full(window - 1, math.nan)]
-    step = after - before
+    half, inner = window // 2, len(least) - 2 * window + 1
+    step = np.full(len(least), math.nan)  # the second after less the second before
+    step[window : window + inner] = least[half + window : half + window + inner] - least[half : half + inner]
     threshold = max(JUMP_LEAST, 2 * SKEW_MAX * JUMP_WINDOW)
     with np.errstate(invalid="ignore"):
-        high = np.abs(step) > threshold
+        high = (step > threshold) | (step < -threshold)
     out = []
     for region in np.split(np.flatnonzero(high), np.flatnonzero(np.diff(np.flatnonzero(high)) > 1) + 1):
         if not len(region):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 from dataclasses import dataclass, field
 
@@ -115,6 +116,8 @@ class JointTopic:
         if self._loose >= BLOCK:
             loose = self.values[self._blocks :]
             self.values[self._blocks :] = [[_apart([parts[k] for parts in loose]) for k in range(self.fields)]]
+            for times in (self.stamp, self.host):
+                times[self._blocks :] = [_apart(times[self._blocks :])]
             self._blocks, self._loose = len(self.values), 0
 
     def clear(self) -> None:
@@ -141,8 +144,8 @@ class JointTopic:
 
 def _apart(pieces: list[np.ndarray]) -> np.ndarray:
     """The rows of all pieces in pages of their own: a heap full of small pieces keeps its holes when they are given up."""
+    shape = (sum(map(len, pieces)), *pieces[0].shape[1:])
     if not any(piece.strides[0] for piece in pieces):
-        return np.broadcast_to(np.float64(np.nan), (sum(map(len, pieces)), pieces[0].shape[1]))
-    rows, n = sum(map(len, pieces)), pieces[0].shape[1]
-    out = np.frombuffer(mmap.mmap(-1, 8 * rows * n), dtype=np.float64).reshape(rows, n)
+        return np.broadcast_to(np.float64(np.nan), shape)
+    out = np.frombuffer(mmap.mmap(-1, 8 * math.prod(shape)), dtype=pieces[0].dtype).reshape(shape)
     return np.concatenate(pieces, out=out)

@@ -157,8 +157,11 @@ def _assembled(
     if states.others:
         damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
-    states.stamp, states.host = [], []
-    t, t_host = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9
+    states.stamp = []
+    for topic in topics.values():
+        topic.host = []
+    t, t_host, host_origin = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9, int(host[0])
+    del host
     if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
         t_host = np.full(len(t), np.nan)
     q, dq, tau = (states.joined(k) for k in range(3))
@@ -184,7 +187,7 @@ def _assembled(
     lines = tuple(Event((at - int(stamp[0])) * 1e-9, level, name, text) for at, level, name, text in events)
     return Log(
         names, **arrays, metadata=words, events=lines, findings=damage.all_findings(), path=damage.path, state=state, clock=clock,
-        t_origin=int(stamp[0]), t_host_origin=int(host[0]),
+        t_origin=int(stamp[0]), t_host_origin=host_origin,
     )  # fmt: skip
 
 

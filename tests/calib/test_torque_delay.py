@@ -63,6 +63,7 @@ def test_the_delay_is_found(motion: Trajectory, delay: float) -> None:
 def test_whether_it_matters(motion: Trajectory) -> None:
     arm = load_arm("ur5e")
     assert torque_delay(delayed(arm, motion, 1.0 / RATE, seed=2), arm).significant
+    assert all(torque_delay(delayed(arm, motion, 0.5 / RATE, seed=s), arm).significant for s in (2, 3))
     assert not torque_delay(delayed(arm, motion, 0.1 / RATE, seed=2), arm).significant
 
 
