@@ -20,6 +20,7 @@ from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.effects import checked, effect_named
 
+SURE = 3.0  # standard deviations
 Draw = Callable[[np.random.Generator, Arm, str], dict[str, float]]
 
 
@@ -41,13 +42,16 @@ HIDDEN: dict[str, Draw] = {
         "com_y": 0.0,
         "com_z": rng.uniform(0.02, 0.08),
     },
-    "asymmetric_friction": _share_of_torque("half_difference", 0.02, 0.04),
     "torque_offset": _share_of_torque("offset", 0.02, 0.04),
     "joint_spring": _share_of_torque("stiffness", 0.08, 0.15, rest_angle=0.0),
+    "torque_ripple": _share_of_torque("amplitude", 0.02, 0.04, cycles=10.0, phase=0.5),
     "torque_gain": lambda rng, arm, joint: {"gain": rng.uniform(1.1, 1.2)},
 }
 # Hz: half of what the arm can do halves the time of recording and diagnosis, and shows the same two minutes
 RATE = 250.0
+# s: the mock holds each torque for a period, so what it reads is half a period older than its position, and half a step of MuJoCo's
+# integrator; no effect, but true, and a diagnosis may say so
+LAG = 0.5 / RATE + 0.5e-3
 WHOLE_ARM = ("payload",)
 
 
@@ -124,6 +128,8 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
     key = (hidden.effect, hidden.joint)
     units = {p.name: p.unit for p in effect_named(hidden.effect).parameters}
+    delay = found.get(("time_delay", None), {}).get("delay")
+    lag = delay is not None and abs(delay["value"] - LAG) <= SURE * delay["std"]
     rows: list[list[Any]] = []
     for name, value in hidden.parameters.items():
         seen = found.get(key, {}).get(name)
@@ -131,8 +137,9 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
         rows.append([hidden.effect, hidden.joint or "whole arm", name, truth, quantity(seen) if seen else None])
     for (effect, joint), parameters in found.items():
         if (effect, joint) != key:
-            rows += [[effect, joint or "whole arm", name, None, quantity(p)] for name, p in parameters.items()]
-    others = len(found) - (key in found)
+            truth = quantity({"value": LAG, "unit": "s"}) if lag and effect == "time_delay" else None
+            rows += [[effect, joint or "whole arm", name, truth, quantity(p)] for name, p in parameters.items()]
+    others = len(found) - (key in found) - lag
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     if key not in found:
         told = "what was hidden was not found; the report says what speaks for each candidate"
@@ -140,4 +147,6 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
         told = f"what was hidden was found, and beside it {beside}"
     else:
         told = "what was hidden was found, and nothing else"
+    if lag:
+        told += f"; the time delay is true too: the mock holds a torque for {1e3 / RATE:g} ms, so its reading is {1e3 * LAG:g} ms old"
     return Reveal(rows, key in found and not others, told)
