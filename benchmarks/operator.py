@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-SEEDS = (3, 11, 42)
+SEEDS = (1, 2, 8, 11)
 DEMO_BAR, HELP_BAR, PAGE_BAR = 180.0, 2.0, 3e6
 COMPLETION = {"_CALIB_COMPLETE": "complete_bash", "COMP_WORDS": "calib ", "COMP_CWORD": "1"}
 STEPS = ("plan", "logs", "fit", "check", "diagnosis")

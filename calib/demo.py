@@ -59,7 +59,7 @@ def hide(arm: Arm, seed: int) -> ArmEffect:
     """The effect that `seed` draws for an arm: which, at which joint, how large."""
     rng = np.random.default_rng(seed)
     name = str(rng.choice(list(HIDDEN)))
-    joint = str(rng.choice(arm.joint_names[:4]))
+    joint = str(rng.choice(arm.joint_names[1:4]))  # they carry weight, without which a gain looks like friction
     parameters = {key: float(f"{value:.4g}") for key, value in HIDDEN[name](rng, arm, joint).items()}
     return checked(arm, ArmEffect(name, None if name in WHOLE_ARM else joint, parameters))
 
