@@ -124,7 +124,7 @@ def identify(
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
     result = replace(result, outcome=outcome(result))
-    slow = fit.weights.sigma / (1 - fit.weights.ar.sum(axis=1))
+    slow = fit.weights.sigma if fit.weights.slow is None else fit.weights.slow
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))

@@ -14,13 +14,14 @@ import numpy as np
 
 from calib.identification.information import Information
 from calib.identification.model import TorqueModel
-from calib.identification.noise import AR_ORDER, colour, leverage, shortfall
+from calib.identification.noise import AR_ORDER, colour, leverage, spread
 from calib.identification.rows import Rows
 from calib.identification.sums import Reference, Sums, plain, summed, weighed, whitened
 from sim.errors import AnswerIsNo
 
 HUBER = 2.5
 RIDGE_ABOVE = 1e4
+WORSE = 0.05
 LEAST_ROWS = 3 * AR_ORDER + 8
 
 
@@ -77,8 +78,18 @@ def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = No
         theta = _solution(_together(model, sums, variance), prior)
         variance = _residual_variance(sums, theta, used)
     gain = inverse(_together(model, sums, variance).gram[:-1, :-1] + prior.precision)
-    ar = colour(rows, theta, variance, gain)
-    huber, absorbed = np.inf, np.zeros(model.arm.n)
+    found = colour(rows, theta, variance, gain)
+    weights, gain = _settled(rows, theta, found.ar, prior, robust)
+    bent = _bent(rows, weights, variance, prior)
+    if bent.any():
+        weights, gain = _settled(rows, theta, np.where(bent[:, None], 0.0, found.ar), prior, robust)
+    colouring, short = spread(rows, weights, gain, found)
+    return replace(weights, colouring=colouring, shortfall=short, slow=found.slow)
+
+
+def _settled(rows: Rows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust: bool) -> tuple[Reference, np.ndarray]:
+    """Weights with this whitening, and the inverse (p, p) of the information under them."""
+    model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
     for _ in range(3 if robust else 1):
         weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
         white, _, _, counts = weighed(rows, weights)
@@ -86,8 +97,28 @@ def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = No
         theta, gain = _solution(together, prior), inverse(together.gram[:-1, :-1] + prior.precision)
         absorbed = np.minimum(leverage(rows, weights, gain), 0.5)
         huber = HUBER if robust else np.inf
-    weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
-    return replace(weights, rows=float(counts.sum()), shortfall=shortfall(rows, weights, gain))
+    sigma = _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed)
+    return Reference(theta, ar, sigma, huber, float(counts.sum())), gain
+
+
+def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
+    """(n,) whether whitening makes a joint's torque worse on a log that the fit has not seen, by more than WORSE.
+
+    Whitening takes what is slow in the residual for noise. Where it is the model that is wrong, the same slow error comes again in every
+    log, and a fit that does not look away from it predicts better. With one log there is nothing to compare on.
+    """
+    model, used = rows.model, rows.used
+    parts = [rows.part(k) for k in range(len(rows.measurements))]
+    if len(parts) < 2:
+        return np.zeros(model.arm.n, dtype=bool)
+    raw, white = [plain(part) for part in parts], [weighed(part, weights)[0] for part in parts]
+    left = np.zeros((2, model.arm.n))
+    for k, unseen in enumerate(raw):
+        for kind, (sums, scale) in enumerate(((raw, variance), (white, None))):
+            others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(sums) if i != k), strict=True)]
+            theta = _solution(_together(model, others, scale), prior)
+            left[kind] += [own.squares(np.append(-theta[u], 1.0)) for own, u in zip(unseen, used, strict=True)]
+    return np.asarray(left[1] > (1 + WORSE) ** 2 * left[0])
 
 
 def estimate(
@@ -107,8 +138,10 @@ def estimate(
     more = np.ones(p)
     if weights.shortfall is not None:
         more += (weights.shortfall - 1) * min(1.0, weights.rows / max(float(sums.counts.sum()), 1.0))
-    spread = trusting @ sums.scores @ trusting * np.sqrt(np.outer(more, more)) / sure**2
-    sandwich = spread + trusting @ prior.precision @ trusting
+    own_spread = trusting @ sums.scores @ trusting * np.sqrt(np.outer(more, more)) / sure**2
+    sandwich = own_spread + trusting @ prior.precision @ trusting
+    if weights.colouring is not None:
+        trusting = trusting * np.sqrt(np.outer(weights.colouring, weights.colouring))
     return Solution(
         theta, _wider(trusting, sandwich), np.sqrt(_residual_variance(sums.plain, theta, used)), information,
         own[:, :p, :p], own[:, :p, p], sums.touched / np.maximum(sums.counts, 1), condition, scaled, regularised,

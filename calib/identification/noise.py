@@ -7,6 +7,8 @@ narrow. Noise of known colour, fitted by the same columns, shows how much is abs
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.linalg
 from scipy.signal import lfilter
@@ -15,13 +17,30 @@ from calib.identification.rows import Block, Rows
 from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whitened
 
 AR_ORDER = 4
-DRAWS = 24
+DRAWS, MORE_DRAWS = 24, 96
 ROUNDS = 3
 SETTLE = 40  # rows until a simulated series has forgotten that it began at zero
 
 
-def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """AR(AR_ORDER) coefficients (n, AR_ORDER) of each joint's noise, by Yule-Walker on what the residuals of theta (p,) would be unfitted.
+@dataclass(frozen=True)
+class Colour:
+    """Noise of each joint: ar (n, AR_ORDER), and the standard deviation drive (n,) N m of the white noise that it is made of."""
+
+    ar: np.ndarray
+    drive: np.ndarray
+
+    @property
+    def slow(self) -> np.ndarray:
+        """(n,) N m: what white noise would need as its standard deviation to be as strong at low frequency."""
+        return np.asarray(self.drive / (1 - self.ar.sum(axis=1)))
+
+    def series(self, j: int, white: np.ndarray) -> np.ndarray:
+        """Noise of joint j (R, draws) from white noise (R + SETTLE, draws)."""
+        return np.asarray(lfilter([self.drive[j]], np.r_[1.0, -self.ar[j]], white, axis=0))[SETTLE:]
+
+
+def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Colour:
+    """Each joint's noise, by Yule-Walker on what the residuals of theta (p,) would be if they were not fitted.
 
     variance (n,) by which theta weighed the joints, gain (p, p) the inverse of its information.
     """
@@ -31,12 +50,8 @@ def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray
     measured = _covariances(rows, left)
     r = measured
     for _ in range(ROUNDS):
-        ar = np.array([_yule_walker(x) for x in r])
-        drive = np.sqrt([max(x[0] - a @ x[1:], 1e-12 * x[0]) for x, a in zip(r, ar, strict=True)])
-        noise = [
-            [_series(a, d, rng.standard_normal((len(b.b) + SETTLE, DRAWS))) for a, d in zip(ar, drive, strict=True)]
-            for b in rows
-        ]
+        now = _yule_walker(r)
+        noise = [[now.series(j, rng.standard_normal((len(b.b) + SETTLE, DRAWS))) for j in range(n)] for b in rows]
         score = np.zeros((p, DRAWS))
         for b, series in zip(rows, noise, strict=True):
             for j, u in enumerate(rows.used):
@@ -47,7 +62,7 @@ def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray
             for b, series in zip(rows, noise, strict=True)
         ]
         r = measured + _covariances(rows, noise) - _covariances(rows, fitted)
-    return np.array([_yule_walker(x) if np.any(x) else np.zeros(AR_ORDER) for x in r]).reshape(n, AR_ORDER)
+    return _yule_walker(r)
 
 
 def leverage(rows: Rows, weights: Reference, gain: np.ndarray) -> np.ndarray:
@@ -62,29 +77,37 @@ def leverage(rows: Rows, weights: Reference, gain: np.ndarray) -> np.ndarray:
     return trace / np.maximum(count, 1)
 
 
-def shortfall(rows: Rows, weights: Reference, gain: np.ndarray) -> np.ndarray:
-    """(p,) by what the variances from products of neighbouring scores are too small, found on noise that is white after whitening."""
+def spread(rows: Rows, weights: Reference, gain: np.ndarray, noise: Colour) -> tuple[np.ndarray, np.ndarray]:
+    """What noise of this colour makes of the variances (p,) that the weights alone state, and of those from products of neighbouring scores.
+
+    First how many times larger than diag(gain) the estimate's variance is, 1 where all rows are whitened; then by what the products of scores
+    understate it.
+    """
     p, rng = rows.model.p, np.random.default_rng(1)
     lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
-    information, score, kept = np.zeros((p, p)), np.zeros((p, DRAWS)), []
+    score, kept, information = np.zeros((p, MORE_DRAWS)), [], np.zeros((p, p))
     for block in rows:
         parts = []
         for j, u in enumerate(rows.used):
             a, _, index, weight = weighted(block, j, u, weights)
-            noise = rng.standard_normal((len(a), DRAWS)) / np.sqrt(weight)[:, None]
+            if weights.ar[j].any():
+                made = rng.standard_normal((len(a), MORE_DRAWS)) / np.sqrt(weight)[:, None]
+            else:
+                made = noise.series(j, rng.standard_normal((len(block.b) + SETTLE, MORE_DRAWS)))[index]
             information[np.ix_(u, u)] += a.T @ (weight[:, None] * a)
-            score[u] += a.T @ (weight[:, None] * noise)
-            parts.append((u, a, index, weight, noise, a @ gain[u]))
+            score[u] += a.T @ (weight[:, None] * made)
+            parts.append((u, a, index, weight, made[:, :DRAWS], a @ gain[u]))
         kept.append((len(block.b), parts))
     moved, found = gain @ score, np.zeros(p)
     for count, parts in kept:
         for k in range(DRAWS):
             influence = np.zeros((count, p))
-            for u, a, index, weight, noise, shift in parts:
-                influence[index] += shift * (weight * (noise[:, k] - a @ moved[u, k]))[:, None]
+            for u, a, index, weight, made, shift in parts:
+                influence[index] += shift * (weight * (made[:, k] - a @ moved[u, k]))[:, None]
             found += correlated(influence, lags)
-    expected = np.diag(gain @ information @ gain)
-    return np.maximum(expected * DRAWS / np.maximum(found, 1e-300), 1.0)
+    stated = np.diag(gain @ information @ gain)
+    expected = stated if weights.ar.any(axis=1).all() else np.maximum(np.mean(moved**2, axis=1), stated)
+    return expected / stated, np.maximum(expected * DRAWS / np.maximum(found, 1e-300), 1.0)
 
 
 def weighted(
@@ -112,12 +135,11 @@ def _covariances(rows: Rows, series: list[list[np.ndarray]]) -> np.ndarray:
     return product / np.maximum(pairs, 1)
 
 
-def _yule_walker(r: np.ndarray) -> np.ndarray:
-    if not r[0] > 0:
-        return np.zeros(AR_ORDER)
-    return np.linalg.solve(scipy.linalg.toeplitz(r[:-1]) + 1e-6 * r[0] * np.eye(AR_ORDER), r[1:])
-
-
-def _series(ar: np.ndarray, drive: float, white: np.ndarray) -> np.ndarray:
-    """Noise of that colour (R, draws) from white noise (R + SETTLE, draws)."""
-    return np.asarray(lfilter([drive], np.r_[1.0, -ar], white, axis=0))[SETTLE:]
+def _yule_walker(r: np.ndarray) -> Colour:
+    """The noise of covariances r (n, AR_ORDER + 1); white where there is none."""
+    ar = np.zeros((len(r), AR_ORDER))
+    for j, x in enumerate(r):
+        if x[0] > 0:
+            ar[j] = np.linalg.solve(scipy.linalg.toeplitz(x[:-1]) + 1e-6 * x[0] * np.eye(AR_ORDER), x[1:])
+    drive = np.sqrt(np.maximum(r[:, 0] - np.sum(ar * r[:, 1:], axis=1), 1e-12 * np.maximum(r[:, 0], 1e-300)))
+    return Colour(ar, drive)

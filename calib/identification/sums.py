@@ -23,7 +23,9 @@ class Reference:
     """What the weights of rows rest on: theta (p,) for their residuals, colour ar (n, k) and scale sigma (n,) N m of the innovations,
     and the number of sigmas `huber` beyond which a row weighs less.
 
-    rows: how many whitened rows told this; shortfall (p,): by what their own scores understate each variance (calib.identification.noise).
+    A joint whose ar is zero is not whitened. rows: how many weighed rows told this; colouring and shortfall (p,): what the noise's colour makes of
+    each variance, and by what the products of neighbouring scores understate it (calib.identification.noise); slow (n,) N m: its
+    strength at low frequency.
     """
 
     theta: np.ndarray
@@ -31,7 +33,9 @@ class Reference:
     sigma: np.ndarray
     huber: float
     rows: float = 0.0
+    colouring: np.ndarray | None = None
     shortfall: np.ndarray | None = None
+    slow: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

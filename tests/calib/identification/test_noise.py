@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from calib.identification.findings import findings
+from calib.identification.identify import Options, fitted
 from calib.identification.least_squares import Prior, estimate, inverse, reference
 from calib.identification.model import TorqueModel
 from calib.identification.noise import weighted
 from calib.identification.rows import Rows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.preprocessing import prepare
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
+from sim.effects import with_effect
 from tests.calib.conftest import fourier_motion, recorded, varied
 
 MEMORY, DRAWS = 0.8, 150
@@ -62,7 +65,9 @@ def test_longer_logs_need_less_of_it(rows: Rows) -> None:
     weights, none = reference(rows), Prior.none(rows.model.p)
     sums = summed(rows, weights)
     short = estimate(rows.model, sums, weights, none)
-    seen_ten_times = Reference(weights.theta, weights.ar, weights.sigma, weights.huber, weights.rows / 10, weights.shortfall)
+    seen_ten_times = Reference(
+        weights.theta, weights.ar, weights.sigma, weights.huber, weights.rows / 10, None, weights.shortfall
+    )
     long = estimate(rows.model, sums, seen_ten_times, none)
     assert np.all(np.diag(long.covariance) <= np.diag(short.covariance) * (1 + 1e-12))
     assert np.array_equal(long.theta, short.theta)
@@ -72,3 +77,19 @@ def test_products_of_neighbours_have_the_weights_of_bartlett() -> None:
     x = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, -1.0]])
     assert correlated(x, 1) == pytest.approx([14 + 2 * 0.5 * (2 + 6), 2 + 2 * 0.5 * (0 - 1)])
     assert correlated(x, 0) == pytest.approx([14, 2])
+
+
+def test_a_slow_error_that_comes_again_is_not_whitened_away(ur5e: Arm) -> None:
+    cable = ArmEffect("joint_spring", "shoulder_lift_joint", {"stiffness": 40.0, "rest_angle": 0.0})
+    truth = with_effect(varied(ur5e, 8), cable)
+    motions = [fourier_motion(ur5e, k, rate=125.0) for k in (1, 2, 3)]
+    bent, sound = (
+        fitted(ur5e, [recorded(arm, m, k, noise=0.5) for k, m in enumerate(motions)], Options(slip_width=1e-4))
+        for arm in (truth, ur5e)
+    )
+    assert not bent.weights.ar[1].any()
+    assert sound.weights.ar.any(axis=1).all()
+    assert "shoulder_lift_joint: what is slow in the residual comes again in every log" in " ".join(findings(ur5e, bent))
+    # the doubt of what rests on that joint's rows is larger for the error's colour
+    k = bent.model.friction_column("coulomb", 1)
+    assert bent.solution.covariance[k, k] > 4 * sound.solution.covariance[k, k]
