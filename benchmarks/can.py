@@ -16,6 +16,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -224,7 +225,7 @@ def _emulate(cell: Cell, pipe: Connection) -> None:
     emulator.stop()
 
 
-def reactions(repeats: int = 50) -> list[dict[str, Any]]:
+def reactions(repeats: int = 50, faults: Sequence[str] = tuple(FAULTS)) -> list[dict[str, Any]]:
     """From each fault at 0.5 rad/s of every joint, at random instants of the period: until the DeviceError, and until the arm stands.
 
     Where nothing can be sent any more the end is that the drives let go by their watchdog. A drive that is off lets its joint fall: the
@@ -232,13 +233,13 @@ def reactions(repeats: int = 50) -> list[dict[str, Any]]:
     """
     cell, arm = load_cell("emulated-servo6"), load_arm("servo6")
     rows = []
-    for fault, bar in FAULTS.items():
+    for fault in faults:
         found = np.array([_reaction(cell, arm, fault, seed) for seed in range(repeats)])
         middle, worst = np.median(found, axis=0), np.max(found, axis=0)
         end = "drives let go" if fault in UNREACHABLE else "standstill"
         note = f"{repeats} repeats, {1e3 / RATE:g} ms each period, simulated clock"
         rows += [
-            {"what": f"{fault}: noticed, median / worst", "value": f"{middle[0]:.2f} / {worst[0]:.2f}", "unit": "periods", "bar": f"<= {bar}", "note": note},
+            {"what": f"{fault}: noticed, median / worst", "value": f"{middle[0]:.2f} / {worst[0]:.2f}", "unit": "periods", "bar": f"<= {FAULTS[fault]}", "note": note},
             {"what": f"{fault}: {end}, median / worst", "value": f"{1e3 * middle[1]:.0f} / {1e3 * worst[1]:.0f}", "unit": "ms", "note": note},
             {"what": f"{fault}: angle until then, median / worst", "value": f"{np.degrees(middle[2]):.1f} / {np.degrees(worst[2]):.1f}", "unit": "deg", "note": note},
         ]  # fmt: skip
@@ -298,14 +299,12 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--repeats", type=int, default=50)
     given = parser.parse_args()
-    made: list[dict[str, Any]] = []
-    for part in given.part:
-        match part:
-            case "codec":
-                made += codec()
-            case "reactions":
-                made += reactions(given.repeats)
-            case transport:
-                made += cycles(transport, given.seconds)
-    for row in made:
-        print(f"{row['what']:70} {row['value']!s:>16} {row['unit']:8} bar {row.get('bar', ''):5} {row.get('note', '')}")
+    parts: dict[str, list[Callable[[], list[dict[str, Any]]]]] = {
+        "codec": [codec],
+        "reactions": [partial(reactions, given.repeats, [fault]) for fault in FAULTS],
+        **{wire: [partial(cycles, wire, given.seconds)] for wire in ("slcan", "socketcand")},
+    }
+    for make in (make for part in given.part for make in parts[part]):
+        for row in make():
+            line = f"{row['what']:70} {row['value']!s:>16} {row['unit']:8} bar {row.get('bar', ''):5} {row.get('note', '')}"
+            print(line, flush=True)

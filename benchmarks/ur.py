@@ -251,7 +251,6 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--repeats", type=int, default=50)
     given = parser.parse_args()
-    chosen = [part for part in given.part if part != "streaming"]
-    streamed = both(given.seconds) if "streaming" in given.part else []
-    for row in streamed + reactions(given.repeats, chosen):
-        print(f"{row['what']:60} {row['value']!s:>22} {row['unit']:4} bar {row['bar']:5} {row['note']}")
+    for part in given.part:
+        for row in both(given.seconds) if part == "streaming" else reactions(given.repeats, [part]):
+            print(f"{row['what']:60} {row['value']!s:>22} {row['unit']:4} bar {row['bar']:5} {row['note']}", flush=True)

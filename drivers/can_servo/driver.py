@@ -83,7 +83,7 @@ class CanServo(Driver):
                 self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
                 steps = [(d.q_step, d.dq_step) for d in self.drives]
                 self.windows = [window_for(q, dq, self.rate) for q, dq in steps]
-                self._speed = [Differentiator(w) if w else None for w in self.windows]
+                self._speed = [Differentiator(w, step) if w else None for w, (step, _) in zip(self.windows, steps, strict=True)]
                 # A drive that sends by its own clock is waited for; one that answers is asked again at the next instant.
                 self._patience = (PERIODS_MAX if self.drives[0].pushes else 0) / self.rate
                 self._next = self.clock.now()

@@ -32,7 +32,7 @@ class Listener:
         self.lost = 0
         self._by_key: dict[Hashable, int] = {d.key: j for j, d in enumerate(drives)}
         windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
-        self._speed = [Differentiator(w) if w else None for w in windows]
+        self._speed = [Differentiator(w, d.q_step) if w else None for w, d in zip(windows, drives, strict=True)]
         self._round: dict[int, Reading] = {}
         self._began = 0.0
 

@@ -27,10 +27,14 @@ def window_for(q_step: float, dq_step: float, rate: float) -> int:
 
 
 class Differentiator:
-    """dq(t_k) = slope at t_k of the parabola fitted to the last M positions; exact for constant acceleration."""
+    """dq(t_k) = slope at t_k of the parabola fitted to the last M positions; exact for constant acceleration.
 
-    def __init__(self, samples: int) -> None:
-        self.samples = samples
+    A position that has been the same for a time T bounds it to q_step / T: a joint that dry friction has caught stands at once, and a
+    parabola would speak of speed for the rest of its window.
+    """
+
+    def __init__(self, samples: int, q_step: float) -> None:
+        self.samples, self._q_step = samples, q_step
         self._t: list[float] = []
         self._q: list[float] = []
 
@@ -41,7 +45,12 @@ class Differentiator:
         if len(self._t) < 3:
             return float("nan")
         x = np.array(self._t) - t
-        return float(np.linalg.lstsq(np.stack([np.ones_like(x), x, x * x], axis=1), np.array(self._q) - q, rcond=None)[0][1])
+        slope = float(np.linalg.lstsq(np.stack([np.ones_like(x), x, x * x], axis=1), np.array(self._q) - q, rcond=None)[0][1])
+        stood = t - next((a for a, b in zip(reversed(self._t[1:]), reversed(self._q[:-1]), strict=True) if b != q), self._t[0])
+        if stood <= 0:
+            return slope
+        most = self._q_step / stood
+        return max(-most, min(most, slope))
 
     def reset(self) -> None:
         """Forget: the motion was interrupted."""

@@ -240,9 +240,26 @@ def test_speed_is_differentiated_where_the_field_is_coarser():
     assert window_for(1e-5, 0.0, 200.0) == 0
     # quantised quadratic motion: the slope at its end, within the noise that was promised
     step, rate = 2 * 12.5 / 65535, 200.0
-    slope = Differentiator(17)
+    slope = Differentiator(17, step)
     t = np.arange(400) / rate
     q = np.round((0.3 * t + 0.5 * t * t) / step) * step
     error = np.array([slope(a, b) for a, b in zip(t.tolist(), q.tolist(), strict=True)])[17:] - (0.3 + t)[17:]
     assert np.std(error) <= 2 * 30.0 / 4095 / np.sqrt(12)
     assert abs(np.mean(error)) < 1e-3
+
+
+def test_a_joint_that_friction_has_caught_is_not_said_to_move_for_the_rest_of_the_window():
+    """The guard takes ten equal positions at speed for a frozen encoder."""
+    step, rate = 2 * 12.5 / 65535, 200.0
+    slope = Differentiator(17, step)
+    t = np.arange(80) / rate
+    q = np.round(0.6 * np.minimum(t, 0.2) / step) * step
+    speed = np.array([slope(a, b) for a, b in zip(t.tolist(), q.tolist(), strict=True)])
+    assert speed[20:41] == pytest.approx(0.6, abs=0.05)
+    for k in range(1, 40):
+        assert abs(speed[40 + k]) <= step * rate / k * (1 + 1e-9)
+    # and a slow joint, whose position stays for some samples, keeps its speed on average
+    slow = Differentiator(17, step)
+    q = np.round(0.02 * t / step) * step
+    speed = np.array([slow(a, b) for a, b in zip(t.tolist(), q.tolist(), strict=True)])[20:]
+    assert np.mean(speed) == pytest.approx(0.02, rel=0.3)

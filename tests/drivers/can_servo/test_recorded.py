@@ -18,7 +18,7 @@ from safety.trip import MotionStopped
 NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 FAULTS = {
     "silent:elbow_joint": "elbow_joint.*silent for",
-    "frozen:elbow_joint": "elbow_joint.*(frozen|behind|stands)",
+    "frozen:elbow_joint": "elbow_joint.*frozen",
     "bus-off": "bus-off",
     "unplugged": "unplugged|sending failed",
 }
