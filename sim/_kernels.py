@@ -9,6 +9,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+# a product and a sum may become one instruction; nothing is reordered
+CONTRACT = {"contract"}
+
 
 @numba.njit(cache=True)
 def _joint_rotation(axis: np.ndarray, angle: float, out: np.ndarray) -> None:
@@ -35,12 +38,32 @@ def _to_child(r: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
         out[k] = r[0, k] * v[0] + r[1, k] * v[1] + r[2, k] * v[2]
 
 
-@numba.njit(cache=True)
-def _forward(parent, rotation, position, axis, prismatic, gravity, q, dq, ddq, w, dw, a, sw, sv, chain):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, fastmath=CONTRACT)
+def _turns(rotation, axis):  # type: ignore[no-untyped-def]
+    """A, B, C (n, 3, 3, 3) with rotation R(axis, angle) = A + cos(angle) B + sin(angle) C: Rodrigues' formula, what is constant in it."""
+    n = len(axis)
+    out = np.zeros((n, 3, 3, 3))
+    cross = np.zeros((3, 3))
+    for i in range(n):
+        x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
+        cross[0, 1], cross[0, 2], cross[1, 2] = -z, y, -x
+        cross[1, 0], cross[2, 0], cross[2, 1] = z, -y, x
+        for c in range(3):
+            for d in range(3):
+                for e in range(3):
+                    along = axis[i, e] * axis[i, d]
+                    out[i, 0, c, d] += rotation[i, c, e] * along
+                    out[i, 1, c, d] += rotation[i, c, e] * ((1.0 if e == d else 0.0) - along)
+                    out[i, 2, c, d] += rotation[i, c, e] * cross[e, d]
+    return out
+
+
+@numba.njit(cache=True, fastmath=CONTRACT)
+def _forward(parent, rotation, turns, position, axis, prismatic, gravity, q, dq, ddq, w, dw, a, sw, sv, chain):  # type: ignore[no-untyped-def]
     """One sample: angular velocity w, its rate dw, acceleration a of the frame's origin less gravity, and for every joint j that
     moves link i its unit twist (sw[i, j], sv[i, j]) at link i's origin; all in link i's axes. chain[i, j] marks j as such a joint."""
     n = len(parent)
-    joint, r = np.empty((3, 3)), np.empty((3, 3))
+    r = np.empty((3, 3))
     p, t1, t2, t3 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     zero = np.zeros(3)
     for i in range(n):
@@ -53,13 +76,11 @@ def _forward(parent, rotation, position, axis, prismatic, gravity, q, dq, ddq, w
             for c in range(3):
                 p[c] += (r[c, 0] * axis[i, 0] + r[c, 1] * axis[i, 1] + r[c, 2] * axis[i, 2]) * q[i]
         else:
-            _joint_rotation(axis[i], q[i], joint)
+            cosine, sine = np.cos(q[i]), np.sin(q[i])
             for c in range(3):
                 p[c] = position[i, c]
                 for d in range(3):
-                    r[c, d] = (
-                        rotation[i, c, 0] * joint[0, d] + rotation[i, c, 1] * joint[1, d] + rotation[i, c, 2] * joint[2, d]
-                    )
+                    r[c, d] = turns[i, 0, c, d] + cosine * turns[i, 1, c, d] + sine * turns[i, 2, c, d]
         if up < 0:
             wp, dwp = zero, zero
             for c in range(3):
@@ -95,14 +116,15 @@ def _forward(parent, rotation, position, axis, prismatic, gravity, q, dq, ddq, w
             sv[i, i, c] = axis[i, c] if prismatic[i] else 0.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=CONTRACT)
 def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, out):  # type: ignore[no-untyped-def]
     """out (N, n, 10 n), zeroed by the caller: tau = out @ pi."""
     n = len(parent)
     w, dw, a = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     sw, sv = np.zeros((n, n, 3)), np.zeros((n, n, 3))
+    turns = _turns(rotation, axis)
     for k in range(len(q)):
-        _forward(parent, rotation, position, axis, prismatic, gravity, q[k], dq[k], ddq[k], w, dw, a, sw, sv, chain)
+        _forward(parent, rotation, turns, position, axis, prismatic, gravity, q[k], dq[k], ddq[k], w, dw, a, sw, sv, chain)
         for i in range(n):
             wx, wy, wz = w[i, 0], w[i, 1], w[i, 2]
             ax, ay, az = a[i, 0], a[i, 1], a[i, 2]
@@ -126,15 +148,16 @@ def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq
                 y[9] = uz * ez + ux * yz - uy * xz
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=CONTRACT)
 def torque(parent, rotation, position, axis, prismatic, chain, gravity, mass, first, inertia, q, dq, ddq, out):  # type: ignore[no-untyped-def]
     """out (N, n): inverse dynamics; first (n, 3) = m c, inertia (n, 3, 3) about the frame's origin; gravity (3,)."""
     n = len(parent)
     w, dw, a = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     sw, sv = np.zeros((n, n, 3)), np.zeros((n, n, 3))
     t, f, m, h = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    turns = _turns(rotation, axis)
     for k in range(len(q)):
-        _forward(parent, rotation, position, axis, prismatic, gravity, q[k], dq[k], ddq[k], w, dw, a, sw, sv, chain)
+        _forward(parent, rotation, turns, position, axis, prismatic, gravity, q[k], dq[k], ddq[k], w, dw, a, sw, sv, chain)
         for j in range(n):
             out[k, j] = 0.0
         for i in range(n):
