@@ -137,8 +137,8 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
         rows.append([hidden.effect, hidden.joint or "whole arm", name, truth, quantity(seen) if seen else None])
     for (effect, joint), parameters in found.items():
         if (effect, joint) != key:
-            truth = quantity({"value": LAG, "unit": "s"}) if lag and effect == "time_delay" else None
-            rows += [[effect, joint or "whole arm", name, truth, quantity(p)] for name, p in parameters.items()]
+            own = quantity({"value": LAG, "unit": "s"}) if lag and effect == "time_delay" else None
+            rows += [[effect, joint or "whole arm", name, own, quantity(p)] for name, p in parameters.items()]
     others = len(found) - (key in found) - lag
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     if key not in found:
