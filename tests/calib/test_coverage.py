@@ -10,12 +10,13 @@ from benchmarks import coverage
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", ["ur5e", "servo6"])
-def test_intervals_cover_on_the_mock(name: str) -> None:
+# servo6's second wrist reaches 0.73 N m on that motion, of which the noise of its reading alone is 5.7 % in filtered rows
+@pytest.mark.parametrize(("name", "most"), [("ur5e", 5.0), ("servo6", 6.0)])
+def test_intervals_cover_on_the_mock(name: str, most: float) -> None:
     found = coverage.on_mock(name, 50)
     assert 0.90 <= found.within(1.96) <= 0.98
     assert found.least_of_any(3.0) >= 0.90
-    assert coverage.worst(found, 0) < 5.0
+    assert coverage.worst(found, 0) < most
 
 
 def test_intervals_cover_under_coloured_noise() -> None:
