@@ -92,6 +92,20 @@ def _encoder(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iter
 
 def posture_slopes(model: LogModel, j: int) -> list[np.ndarray]:
     """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n), by central differences in q and dq (tau is quadratic in dq)."""
+    if j not in model.slopes:
+        model.slopes[j] = _rigid_slopes(model, j)
+    by_angle, by_speed, by_push = model.slopes[j]
+    own = []
+    for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
+        item = model.arm.effect(name, model.arm.joint_names[j])
+        own.append(slope.copy())
+        if item is not None:
+            own[-1][:, j] += item.parameters[key]
+    return [by_angle, own[1], own[0]]
+
+
+def _rigid_slopes(model: LogModel, j: int) -> list[np.ndarray]:
+    """Of the bodies alone."""
     link = model.link
 
     def torque(*steps: float) -> np.ndarray:
@@ -103,10 +117,6 @@ def posture_slopes(model: LogModel, j: int) -> list[np.ndarray]:
     by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
     by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
     by_push = torque(0, 0, 1.0) - torque(0, 0, 0)
-    for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
-        item = model.arm.effect(name, model.arm.joint_names[j])
-        if item is not None:
-            slope[:, j] += item.parameters[key]
     return [by_angle, by_speed, by_push]
 
 

@@ -14,6 +14,7 @@ from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.integrity import Check, checks
 from calib.diagnosis.judge import Judged, judge
+from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.rows import Rows, noise_of
@@ -65,7 +66,7 @@ def diagnose(
         found.best = without(fitted, found.best, worst)
         judged = judge(fitted, found.best, apart)
     told("looking at what is left")
-    odd = unexplained(found.baseline, found.best)
+    odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
     at = {u["joint"] for u in odd}
     kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
@@ -77,11 +78,16 @@ def diagnose(
     total = max(sum(j.lost for j in judged), 1e-9)
     entries = [_entry(arm, j, stds[id(j.effect)], j.lost / total) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
+    have = {(j.effect.effect, j.effect.joint) for j in kept}
+    held = [x for x in limits_reached(arm, logs) if (x.effect.effect, x.effect.joint) not in have]
+    entries += [_entry(arm, Judged(x.effect, x.behind, (), 0.0), {"limit": x.std}, 0.0) for x in held]
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    change = correction(named) if any(j.effect.effect != CONTACT for j in kept) else None
+    change = correction(named) if held or any(j.effect.effect != CONTACT for j in kept) else None
+    if change is not None:
+        change = replace(change, effects=(*change.effects, *(x.effect for x in held)))
     gap = _gaps(found.baseline, named, change, shown)
     answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
-    return Diagnosis(answer, tuple(j.effect for j in kept), found, change)
+    return Diagnosis(answer, (*(j.effect for j in kept), *(x.effect for x in held)), found, change)
 
 
 def _answer(

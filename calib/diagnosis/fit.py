@@ -100,6 +100,12 @@ def fit(
     return best
 
 
+def huber(e: np.ndarray) -> float:
+    """Sum of e^2 up to HUBER standard deviations, growing linearly beyond."""
+    size = np.abs(e)
+    return float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
+
+
 WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size
 
 
@@ -107,10 +113,8 @@ def objective(solved: Solved) -> float:
     """-2 log likelihood (Huber's loss) of all rows under the noise's scale, plus the prior's share."""
     total = 0.0
     for j, e in enumerate(solved.left()):
-        size = np.abs(e)
-        loss = np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2)
         innovation = solved.noise.sigma[j] ** 2 * (1 - solved.noise.phi[j] ** 2)
-        total += float(loss.sum() + len(e) * np.log(max(innovation, 1e-300)))
+        total += huber(e) + float(len(e) * np.log(max(innovation, 1e-300)))
     off = solved.theta - solved.rows.mean
     return total + float(off @ off)
 

@@ -84,9 +84,12 @@ class LogModel:
         self.bodies: RigidBody
         self.regressor: np.ndarray
         self.inertial: np.ndarray
+        self.slopes: dict[int, list[np.ndarray]]  # of the rigid bodies by a joint's posture, filled when first asked for
         if like is not None and like.same_link(measurement, arm, self.stages):
             self.link, self.bodies, self.regressor, self.inertial = like.link, like.bodies, like.regressor, like.inertial
+            self.slopes = like.slopes
         else:
+            self.slopes = {}
             self.link = link_side(arm, measurement.trajectory, self.stages, measurement.warming)
             self.bodies = RigidBody(arm)
             self.regressor = self.bodies.regressor(self.link.q, self.link.dq, self.link.ddq)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, maximum_filter1d, minimum_filter1d
 
+from calib.filtering import Decimator
 from calib.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
@@ -20,6 +21,7 @@ from sim.trajectory import Trajectory
 
 PASS, STOP = 15.0, 35.0  # Hz
 KERNEL = 0.15  # s to either side
+ENOUGH = 125.0  # samples a second, more than three times STOP
 ROW_CUTOFF = 10.0  # Hz: rows keep what the probes excite (up to 7 Hz)
 SLIDING_WINDOW = 0.3  # s
 SLIDING_TRAVEL = 4e-3  # rad within the window; slower than that, dry friction is undecided: a pause between strokes is one
@@ -43,11 +45,51 @@ def measured(log: Log, arm: Arm) -> Measurement:
     ]
     q_s, dq, ddq = (np.concatenate([p[i] for p in parts]) for i in range(3))
     sliding = np.concatenate([_sliding(q_s[lo:hi], m.rate) for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)])
-    return replace(
+    inside = m.inside & _within(m.starts, len(position) // 2)
+    full = replace(
         m,
         trajectory=Trajectory(m.trajectory.t, q_s, dq, ddq),
-        usable=m.usable & sliding,
-        temperature=_temperature(log, m.trajectory.t),
+        inside=inside,
+        usable=m.usable & sliding & inside[:, None],
+    )
+    thin = _thinned(full, position)
+    return replace(thin, temperature=_temperature(log, thin.trajectory.t))
+
+
+def _within(starts: np.ndarray, reach: int) -> np.ndarray:
+    """(N,) at least `reach` samples from both ends of a stretch, so that a kernel sees nothing but samples."""
+    out = []
+    for count in np.diff(starts):
+        k = np.arange(count)
+        out.append((k >= reach) & (k < count - reach))
+    return np.concatenate(out)
+
+
+def _thinned(m: Measurement, smooth: np.ndarray) -> Measurement:
+    """Every k-th sample where there are more than ENOUGH a second, the torque smoothed first by the kernel of the position.
+
+    Above STOP nothing is left in either, so nothing is lost but time; around a torque that is not usable, nothing is used.
+    """
+    k = int(m.rate / ENOUGH + 0.05)  # a measured rate is never exactly what it should be
+    if k < 2:
+        return m
+    taken, tau, usable, starts = [], [], [], [0]
+    for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True):
+        taken.append(np.arange(lo, hi, k))
+        tau.append(
+            convolve1d(_bridged(m.tau[lo:hi], m.usable[lo:hi] | (m.tau[lo:hi] != 0.0)), smooth, axis=0, mode="nearest")[::k]
+        )
+        usable.append(~maximum_filter1d(~m.usable[lo:hi], 2 * round(m.rate / STOP) + 1, axis=0)[::k])
+        starts.append(starts[-1] + len(taken[-1]))
+    at, x = np.concatenate(taken), m.trajectory
+    return replace(
+        m,
+        trajectory=Trajectory(x.t[at], x.q[at], x.dq[at], x.ddq[at]),
+        tau=np.concatenate(tau),
+        usable=np.concatenate(usable),
+        inside=m.inside[at],
+        starts=np.array(starts),
+        decimator=Decimator.of_cutoff(m.rate / k, ROW_CUTOFF),
     )
 
 
@@ -75,6 +117,12 @@ def on_scale(measurements: Sequence[Measurement], scale: Scale | None) -> list[M
         return list(measurements)
     cold, rise = scale
     return [m if m.temperature is None else replace(m, warming=(m.temperature - cold) / rise) for m in measurements]
+
+
+def _bridged(x: np.ndarray, read: np.ndarray) -> np.ndarray:
+    """Samples (N, n) with lines across those that were not read, which a measurement holds as 0."""
+    k = np.arange(len(x))
+    return np.stack([np.interp(k, k[u], c[u]) if u.any() else c for c, u in zip(x.T, read.T, strict=True)], axis=1)
 
 
 def _temperature(log: Log, t: np.ndarray) -> np.ndarray | None:

@@ -16,9 +16,10 @@ from sim.arm import ArmEffect
 
 MOST_EFFECTS = 4
 TRIED = 3
-LEAST_GAP = 3e-4  # rad; less than that is what dry friction's own width looks like
-LEAST_TWIST = 1.2e-3  # rad of the gear under the largest load; less is stiff
-LEAST_DELAY = 1e-3  # s beyond the ordinary lead of a drive's reading
+LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
+LEAST_TWIST = 1.2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
+BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
+LEAST_DELAY = 5e-4  # s beyond the ordinary lead of a drive's reading
 # Fall of -2 log likelihood that a name must bring. On clean recordings of the exam (benchmarks/exam) no effect of one parameter and
 # ordinary form brings more than some 15; those in EXTRA bring more, because they imitate what the model leaves at reversals
 # (presliding, elasticity, backlash), because many are tried (contact, ripple, eccentricity), because they bend to anything, or because one cause for
@@ -26,15 +27,15 @@ LEAST_DELAY = 1e-3  # s beyond the ordinary lead of a drive's reading
 THRESHOLD = 20.0
 PER_PARAMETER = 3.0
 EXTRA = {
-    "external_contact": 15.0,
-    "torque_ripple": 18.0,
-    "encoder_eccentricity": 12.0,
+    "external_contact": 8.0,
+    "torque_ripple": 10.0,
+    "encoder_eccentricity": 6.0,
     "joint_elasticity": 15.0,
     "presliding_friction": 12.0,
     "backlash": 8.0,
-    "nonlinear_viscous_friction": 14.0,
-    "link_inertia": 6.0,
-    "time_delay": 3.0,
+    "nonlinear_viscous_friction": 3.0,
+    "link_inertia": 4.0,
+    "thermal_friction": -5.0,
 }
 
 
@@ -90,7 +91,7 @@ def scored(f: Fit, skip: Collection[tuple[str, str | None]] = ()) -> list[Scored
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if within(item) and _sensible(item, f):
+        if within(item) and _sensible(item, f, gain):
             best[c.key] = Scored(item, gain, len(coefficients))
     touched = max(contacts(f.solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
     if touched is not None and (CONTACT, None) not in skip and within(touched[2]):
@@ -161,7 +162,7 @@ def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Sc
     return f
 
 
-def _sensible(item: ArmEffect, f: Fit) -> bool:
+def _sensible(item: ArmEffect, f: Fit, gain: float) -> bool:
     """Bounds that are not a single parameter's."""
     p = item.parameters
     if item.effect == "payload":
@@ -169,7 +170,7 @@ def _sensible(item: ArmEffect, f: Fit) -> bool:
     if item.effect == "joint_elasticity" and item.joint is not None:
         j = f.hypothesis.arm.joint_index(item.joint)
         load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in f.models)
-        return load / p["stiffness"] > LEAST_TWIST
+        return load / p["stiffness"] > LEAST_TWIST or (gain > BEYOND_DOUBT and load / p["stiffness"] > 0.5 * LEAST_TWIST)
     if item.effect == "time_delay":
         return p["delay"] > LEAST_DELAY
     if item.effect == "presliding_friction":

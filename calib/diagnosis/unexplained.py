@@ -7,24 +7,24 @@ of additive parts (positions, speeds, accelerations, loads, pairs, memory, time)
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.signal import lfilter
 
+from calib.diagnosis.catch_all import CatchAll
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Rows
+from calib.diagnosis.structure import structures
+from calib.preprocessing import Measurement
 
 # Rest over expected rest, and correlation from row to row over the other joints': measured on clean and on wrongly formed effects
 # (benchmarks/exam) both stay below these; the share of the first rest keeps imperfect forms of named effects from being called unknown.
 SCALE_EXCESS = 1.25
 COLOUR_EXCESS = 0.12
 SHARE_LEFT = 0.25
-MEMORIES = (0.3, 1.0, 3.0)  # s
-KNOTS = 8
 RIDGE = 1e-2
 
 
@@ -76,15 +76,14 @@ def fast_noise(models: list[LogModel], j: int) -> float:
     return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
 
 
-def unexplained(baseline: Fit, best: Fit) -> list[dict[str, Any]]:
+def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> list[dict[str, Any]]:
     """Entries of diagnosis.json: joint, the variables that its rest depends on, rms N m."""
-    names = best.hypothesis.arm.joint_names
     out = []
-    for j, rest in enumerate(rests(baseline, best)):
-        if rest.odd:
-            depends = [name for name, _ in dependence(best, j)]
-            rms = float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0)))
-            out.append({"joint": names[j], "depends_on": depends, "rms": rms, "unit": "N*m"})
+    for j, (rest, found) in enumerate(zip(rests(baseline, best), structures(best, apart), strict=True)):
+        if rest.odd or found.real:
+            depends = [name for name, _ in dependence(best, j)] or [found.variables]
+            rms = max(float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0))), found.rms)
+            out.append({"joint": rest.joint, "depends_on": depends, "rms": rms, "unit": "N*m"})
     return out
 
 
@@ -95,7 +94,7 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
     """
     rows = f.solved.rows
     rest = f.solved.residuals()[j]
-    groups = catch_all(f.models, rows, j)
+    groups = _scaled(CatchAll(f.models).groups(j), rows, j)
     fold = _folds(rows, j)
     chosen: list[str] = []
     out: list[tuple[str, float]] = []
@@ -115,60 +114,15 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
     return out
 
 
-def catch_all(models: list[LogModel], rows: Rows, j: int) -> dict[str, np.ndarray]:
-    """Name of variable(s) -> columns (R_j, k), filtered like the torque."""
-    arm = models[0].arm
-    per_log = [_features(m, j) for m in models]
+def _scaled(groups: dict[str, list[np.ndarray]], rows: Rows, j: int) -> dict[str, np.ndarray]:
+    """Name -> columns (R_j, k) of zero mean and unit spread; those that do not vary are left out."""
     out = {}
-    for name in per_log[0]:
-        stacked = _splined([f[name] for f in per_log])
-        filtered = [m.rows(x) for m, x in zip(models, stacked, strict=True)]
-        columns = np.concatenate([x[k] for x, k in zip(filtered, rows.index[j], strict=True)])
+    for name, per_log in groups.items():
+        columns = rows.take(j, per_log)
         spread = columns.std(axis=0)
         keep = spread > 1e-9
         if keep.any():
             out[name] = (columns[:, keep] - columns[:, keep].mean(axis=0)) / spread[keep]
-    assert all(np.isfinite(x).all() for x in out.values()), arm.name
-    return out
-
-
-def _features(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
-    """Variable -> arguments (N,) whose splines are the columns; a pair of arguments means products of their splines."""
-    names, link, dt = m.arm.joint_names, m.link, 1.0 / m.measurement.rate
-    out: dict[str, list[np.ndarray]] = {}
-    for k, name in enumerate(names):
-        out[f"q:{name}"] = [link.q[:, k]]
-        out[f"dq:{name}"] = [link.dq[:, k]]
-    out[f"ddq:{names[j]}"] = [link.ddq[:, j]]
-    out[f"load:{names[j]}"] = [link.load[:, j]]
-    out["time"] = [link.t]
-    sign = np.tanh(link.dq[:, j] / 0.02)
-    out[f"q:{names[j]}*sign(dq)"] = [link.q[:, j], sign]
-    out[f"load:{names[j]}*sign(dq)"] = [link.load[:, j], sign]
-    for memory in MEMORIES:
-        decay = np.exp(-dt / memory)
-        slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
-        out[f"memory:{names[j]}"] = [*out.get(f"memory:{names[j]}", []), link.q[:, j] - slow]
-    return out
-
-
-def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:
-    """Cubic splines of every argument with knots common to all logs; with a sign as second argument the splines times it."""
-    arguments = list(zip(*per_log, strict=True))
-    signed = len(arguments) == 2 and all(np.all(np.abs(x) <= 1.0) for x in arguments[1])
-    blocks: list[list[np.ndarray]] = [[] for _ in per_log]
-    for values in arguments[:1] if signed else arguments:
-        whole = np.concatenate(values)
-        lo, hi = np.quantile(whole, 0.002), np.quantile(whole, 0.998)
-        if hi - lo < 1e-9:
-            hi = lo + 1.0
-        inner = np.linspace(lo, hi, KNOTS - 2)
-        knots = np.concatenate([[lo] * 3, inner, [hi] * 3])
-        for block, x in zip(blocks, values, strict=True):
-            block.append(BSpline.design_matrix(np.clip(x, lo, hi - 1e-9 * (hi - lo)), knots, 3).toarray())
-    out = [np.concatenate(block, axis=1) for block in blocks]
-    if signed:
-        out = [x * s[:, None] for x, s in zip(out, arguments[1], strict=True)]
     return out
 
 

@@ -16,7 +16,17 @@ class JointElasticity(Effect):
     reference = "M. W. Spong (1987), J. Dynamic Systems, Measurement, and Control 109(4), 310-319"
     experiment = "a small motion from 1 to 15 Hz in two postures"
     stage = Stage.TRANSMISSION
-    parameters = (Parameter("stiffness", "N*m/rad", "torque per twist", zero=None, lower=10.0, upper=1e7, grid=(1e4,)),)
+    parameters = (
+        Parameter(
+            "stiffness",
+            "N*m/rad",
+            "torque per twist",
+            zero=None,
+            lower=10.0,
+            upper=1e7,
+            grid=(100.0, 300.0, 1e3, 3e3, 1e4, 3e4, 1e5),
+        ),
+    )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += load/K."""

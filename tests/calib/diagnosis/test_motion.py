@@ -35,6 +35,28 @@ def test_rows_beside_a_pause_are_not_usable(ur10e: Arm) -> None:
     assert with_pause.usable[800:850, 1].all()
 
 
+def test_a_fast_recording_is_thinned_and_says_the_same(ur10e: Arm) -> None:
+    slow = recording(ur10e, 1)
+    fast_t = np.arange(slow.t[0], slow.t[-1], 1 / 500)
+    wave = np.sin(2 * np.pi * np.outer(fast_t, [0.3, 0.7, 1.1, 2.0, 4.0, 6.0]))
+    q, tau = 0.3 * wave, 5.0 * wave
+    nan = np.full(q.shape, np.nan)
+    tau[3000, 2] = np.nan
+    log = replace(
+        slow, t=fast_t, t_host=fast_t, q=q, dq=nan, tau=tau, current=nan, temperature=nan, q_cmd=nan, dq_cmd=nan, tau_cmd=nan
+    )
+    m = measured(log, ur10e)
+    assert m.rate == pytest.approx(125.0)
+    inside = m.inside
+    f = np.array([0.3, 0.7, 1.1, 2.0, 4.0, 6.0])
+    t = m.trajectory.t[inside, None]
+    np.testing.assert_allclose(m.trajectory.dq[inside], 0.3 * 2 * np.pi * f * np.cos(2 * np.pi * f * t), atol=2e-3)
+    well = inside[:, None] & m.usable
+    assert well[:, 0].sum() > 1000
+    assert not m.usable[np.abs(m.trajectory.t - fast_t[3000]) < 0.02, 2].any()
+    np.testing.assert_allclose(m.tau[well], (5.0 * np.sin(2 * np.pi * m.trajectory.t[:, None] * f))[well], atol=5e-3)
+
+
 def test_warming_has_one_scale_for_all_recordings(ur10e: Arm) -> None:
     logs = []
     for seed, (cold, hot) in ((1, (25.0, 30.0)), (2, (30.0, 35.0))):

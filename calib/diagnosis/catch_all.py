@@ -1,0 +1,77 @@
+"""A flexible catch-all: additive parts over positions, speeds, acceleration, load, pairs, memory and time, as filtered columns per log."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.signal import lfilter
+
+from calib.diagnosis.model import LogModel
+
+MEMORIES = (0.3, 1.0, 3.0)  # s
+KNOTS = 8
+
+
+class CatchAll:
+    """Groups of columns of some logs; what all joints share (their positions, speeds, the time) is filtered once."""
+
+    def __init__(self, models: list[LogModel]) -> None:
+        self.models = models
+        self._common = self._filtered([_common(m) for m in models])
+
+    def groups(self, j: int) -> dict[str, list[np.ndarray]]:
+        """Name of the variable(s) -> per log columns (R, k), filtered like the torque, for the rest of joint j."""
+        return self._common | self._filtered([_own(m, j) for m in self.models])
+
+    def _filtered(self, per_log: list[dict[str, list[np.ndarray]]]) -> dict[str, list[np.ndarray]]:
+        return {
+            name: [m.rows(x) for m, x in zip(self.models, _splined([f[name] for f in per_log]), strict=True)]
+            for name in per_log[0]
+        }
+
+
+def _common(m: LogModel) -> dict[str, list[np.ndarray]]:
+    """Variable -> arguments (N,) whose splines are the columns."""
+    out: dict[str, list[np.ndarray]] = {}
+    for k, name in enumerate(m.arm.joint_names):
+        out[f"q:{name}"] = [m.link.q[:, k]]
+        out[f"dq:{name}"] = [m.link.dq[:, k]]
+    return out | {"time": [m.link.t]}
+
+
+def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
+    """The same of one joint; a pair of arguments means products of the first one's splines with the second."""
+    name, link, dt = m.arm.joint_names[j], m.link, 1.0 / m.measurement.rate
+    sign = np.tanh(link.dq[:, j] / 0.02)
+    out = {
+        f"ddq:{name}": [link.ddq[:, j]],
+        f"load:{name}": [link.load[:, j]],
+        f"q:{name}*sign(dq)": [link.q[:, j], sign],
+        f"load:{name}*sign(dq)": [link.load[:, j], sign],
+        f"memory:{name}": [],
+    }
+    for memory in MEMORIES:
+        decay = np.exp(-dt / memory)
+        slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
+        out[f"memory:{name}"].append(link.q[:, j] - slow)
+    return out
+
+
+def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:
+    """Cubic splines of every argument with knots common to all logs; with a sign as second argument the splines times it."""
+    arguments = list(zip(*per_log, strict=True))
+    signed = len(arguments) == 2 and all(np.all(np.abs(x) <= 1.0) for x in arguments[1])
+    blocks: list[list[np.ndarray]] = [[] for _ in per_log]
+    for values in arguments[:1] if signed else arguments:
+        whole = np.concatenate(values)
+        lo, hi = np.quantile(whole, 0.002), np.quantile(whole, 0.998)
+        if hi - lo < 1e-9:
+            hi = lo + 1.0
+        inner = np.linspace(lo, hi, KNOTS - 2)
+        knots = np.concatenate([[lo] * 3, inner, [hi] * 3])
+        for block, x in zip(blocks, values, strict=True):
+            block.append(BSpline.design_matrix(np.clip(x, lo, hi - 1e-9 * (hi - lo)), knots, 3).toarray())
+    out = [np.concatenate(block, axis=1) for block in blocks]
+    if signed:
+        out = [x * s[:, None] for x, s in zip(out, arguments[1], strict=True)]
+    return out

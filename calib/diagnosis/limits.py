@@ -1,0 +1,70 @@
+"""A drive at its limit: the arm does what the torque allows, so inverse dynamics agrees; that it was asked for more shows beside it.
+
+Where the torque stands at its largest value and the arm falls behind what was commanded, far beyond how it follows otherwise, and
+more than once at the same level, the drive could not give more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from logs.log import Log
+from sim.arm import Arm, ArmEffect
+
+TOP, BELOW = 0.95, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
+SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
+FLAT = 0.02  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
+# Largest following error at the level over its usual size: up to 15 on recordings without a limit (benchmarks/exam), 160 and more at one.
+BEHIND = 40.0
+LEAST_TIMES = 2
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A torque limit that was reached.
+
+    std     N m, spread of the levels
+    behind  largest following error there over its usual size
+    times   how often it was reached
+    """
+
+    effect: ArmEffect
+    std: float
+    behind: float
+    times: int
+
+
+def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
+    """The joints whose drive reached its limit; none where the commanded motion was not recorded."""
+    out = []
+    for j, joint in enumerate(arm.joint_names):
+        read = [log for log in logs if np.isfinite(log.q_cmd[:, j]).all() and np.isfinite(log.tau[:, j]).all()]
+        if not read:
+            continue
+        most = max(float(np.quantile(np.abs(log.tau[:, j]), 0.998)) for log in read)
+        found = [stand for log in read for stand in _stands(log, j, most) if stand[0] > BEHIND]
+        if len(found) >= LEAST_TIMES:
+            levels = np.array([level for _, level in found])
+            item = ArmEffect("torque_saturation", joint, {"limit": float(np.median(levels))})
+            out.append(Limit(item, float(levels.std()), max(behind for behind, _ in found), len(found)))
+    return out
+
+
+def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
+    """Stretches of flat torque near `most`: largest following error over its usual size, and level N m."""
+    rate = 1.0 / float(np.median(np.diff(log.t)))
+    torque = np.abs(uniform_filter1d(log.tau[:, j], max(1, round(SMOOTH * rate))))
+    error = np.abs(log.q_cmd[:, j] - log.q[:, j])
+    under = torque < BELOW * most
+    if not under.any():
+        return
+    usual = max(float(np.sqrt(np.mean(error[under] ** 2))), 1e-6)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], torque > TOP * most, [0]])))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        stand = torque[first:end]
+        if end - first >= SHORTEST * rate and stand.std() < FLAT * most:
+            yield float(error[first : end + round(AFTER * rate)].max()) / usual, float(np.median(stand))

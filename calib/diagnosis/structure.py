@@ -1,0 +1,75 @@
+"""Whether anything is left that depends on the motion: parts of the catch-all fitted to the rest, and tried on logs kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.catch_all import CatchAll
+from calib.diagnosis.fit import Fit, huber
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.rows import Rows
+from calib.preprocessing import Measurement
+
+# Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
+SPREAD = 9.0
+BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
+LEAST, LEAST_APART = 40.0, 5.0
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The part of the catch-all that explains most of one joint's rest.
+
+    fitted    fall of chi2 on the logs of the fit, nuisance free to move
+    held_out  fall of the loss on logs kept apart, nothing fitted there; nan without such logs
+    rms       N m, size of the part
+    """
+
+    joint: str
+    variables: str
+    fitted: float
+    held_out: float
+    rms: float
+
+    @property
+    def real(self) -> bool:
+        """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring."""
+        return self.fitted > LEAST and not self.held_out < LEAST_APART
+
+
+def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
+    """Per joint, the strongest part."""
+    kept = [LogModel(m, best.hypothesis) for m in apart]
+    catch_all = CatchAll([*best.models, *kept])
+    return [_strongest(best, kept, catch_all, j) for j in range(best.hypothesis.arm.n)]
+
+
+def _strongest(best: Fit, kept: list[LogModel], catch_all: CatchAll, j: int) -> Structure:
+    solved, count = best.solved, len(best.models)
+    rows, noise = solved.rows, solved.noise
+    other = Rows(kept) if kept else None
+    out: list[Structure] = []
+    for name, columns in catch_all.groups(j).items():
+        seen = rows.take(j, columns[:count])
+        varied = seen.std(axis=0) > 1e-9
+        if not varied.any():
+            continue
+        middle = seen.mean(axis=0)[varied]
+        white = noise.whiten(j, seen[:, varied] - middle, rows.joined[j])
+        size = np.sqrt((white**2).sum(axis=0))
+        size = np.maximum(size, BARELY * size.max())
+        white = white / size
+        fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1])
+        held_out = np.nan
+        if other is not None:
+            nuisance = noise.whiten(j, other.x[j], other.joined[j])
+            left = noise.whiten(j, other.r[j], other.joined[j]) - nuisance @ solved.theta
+            part = noise.whiten(j, other.take(j, columns[count:])[:, varied] - middle, other.joined[j]) / size
+            moved = solved.inverse @ (solved.xw[j].T @ (white @ c))
+            held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
+        rms = float(np.sqrt(np.mean(((seen[:, varied] - middle) / size @ c) ** 2)))
+        out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, rms))
+    return max(out, key=lambda s: s.fitted)

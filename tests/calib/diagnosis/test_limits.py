@@ -1,0 +1,58 @@
+"""A drive that could not give more is told from one that merely worked hard."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.limits import limits_reached
+from logs.log import Log
+from sim.arm import Arm
+from tests.calib.diagnosis.conftest import recording
+
+ELBOW = 2
+
+
+def asked(arm: Arm, limit: float, behind: float, seed: int = 1) -> Log:
+    """A recording whose elbow gives no more than `limit` N m and falls `behind` rad behind its command while it gives that."""
+    log = recording(arm, seed)
+    rng = np.random.default_rng(seed)
+    t = log.t
+    wanted = 60.0 * np.sin(2 * np.pi * 0.35 * t) + 25.0 * np.sin(2 * np.pi * 0.12 * t)
+    tau = log.tau.copy()
+    tau[:, ELBOW] = np.clip(wanted, -limit, limit) + 0.2 * rng.standard_normal(len(t))
+    q_cmd = log.q + 5e-4 * np.sin(7.0 * t)[:, None]
+    q_cmd[:, ELBOW] += np.where(np.abs(wanted) > limit, behind, 0.0)
+    return replace(log, tau=tau, q_cmd=q_cmd)
+
+
+def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
+    (found,) = limits_reached(ur10e, [asked(ur10e, 50.0, 0.08)])
+    assert found.effect.effect == "torque_saturation"
+    assert found.effect.joint == "elbow_joint"
+    assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
+    assert found.times > 2
+    assert found.std < 1.0
+
+
+def test_an_arm_that_follows_at_its_largest_torque_has_no_limit(ur10e: Arm) -> None:
+    assert limits_reached(ur10e, [asked(ur10e, 50.0, 1e-3)]) == []
+
+
+def test_an_arm_that_lags_without_a_level_has_no_limit(ur10e: Arm) -> None:
+    log = asked(ur10e, 1e9, 0.0)
+    q_cmd = log.q_cmd.copy()
+    q_cmd[:, ELBOW] += 0.08 * (np.abs(log.tau[:, ELBOW]) > 50.0)
+    assert limits_reached(ur10e, [replace(log, q_cmd=q_cmd)]) == []
+
+
+def test_once_is_not_enough_and_without_a_command_nothing_is_said(ur10e: Arm) -> None:
+    log = asked(ur10e, 50.0, 0.08)
+    first = int(np.argmax(np.abs(log.tau[:, ELBOW]) > 45.0))
+    short = slice(0, first + 60)
+    once = Log(log.joint_names, *(getattr(log, k)[short] for k in (
+        "t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")))  # fmt: skip
+    assert limits_reached(ur10e, [once]) == []
+    assert limits_reached(ur10e, [replace(log, q_cmd=np.full_like(log.q, np.nan))]) == []
