@@ -18,7 +18,8 @@ from sim.arm import ArmEffect
 APART = 8.0
 MOST_RIVALS = 2
 MOST_RAISED = 0.02  # a small effect is drowned there by parameters that are a little off; a wrong one is not
-MUCH = 0.05  # so much less error of the arm itself is not undone by nuisance that explains a little more without the name
+# So much less error of the arm itself is not undone by nuisance that explains a little more, relative to what was lost, without the name.
+MUCH, LITTLE = 0.1, 0.1
 Key = tuple[str, str | None]
 
 
@@ -43,7 +44,9 @@ class Judged:
         """Whether a motion that was not fitted speaks against it; a contact happens in one log only."""
         if self.effect.effect == CONTACT:
             return False
-        return (self.held_out < 0.0 and self.raised > -MUCH) or (self.raised > MOST_RAISED and self.held_out < APART)
+        if self.held_out < 0.0:
+            return self.raised > -MUCH or self.held_out < -LITTLE * self.lost
+        return self.raised > MOST_RAISED and self.held_out < APART
 
     @property
     def confidence(self) -> float:

@@ -21,7 +21,7 @@ LEAST, LEAST_APART = 40.0, 5.0
 
 @dataclass(frozen=True)
 class Structure:
-    """The part of the catch-all that explains most of one joint's rest.
+    """The part of the catch-all that holds best for one joint's rest.
 
     fitted    fall of chi2 on the logs of the fit, nuisance free to move
     held_out  fall of the loss on logs kept apart, nothing fitted there; nan without such logs
@@ -72,4 +72,4 @@ def _strongest(best: Fit, kept: list[LogModel], catch_all: CatchAll, j: int) -> 
             held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
         rms = float(np.sqrt(np.mean(((seen[:, varied] - middle) / size @ c) ** 2)))
         out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, rms))
-    return max(out, key=lambda s: s.fitted)
+    return max(out, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)))
