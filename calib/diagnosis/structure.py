@@ -16,7 +16,8 @@ from calib.preprocessing import Measurement
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
 SPREAD = 9.0
 BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
-LEAST, LEAST_APART = 40.0, 5.0
+# On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that.
+LEAST, LEAST_APART = 48.0, 8.0
 
 
 @dataclass(frozen=True)
