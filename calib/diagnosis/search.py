@@ -33,7 +33,7 @@ EXTRA = {
     "joint_elasticity": 15.0,
     "presliding_friction": 12.0,
     "backlash": 8.0,
-    "nonlinear_viscous_friction": 8.0,
+    "nonlinear_viscous_friction": 11.0,
     "link_inertia": 4.0,
     "thermal_friction": -5.0,
 }
