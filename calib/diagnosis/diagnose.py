@@ -19,7 +19,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.rows import Rows, noise_of
 from calib.diagnosis.search import Found, search, without
-from calib.diagnosis.unexplained import unexplained
+from calib.diagnosis.unexplained import Odd, unexplained
 from calib.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -27,6 +27,7 @@ from sim.arm_folder import write_arm
 from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
+OVER_UNKNOWN = 3.0  # times what the structure at the same joint is worth
 
 
 @dataclass
@@ -68,8 +69,8 @@ def diagnose(
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
-    at = {u["joint"] for u in odd}
-    kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
+    at = {u.joint: u.weight for u in odd}
+    kept = [j for j in judged if not odd or j.lost > max(BESIDE_UNKNOWN, OVER_UNKNOWN * at.get(j.effect.joint or "", 0.0))]
     named = found.best
     if len(kept) < len(judged):
         named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)
@@ -94,7 +95,7 @@ def _answer(
     arm: Arm,
     verdict: str,
     effects: list[dict[str, Any]],
-    odd: list[dict[str, Any]],
+    odd: list[Odd],
     gap: dict[str, list[float]] | None,
     log: str,
     trusted: list[Check],
@@ -106,7 +107,7 @@ def _answer(
         "arm": arm.name,
         "verdict": verdict,
         "effects": effects,
-        "unexplained": odd,
+        "unexplained": [u.entry() for u in odd],
         "gap": {"unit": "N*m", "log": log, "joints": list(arm.joint_names), **(gap or none)},
         "data_checks": [c.entry() for c in trusted],
         "arm_out": "arm",

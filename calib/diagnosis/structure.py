@@ -18,6 +18,7 @@ SPREAD = 9.0
 BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
 # On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that.
 LEAST, LEAST_APART = 48.0, 8.0
+LEAST_SHARE = 0.02  # a long recording sees more than is worth an answer
 
 
 @dataclass(frozen=True)
@@ -26,19 +27,21 @@ class Structure:
 
     fitted    fall of chi2 on the logs of the fit, nuisance free to move
     held_out  fall of the loss on logs kept apart, nothing fitted there; nan without such logs
-    rms       N m, size of the part
+    share     of the rest's variance, whitened, that it explains
+    rms       N m, what that is of the rest
     """
 
     joint: str
     variables: str
     fitted: float
     held_out: float
+    share: float
     rms: float
 
     @property
     def real(self) -> bool:
-        """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring."""
-        return self.fitted > LEAST and not self.held_out < LEAST_APART
+        """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring, and worth a word."""
+        return self.fitted > LEAST and not self.held_out < LEAST_APART and self.share > LEAST_SHARE
 
 
 def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
@@ -71,6 +74,7 @@ def _strongest(best: Fit, kept: list[LogModel], catch_all: CatchAll, j: int) -> 
             part = noise.whiten(j, other.take(j, columns[count:])[:, varied] - middle, other.joined[j]) / size
             moved = solved.inverse @ (solved.xw[j].T @ (white @ c))
             held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
-        rms = float(np.sqrt(np.mean(((seen[:, varied] - middle) / size @ c) ** 2)))
-        out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, rms))
+        share = min(1.0, fitted / len(white))
+        rms = float(noise.sigma[j] * np.sqrt(share))
+        out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, share, rms))
     return max(out, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)))

@@ -76,14 +76,31 @@ def fast_noise(models: list[LogModel], j: int) -> float:
     return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
 
 
-def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> list[dict[str, Any]]:
-    """Entries of diagnosis.json: joint, the variables that its rest depends on, rms N m."""
+@dataclass(frozen=True)
+class Odd:
+    """A joint with structure that no effect explains: the variables that its rest depends on, and rms N m.
+
+    weight  fall of -2 log likelihood that the structure is worth; infinite where the whole rest is larger than noise can be
+    """
+
+    joint: str
+    depends_on: tuple[str, ...]
+    rms: float
+    weight: float
+
+    def entry(self) -> dict[str, Any]:
+        """As diagnosis.json has it."""
+        return {"joint": self.joint, "depends_on": list(self.depends_on), "rms": self.rms, "unit": "N*m"}
+
+
+def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> list[Odd]:
+    """The joints at which something is left that is not noise."""
     out = []
     for j, (rest, found) in enumerate(zip(rests(baseline, best), structures(best, apart), strict=True)):
         if rest.odd or found.real:
-            depends = [name for name, _ in dependence(best, j)] or [found.variables]
+            depends = tuple(name for name, _ in dependence(best, j)) or (found.variables,)
             rms = max(float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0))), found.rms)
-            out.append({"joint": rest.joint, "depends_on": depends, "rms": rms, "unit": "N*m"})
+            out.append(Odd(rest.joint, depends, rms, np.inf if rest.odd else found.fitted))
     return out
 
 
