@@ -27,7 +27,6 @@ from sim.arm_folder import write_arm
 from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
-OVER_UNKNOWN = 3.0  # times what the structure at the same joint is worth
 
 
 @dataclass
@@ -68,9 +67,10 @@ def diagnose(
         judged = judge(fitted, found.best, apart)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
-    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
+    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much, and more than
+    # the structure at its own joint is worth.
     at = {u.joint: u.weight for u in odd}
-    kept = [j for j in judged if not odd or j.lost > max(BESIDE_UNKNOWN, OVER_UNKNOWN * at.get(j.effect.joint or "", 0.0))]
+    kept = [j for j in judged if not odd or j.lost > max(BESIDE_UNKNOWN, at.get(j.effect.joint or "", 0.0))]
     named = found.best
     if len(kept) < len(judged):
         named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)

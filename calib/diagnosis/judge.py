@@ -46,7 +46,7 @@ class Judged:
             return False
         if self.held_out < 0.0:
             return self.raised > -MUCH or self.held_out < -LITTLE * self.lost
-        return self.raised > MOST_RAISED and self.held_out < APART
+        return self.raised > MOST_RAISED
 
     @property
     def confidence(self) -> float:
