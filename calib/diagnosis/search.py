@@ -17,17 +17,18 @@ from sim.arm import ArmEffect
 MOST_EFFECTS = 4
 TRIED = 3
 LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
-LEAST_TWIST = 1.2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
+LEAST_TWIST = 2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
 BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
 LEAST_DELAY = 5e-4  # s beyond the ordinary lead of a drive's reading
 # Fall of -2 log likelihood that a name must bring. On clean recordings of the exam (benchmarks/exam) no effect of one parameter and
-# ordinary form brings more than some 15; those in EXTRA bring more, because they imitate what the model leaves at reversals
+# ordinary form brings more than some 14 (Coulomb friction 17); those in EXTRA bring more, because they imitate what the model leaves at reversals
 # (presliding, elasticity, backlash), because many are tried (contact, ripple, eccentricity), because they bend to anything, or because one cause for
 # the whole arm (a payload) is likelier than a local one that does the same (a link).
-THRESHOLD = 20.0
+THRESHOLD = 18.0
 PER_PARAMETER = 3.0
 EXTRA = {
-    "external_contact": 8.0,
+    "coulomb_friction": 2.0,
+    "external_contact": 10.0,
     "torque_ripple": 10.0,
     "encoder_eccentricity": 6.0,
     "joint_elasticity": 15.0,
@@ -170,7 +171,7 @@ def _sensible(item: ArmEffect, f: Fit, gain: float) -> bool:
     if item.effect == "joint_elasticity" and item.joint is not None:
         j = f.hypothesis.arm.joint_index(item.joint)
         load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in f.models)
-        return load / p["stiffness"] > LEAST_TWIST or (gain > BEYOND_DOUBT and load / p["stiffness"] > 0.5 * LEAST_TWIST)
+        return load / p["stiffness"] > LEAST_TWIST or (gain > BEYOND_DOUBT and load / p["stiffness"] > 0.3 * LEAST_TWIST)
     if item.effect == "time_delay":
         return p["delay"] > LEAST_DELAY
     if item.effect == "presliding_friction":
