@@ -29,7 +29,7 @@ REVERSAL_DOUBT, REVERSAL_SPEED = (
     0.05,
 )  # share of dry friction that is in doubt as a joint turns round, and until which rad/s
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight
-LEARNT = 0.5  # s of motion that their first guesses are worth
+LEARNT = 3.0  # s of motion that their first guesses are worth; with less, real recordings bring claims that are none
 NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estimated
 
 

@@ -35,50 +35,50 @@ class JumpDetector:
         self._prior = [np.diag(1 / prior), np.diag(1 / torque)]
         self._scale, self._reach = filter_.mass_scale, filter_.reach
         self._highest = 0.0
+        self._eye = np.eye(self._n)
         self.forget()
 
     def forget(self) -> None:
         """No jump is looked for in the rows so far."""
         self._count = 0
-        self._ratios: deque[float] = deque(maxlen=3 * CANDIDATES)
+        self._lately: deque[float] = deque(maxlen=3 * CANDIDATES)
         self._lag = [np.zeros((CANDIDATES, self._size, k)) for k in self._kinds]
         self._c = [np.zeros((CANDIDATES, k, k)) for k in self._kinds]
         self._d = [np.zeros((CANDIDATES, k)) for k in self._kinds]
+        self._sizes = [np.zeros((CANDIDATES, k)) for k in self._kinds]
+        self._ratio = [np.zeros(CANDIDATES) for _ in self._kinds]
 
     def add(self, innovation: Innovation, seconds: float, imperfection: float) -> Jump | None:
         """One more row; the jump where one is found."""
         self._count = min(self._count + 1, CANDIDATES)
-        spread = np.sqrt(1 / np.maximum(np.diag(innovation.inverse), 1e-300))
-        y = np.clip(innovation.y, -CLIP * spread, CLIP * spread)
-        direct = (np.ascontiguousarray(innovation.h[:, :4]), np.eye(self._n)[innovation.used])
-        ratios = []
+        most = CLIP / np.sqrt(np.maximum(innovation.inverse.diagonal(), 1e-300))
+        y = np.minimum(np.maximum(innovation.y, -most), most)
+        direct = (np.ascontiguousarray(innovation.h[:, :4]), self._eye[innovation.used])
         for k in range(2):
             # candidates move one place back, a new one begins at this row
-            size, ratio = np.zeros((CANDIDATES, self._kinds[k])), np.zeros(CANDIDATES)
             traces(
                 self._lag[k], self._c[k], self._d[k], direct[k], innovation.h, innovation.gain, innovation.decay, innovation.inverse, y,
-                self._prior[k], self._count, size, ratio,
+                self._prior[k], self._count, self._sizes[k], self._ratio[k],
             )  # fmt: skip
-            ratio[: ROWS_LEAST - 1] = 0.0
-            ratios.append((ratio, size))
-        both = np.maximum(ratios[0][0], ratios[1][0])
+            self._ratio[k][: ROWS_LEAST - 1] = 0.0
+        both = np.maximum(*self._ratio)
         theta = int(np.argmax(both))
         self._highest *= float(np.exp(-seconds / RECENT))
         least = max(THRESHOLD + THRESHOLD_SLOPE * imperfection, OVER_RECENT * self._highest)
         if not both[theta] > min(least, THRESHOLD_MOST):
             # a jump that is just beginning must not raise the bar for itself
-            if len(self._ratios) == self._ratios.maxlen:
-                self._highest = max(self._highest, self._ratios[0])
-            self._ratios.append(float(both[theta]))
+            if len(self._lately) == self._lately.maxlen:
+                self._highest = max(self._highest, self._lately[0])
+            self._lately.append(float(both[theta]))
             return None
         response = -self._lag[0][theta]
         response[:4] += np.eye(4)
-        covariance = self._likely(theta, float(ratios[0][1][theta][0]))
+        covariance = self._likely(theta, float(self._sizes[0][theta][0]))
         size = covariance @ self._d[0][theta]
         near = np.flatnonzero(both > both[theta] - AS_LIKELY) + 1
         return Jump(
-            theta + 1, (int(near[-1]), int(near[0])), float(ratios[0][0][theta]), float(ratios[1][0][theta]), size, covariance, response,
-            ratios[1][1][theta],
+            theta + 1, (int(near[-1]), int(near[0])), float(self._ratio[0][theta]), float(self._ratio[1][theta]), size, covariance, response,
+            self._sizes[1][theta].copy(),
         )  # fmt: skip
 
     def _likely(self, theta: int, mass: float) -> np.ndarray:

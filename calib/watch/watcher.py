@@ -241,7 +241,7 @@ def rehearse(arm: Arm, rate: float) -> None:
         t = k / rate
         watcher.add(JointState(t, t, np.full(arm.n, 0.1 * t), np.full(arm.n, 0.1), 1e-6 * k * np.ones(arm.n), nothing, nothing))
     if watcher._row is not None:
-        for _ in range(4):
+        for _ in range(6):
             watcher._filter.add(watcher._row)
 
 
