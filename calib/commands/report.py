@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib import console
 from calib.run_folder import RUNS, list_runs, new_run, read_run
+
+if TYPE_CHECKING:
+    from calib.comparison import Change
 
 
 def _names(incomplete: str) -> list[str]:
@@ -64,7 +67,15 @@ def command(
             }
         )
         return
-    rows_shown = [[c.name, c.joint, c.a.value if c.a else None, c.b.value if c.b else None, c.sigmas] for c in changes[:15]]
-    console.table(["parameter", "joint", "first", "second", "moved [std]"], rows_shown)
+    rows_shown = [
+        [c.name, c.joint or "whole arm", c.a.value if c.a else None, c.b.value if c.b else None, _unit(c), c.sigmas]
+        for c in changes[:15]
+    ]
+    console.table(["parameter", "joint", "first", "second", "unit", "moved [std]"], rows_shown)
     console.say(f"{sentence(a, b, changes)}.")
     console.say(str(path))
+
+
+def _unit(change: Change) -> str:
+    number = change.a or change.b
+    return number.unit.replace("*", " ") if number else ""
