@@ -105,7 +105,8 @@ def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) ->
     """(n,) whether whitening makes a joint's torque worse on a log that the fit has not seen, by more than WORSE.
 
     Whitening takes what is slow in the residual for noise. Where it is the model that is wrong, the same slow error comes again in every
-    log, and a fit that does not look away from it predicts better. With one log there is nothing to compare on.
+    log, and a fit that does not look away from it predicts better. With one log, or where the others alone do not show every parameter, there is
+    nothing to compare on.
     """
     model, used = rows.model, rows.used
     parts = [rows.part(k) for k in range(len(rows.measurements))]
@@ -114,6 +115,9 @@ def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) ->
     raw, white = [plain(part) for part in parts], [weighed(part, weights)[0] for part in parts]
     left = np.zeros((2, model.arm.n))
     for k, unseen in enumerate(raw):
+        others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(raw) if i != k), strict=True)]
+        if not _scaled_condition(_together(model, others).r[:, : model.p]) < RIDGE_ABOVE:
+            continue
         for kind, (sums, scale) in enumerate(((raw, variance), (white, None))):
             others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(sums) if i != k), strict=True)]
             theta = _solution(_together(model, others, scale), prior)
@@ -185,12 +189,17 @@ def _regularised(
             "nothing can be identified of a joint that hardly moves: record a motion in which it does"
         )
     r = _together(model, sums).r[:, :p]
-    norm = np.linalg.norm(r, axis=0)
     condition = _condition(r[:, : len(model.base)])
-    scaled = _condition(r / norm) if norm.all() else np.inf
+    scaled = _scaled_condition(r)
     regularised = bool(nominal is not None and not scaled < RIDGE_ABOVE)
     prior = prior or Prior.none(p)
     return (combined(prior, nominal) if regularised and nominal is not None else prior), condition, scaled, regularised
+
+
+def _scaled_condition(r: np.ndarray) -> float:
+    """Of columns that are divided by their norms."""
+    norm = np.linalg.norm(r, axis=0)
+    return _condition(r / norm) if norm.all() else np.inf
 
 
 def _condition(r: np.ndarray) -> float:

@@ -19,6 +19,7 @@ from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whi
 AR_ORDER = 4
 DRAWS, MORE_DRAWS = 24, 96
 ROUNDS = 3
+LARGEST_POLE = 0.98
 SETTLE = 40  # rows until a simulated series has forgotten that it began at zero
 
 
@@ -140,6 +141,12 @@ def _yule_walker(r: np.ndarray) -> Colour:
     ar = np.zeros((len(r), AR_ORDER))
     for j, x in enumerate(r):
         if x[0] > 0:
-            ar[j] = np.linalg.solve(scipy.linalg.toeplitz(x[:-1]) + 1e-6 * x[0] * np.eye(AR_ORDER), x[1:])
+            ar[j] = _stable(np.linalg.solve(scipy.linalg.toeplitz(x[:-1]) + 1e-6 * x[0] * np.eye(AR_ORDER), x[1:]))
     drive = np.sqrt(np.maximum(r[:, 0] - np.sum(ar * r[:, 1:], axis=1), 1e-12 * np.maximum(r[:, 0], 1e-300)))
     return Colour(ar, drive)
+
+
+def _stable(ar: np.ndarray) -> np.ndarray:
+    """The coefficients with their poles within LARGEST_POLE: covariances over gaps need not be those of a series that stays finite."""
+    largest = float(np.abs(np.roots(np.r_[1.0, -ar])).max(initial=0.0))
+    return ar if largest <= LARGEST_POLE else ar * (LARGEST_POLE / largest) ** np.arange(1, len(ar) + 1)

@@ -10,12 +10,13 @@ from calib.identification.findings import findings
 from calib.identification.identify import Options, fitted
 from calib.identification.least_squares import Prior, estimate, inverse, reference
 from calib.identification.model import TorqueModel
-from calib.identification.noise import weighted
+from calib.identification.noise import LARGEST_POLE, _stable, weighted
 from calib.identification.rows import Rows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.preprocessing import prepare
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
+from sim.trajectory import Trajectory
 from tests.calib.conftest import fourier_motion, recorded, varied
 
 MEMORY, DRAWS = 0.8, 150
@@ -93,3 +94,20 @@ def test_a_slow_error_that_comes_again_is_not_whitened_away(ur5e: Arm) -> None:
     # the doubt of what rests on that joint's rows is larger for the error's colour
     k = bent.model.friction_column("coulomb", 1)
     assert bent.solution.covariance[k, k] > 4 * sound.solution.covariance[k, k]
+
+
+def test_logs_that_do_not_stand_alone_decide_nothing(ur5e: Arm) -> None:
+    # one log moves the wrist only: a fit of it alone says nothing of how the other should be weighed
+    whole = fourier_motion(ur5e, 1, rate=125.0)
+    still = np.concatenate([np.zeros(3), np.ones(3)])
+    wrist = Trajectory(whole.t, whole.q[0] + still * (whole.q - whole.q[0]), still * whole.dq, still * whole.ddq)
+    fit = fitted(ur5e, [recorded(ur5e, wrist, 1), recorded(ur5e, whole, 2)], Options(slip_width=1e-4))
+    assert fit.weights.ar.any(axis=1).all()
+
+
+def test_noise_that_would_grow_is_made_to_last_instead() -> None:
+    grows = np.array([1.9, -0.7, 0.0, -0.18])
+    found = _stable(grows)
+    assert np.abs(np.roots(np.r_[1.0, -found])).max() == pytest.approx(LARGEST_POLE)
+    fine = np.array([0.5, -0.2, 0.1, 0.0])
+    assert _stable(fine) is fine
