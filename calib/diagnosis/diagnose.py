@@ -67,10 +67,9 @@ def diagnose(
         judged = judge(fitted, found.best, apart)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
-    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much, and more than
-    # the structure at its own joint is worth.
-    at = {u.joint: u.weight for u in odd}
-    kept = [j for j in judged if not odd or j.lost > max(BESIDE_UNKNOWN, at.get(j.effect.joint or "", 0.0))]
+    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
+    at = {u.joint for u in odd}
+    kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
     named = found.best
     if len(kept) < len(judged):
         named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.contact import contacts
-from calib.diagnosis.fit import Fit, fit, parameters_of, within
+from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
@@ -113,6 +113,7 @@ def search(
         ranked = scored(best, {(e.effect, e.joint) for e in best.accepted})
         found.ladder.append(ranked[:12])
         tried = [add(measurements, best, s) for s in ranked[:TRIED] if s.gain > 0.6 * THRESHOLD]
+        tried = [f for f in tried if _settled(f)]
         if not tried:
             break
         better = min(tried, key=cost)
@@ -157,10 +158,20 @@ def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Sc
         here = {(e.effect, e.joint) for e in f.accepted}
         lost = rest.objective - f.objective
         ranked = [s for s in scored(rest) if s.key not in here][:TRIED]
-        tried = [add(measurements, rest, s) for s in ranked if s.gain > 0.7 * lost]
+        tried = [f for f in (add(measurements, rest, s) for s in ranked if s.gain > 0.7 * lost) if _settled(f)]
         if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
             return min(tried, key=cost)
     return f
+
+
+def _settled(f: Fit) -> bool:
+    """Whether no shape parameter (an exponent, a time) ran into its bound: what fits best beyond it is something else."""
+    return all(
+        f.accepted[i].effect == CONTACT
+        or not logarithmic(p)
+        or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
+        for i, p in parameters_of(f.accepted)
+    )
 
 
 def _sensible(item: ArmEffect, f: Fit, gain: float) -> bool:

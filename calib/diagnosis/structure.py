@@ -17,7 +17,7 @@ from calib.preprocessing import Measurement
 SPREAD = 9.0
 BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
 # On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that.
-LEAST, LEAST_APART = 48.0, 8.0
+LEAST, LEAST_APART = 38.0, 8.0
 LEAST_SHARE = 0.02  # a long recording sees more than is worth an answer
 
 
