@@ -31,7 +31,7 @@ EXTRA = {
     "external_contact": 10.0,
     "torque_ripple": 10.0,
     "encoder_eccentricity": 6.0,
-    "joint_elasticity": 27.0,
+    "joint_elasticity": 30.0,
     "presliding_friction": 12.0,
     "backlash": 8.0,
     "nonlinear_viscous_friction": 11.0,

@@ -20,9 +20,9 @@ class Payload(Effect):
     scope = "arm"
     parameters = (
         Parameter("mass", "kg", "mass", lower=0.0, upper=100.0, grid=(1.0,)),
-        Parameter("com_x", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),
-        Parameter("com_y", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),
-        Parameter("com_z", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0),
+        Parameter("com_x", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
+        Parameter("com_y", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
+        Parameter("com_z", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
     )
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
