@@ -44,8 +44,8 @@ class TorqueDelay:
 
     @property
     def significant(self) -> bool:
-        """Half a sample, or more, lies within three standard deviations of it, and nothing does not."""
-        return abs(self.delay) + 3 * self.std >= 0.5 * self.period and abs(self.delay) > 3 * self.std
+        """Half a sample, or more, lies within three standard deviations of it, and no delay lies beyond five: a short log has few batches."""
+        return abs(self.delay) + 3 * self.std >= 0.5 * self.period and abs(self.delay) > 5 * self.std
 
 
 def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
