@@ -131,7 +131,6 @@ FAULTS = {
         lambda s: replace(s, q=s.q + np.eye(6)[1] * 0.004, tau=s.tau + np.eye(6)[1] * 200),
         "torque beside expectation",
     ),
-    "payload lost": (lambda s: replace(s, tau=s.tau - np.eye(6)[1] * 80), "sudden change of torque"),
 }
 
 
@@ -140,7 +139,7 @@ def test_each_fault_is_answered_by_the_next_command(
     arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, name: str
 ) -> None:
     change, says = FAULTS[name]
-    driver = PerfectDriver(arm, cell, 500.0, simulated(cell, arm).clock, with_torque=name in ("contact", "payload lost"))
+    driver = PerfectDriver(arm, cell, 500.0, simulated(cell, arm).clock, with_torque=name == "contact")
     driver.connect()
     if name == "protective stop":
         driver.fault = at_reading(AT, change)  # type: ignore[assignment]
@@ -155,6 +154,17 @@ def test_each_fault_is_answered_by_the_next_command(
         assert driver.stops == 1
         return
     check_stop(driver, cleared, arm, stop, AT)
+
+
+def test_a_lost_payload_is_answered_at_its_second_reading(
+    arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
+) -> None:
+    driver = PerfectDriver(arm, cell, 500.0, simulated(cell, arm).clock, with_torque=True)
+    driver.connect()
+    driver.fault = lambda state, k: replace(state, tau=state.tau - np.eye(6)[1] * 80) if k >= AT else state
+    stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)
+    assert stop.trip.quantity.startswith("sudden change of torque")
+    check_stop(driver, cleared, arm, stop, AT + 1)
 
 
 @pytest.mark.parametrize(("duration", "readings"), [(3.0, 3), (12.0, 10)])

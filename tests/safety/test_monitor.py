@@ -227,20 +227,45 @@ def test_torque_beside_expectation(monitor: Monitor, arm: Arm, share: float, tri
     assert ask(monitor, state_at(2, tau=torque(share * band)), tau_hat=np.zeros(6)) == trips
 
 
-@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, "sudden change of torque beside expectation")])
-def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
-    step = rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
+SUDDEN = "sudden change of torque beside expectation"
+
+
+def step_of(arm: Arm) -> float:
+    return rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
+
+
+@pytest.mark.parametrize(
+    ("shares", "trips"),
+    [
+        ((0.99, 0.99), [None, None]),
+        ((1.01, 0.5), [None, None]),
+        ((1.01, 0.5, 1.01), [None, None, None]),
+        ((1.01, 1.05), [None, SUDDEN]),
+        ((1.99,), [None]),
+        ((2.01,), [SUDDEN]),
+    ],
+)
+def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, shares: tuple[float, ...], trips: list[str | None]) -> None:
     ask(monitor, state_at(1), tau_hat=np.zeros(6))
-    value = share * step / (1 - PERIOD / FAST)
-    assert ask(monitor, state_at(2, tau=torque(value)), tau_hat=np.zeros(6)) == trips
+    slow, found = 0.0, []
+    for k, share in enumerate(shares):
+        value = slow + share * step_of(arm) / (1 - PERIOD / FAST)
+        slow += (value - slow) * PERIOD / FAST
+        found.append(ask(monitor, state_at(2 + k, tau=torque(value)), tau_hat=np.zeros(6)))
+    assert found == trips
 
 
-@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, "sudden change of torque beside expectation")])
+def test_a_spike_of_one_joint_and_then_of_another_is_none(monitor: Monitor, arm: Arm) -> None:
+    ask(monitor, state_at(1), tau_hat=np.zeros(6))
+    for k, joint in enumerate((1, 0, 1, 0)):
+        assert ask(monitor, state_at(2 + k, tau=torque(1.1 * step_of(arm), joint)), tau_hat=np.zeros(6)) is None
+
+
+@pytest.mark.parametrize(("share", "trips"), [(1.99, None), (2.01, SUDDEN)])
 def test_what_a_motion_may_change_by_itself_is_allowed_for(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
-    step = rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
     sudden = torque(20.0)
     monitor.check(state_at(1), PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
-    value = torque(share * (step + 20.0) / (1 - PERIOD / FAST))
+    value = torque(share * (step_of(arm) + 20.0) / (1 - PERIOD / FAST))
     found = monitor.check(state_at(2, tau=value), 2 * PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
     assert (found.quantity if found else None) == trips
 
