@@ -17,6 +17,7 @@ MOST_LOST = 0.3  # share of a log's samples
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
 # A reading in other units or of the motor side is off by a factor of 9.55, 57.3 or the gear ratio; a wrong model by less.
 FACTOR = 2.5
+TORQUE_FACTOR = 4.0  # beyond what torque_gain may be; friction, which is most of a wrist's torque, changes by less
 LEAST_CORRELATION = 0.8
 
 
@@ -119,7 +120,7 @@ def _torque(models: Sequence[LogModel], arm: Arm) -> list[Check]:
         correlation = float(read @ wanted) / float(np.linalg.norm(read) * np.linalg.norm(wanted))
         if correlation < -LEAST_CORRELATION:
             out.append(Check("sign", False, f"the torque of {joint} has the opposite sign of the model's; check its direction"))
-        elif correlation > LEAST_CORRELATION and not 1 / FACTOR < slope < FACTOR:
+        elif correlation > LEAST_CORRELATION and not 1 / TORQUE_FACTOR < slope < TORQUE_FACTOR:
             detail = f"the torque of {joint} is {slope:.3g} times the model's; check its unit, torque constant and gear ratio"
             out.append(Check("scale", False, detail))
     return out or [Check("torque", True, "sign and size of every joint's torque are the model's")]
