@@ -5,6 +5,7 @@ A name and a refit belong together: with the effect missing, the ordinary parame
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,8 +37,8 @@ class Correction:
         return replace(arm, tree=replace(arm.tree, mass=mass, com=com, inertia=inertia))
 
 
-def correction(f: Fit) -> Correction:
-    """The accepted effects with their standard deviations, and what the nuisance of the fit says of masses, friction and rotors.
+def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
+    """The accepted effects with their standard deviations, what the nuisance of the fit says of masses, friction and rotors, and limits.
 
     A contact is an event and not a property. A link whose inertia is named, and the last one under a payload, stay as they are named.
     """
@@ -55,7 +56,7 @@ def correction(f: Fit) -> Correction:
         for e in start.effects
         if e.effect in FRICTION and (e.effect, e.joint) not in have
     ]
-    return Correction(inertials, tuple(effects))
+    return Correction(inertials, (*effects, *limits))
 
 
 def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:

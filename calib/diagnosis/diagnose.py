@@ -13,7 +13,7 @@ import numpy as np
 from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.integrity import Check, checks
-from calib.diagnosis.judge import Judged, judge
+from calib.diagnosis.judge import Key, judge
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
@@ -31,17 +31,19 @@ BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
 
 @dataclass
 class Diagnosis:
-    """The answer as data (`diagnosis.json`) and the corrected arm's effects."""
+    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which no fit of torques can tell."""
 
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]
     found: Found | None
     correction: Correction | None = None
+    limits: tuple[ArmEffect, ...] = ()
 
     def write(self, folder: Path, arm: Arm) -> None:
         """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
         change = self.correction or Correction({}, ())
-        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in self.accepted if e.effect != CONTACT}
+        stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
+        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
         write_arm(folder / "arm", arm, effects=change.effects, inertials=change.inertials, provenance=why)
         (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
 
@@ -76,18 +78,17 @@ def diagnose(
         kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
-    entries = [_entry(arm, j, stds[id(j.effect)], j.lost / total) for j in kept]
+    entries = [_entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     have = {(j.effect.effect, j.effect.joint) for j in kept}
-    held = [x for x in limits_reached(arm, logs) if (x.effect.effect, x.effect.joint) not in have]
-    entries += [_entry(arm, Judged(x.effect, x.behind, (), 0.0), {"limit": x.std}, 0.0) for x in held]
+    reached = [x for x in limits_reached(arm, logs) if (x.effect.effect, x.effect.joint) not in have]
+    entries += [_entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
+    limits = tuple(x.effect for x in reached)
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    change = correction(named) if held or any(j.effect.effect != CONTACT for j in kept) else None
-    if change is not None:
-        change = replace(change, effects=(*change.effects, *(x.effect for x in held)))
+    change = correction(named, limits) if limits or any(j.effect.effect != CONTACT for j in kept) else None
     gap = _gaps(found.baseline, named, change, shown)
     answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
-    return Diagnosis(answer, (*(j.effect for j in kept), *(x.effect for x in held)), found, change)
+    return Diagnosis(answer, tuple(j.effect for j in kept), found, change, limits)
 
 
 def _answer(
@@ -137,9 +138,10 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
 
 
-def _entry(arm: Arm, judged: Judged, std: dict[str, float], share: float) -> dict[str, Any]:
+def _entry(
+    arm: Arm, item: ArmEffect, std: dict[str, float], confidence: float, share: float, rivals: Sequence[Key] = ()
+) -> dict[str, Any]:
     """One effect as diagnosis.json has it."""
-    item = judged.effect
     effect = effect_named(item.effect)
     own = arm.effect(item.effect, item.joint)
     nominal: dict[str, float] = dict(own.parameters) if own else effect.none()
@@ -158,8 +160,8 @@ def _entry(arm: Arm, judged: Judged, std: dict[str, float], share: float) -> dic
             }
             for p in effect.parameters
         },
-        "confidence": judged.confidence,
+        "confidence": confidence,
         "gap_share": float(min(1.0, max(0.0, share))),
-        "indistinguishable_from": [{"effect": name, "joint": joint} for name, joint in judged.rivals],
-        "experiment": effect.experiment or None if judged.rivals else None,
+        "indistinguishable_from": [{"effect": name, "joint": joint} for name, joint in rivals],
+        "experiment": effect.experiment or None if rivals else None,
     }

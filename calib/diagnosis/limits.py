@@ -19,7 +19,7 @@ TOP, BELOW = 0.95, 0.85  # of the largest torque: the level at which a limit wou
 SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
 FLAT = 0.02  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
 # Largest following error at the level over its usual size: up to 15 on recordings without a limit (benchmarks/exam), 160 and more at one.
-BEHIND = 40.0
+USUALLY, BEHIND = 15.0, 40.0
 LEAST_TIMES = 2
 
 
@@ -36,6 +36,11 @@ class Limit:
     std: float
     behind: float
     times: int
+
+    @property
+    def confidence(self) -> float:
+        """Odds of `behind` over what recordings without a limit reach."""
+        return self.behind / (self.behind + USUALLY)
 
 
 def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:

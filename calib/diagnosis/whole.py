@@ -157,7 +157,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     model = point.model(last)
     solved = replace(best.solved, theta=solution.theta)
     fit = Fit(point.hypothesis, [model], solved, best.objective, solution.covariance)
-    change = correction(fit)
+    change = correction(fit, found.limits)
     written = replace(point.hypothesis, arm=change.of(arm))
     answer = dict(found.answer)
     values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
@@ -166,7 +166,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     left = [[float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in Rows([LogModel(m, written)]).r] for m in shown]
     answer["gap"] = answer["gap"] | {"after": [float(x) for x in np.sqrt(np.mean(np.square(left), axis=0))]}
     contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
-    return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change)
+    return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change, found.limits)
 
 
 def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]

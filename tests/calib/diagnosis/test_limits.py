@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib.diagnosis.limits import limits_reached
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.limits import Limit, limits_reached
+from calib.diagnosis.whole import diagnose_pieces
+from logs import Pieces
 from logs.log import Log
-from sim.arm import Arm
-from tests.calib.diagnosis.conftest import recording
+from sim.arm import Arm, ArmEffect, load_arm
+from tests.calib.diagnosis.conftest import at, recording
 
 ELBOW = 2
 
@@ -35,6 +39,26 @@ def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
     assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
     assert found.times > 2
     assert found.std < 1.0
+
+
+def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording(
+    ur10e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = ArmEffect("torque_saturation", "shoulder_pan_joint", {"limit": 150.0})
+    monkeypatch.setattr("calib.diagnosis.diagnose.limits_reached", lambda arm, logs: [Limit(limit, 0.5, 160.0, 3)])
+    spring = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
+    logs = [recording(ur10e, seed, spring, seconds=12.0) for seed in (1, 2, 3)]
+    short = diagnose(ur10e, logs[:2], logs[2:])
+    long, _ = diagnose_pieces(ur10e, Pieces(*logs), [recording(ur10e, 9, spring)], most=25.0)
+    for found in (short, long):
+        told = {(e["effect"], e["joint"]): e for e in found.answer["effects"]}
+        assert set(told) == {("joint_spring", "elbow_joint"), ("torque_saturation", "shoulder_pan_joint")}
+        assert told["torque_saturation", "shoulder_pan_joint"]["parameters"]["limit"]["value"] == 150.0
+        assert told["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(160 / 175)
+        found.write(tmp_path, ur10e)
+        written = load_arm(tmp_path / "arm").effect("torque_saturation", "shoulder_pan_joint")
+        assert written is not None
+        assert written.parameters == {"limit": 150.0}
 
 
 def test_an_arm_that_follows_at_its_largest_torque_has_no_limit(ur10e: Arm) -> None:
