@@ -30,6 +30,8 @@ def command(
 
         calib demo --seed 3
     """
+    import numpy as np
+
     from calib import demo
     from calib.main import start
     from sim.arm import load_arm
@@ -40,7 +42,7 @@ def command(
     seed = secrets.randbelow(10_000) if seed is None else seed
     cell = load_cell("mock-ur10e")
     arm = load_arm(cell.table.arm)
-    hidden = demo.hide(arm, seed)
+    hidden = demo.hide(arm, np.array(cell.table.home), seed)
     folder = new_run(arm, "demo", out, cell, seed=seed)
     place = folder / "demo-cell.toml"
     demo.write_cell(place, cell, hidden, seed)

@@ -3,31 +3,50 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from calib import demo
 from calib.main import main
+from drivers import open_driver
+from drivers.preflight import GRAVITY_TOLERANCE, preflight
 from sim.arm import ArmEffect, load_arm
 from sim.cell import load_cell
 from sim.effects import effect_named
 
 ARM, CELL = load_arm("ur10e"), load_cell("mock-ur10e")
+HOME = np.array(CELL.table.home)
 
 
 def test_every_effect_that_may_be_hidden_is_drawn_and_is_in_the_catalogue() -> None:
-    drawn = {demo.hide(ARM, seed).effect for seed in range(80)}
+    drawn = {demo.hide(ARM, HOME, seed).effect for seed in range(80)}
     assert drawn == set(demo.HIDDEN)
     for name in demo.HIDDEN:
         assert (effect_named(name).scope == "arm") is (name in demo.WHOLE_ARM)
 
 
 def test_a_seed_draws_the_same_again() -> None:
-    assert demo.hide(ARM, 5) == demo.hide(ARM, 5)
-    assert len({str(demo.hide(ARM, seed)) for seed in range(30)}) > 20
+    assert demo.hide(ARM, HOME, 5) == demo.hide(ARM, HOME, 5)
+    assert len({str(demo.hide(ARM, HOME, seed)) for seed in range(30)}) > 20
+
+
+def test_nothing_is_hidden_that_the_check_would_see_before_the_arm_moves(tmp_path: Path) -> None:
+    for seed in range(200):
+        seen = np.abs(demo.torque_at_rest(ARM, HOME, demo.hide(ARM, HOME, seed)))
+        assert np.all(seen <= 0.8 * GRAVITY_TOLERANCE * ARM.tau_max), seed
+
+
+@pytest.mark.parametrize("seed", [7, 88, 9])
+def test_the_story_passes_its_first_step(seed: int, tmp_path: Path) -> None:
+    hidden = demo.hide(ARM, HOME, seed)
+    demo.write_cell(tmp_path / "demo-cell.toml", CELL, hidden, seed)
+    with open_driver(load_cell(tmp_path / "demo-cell.toml"), ARM) as driver:
+        checks = {check.name: check for check in preflight(driver, CELL, 0.1)}
+    assert checks["torque at rest"].ok is True, (hidden, checks["torque at rest"].detail)
 
 
 def test_the_effect_stands_in_the_emulation_of_the_cell_and_nowhere_else(tmp_path: Path) -> None:
-    hidden = demo.hide(ARM, 7)
+    hidden = demo.hide(ARM, HOME, 7)
     demo.write_cell(tmp_path / "demo-cell.toml", CELL, hidden, 7)
     cell = load_cell(tmp_path / "demo-cell.toml")
     assert [(e.effect, e.joint, e.parameters) for e in cell.table.emulation.effects] == [
