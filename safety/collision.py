@@ -29,8 +29,8 @@ from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell, MeshObstacle, PlaneObstacle
 from sim.errors import ConfigError, SafetyStop
 from sim.finite import is_finite
-from sim.model import Shape
 from sim.rigid_body import RigidBody
+from sim.tree import Shape
 
 LARGEST = 10.0
 FARTHEST = 100.0

@@ -8,9 +8,9 @@ from safety.limits import pieces, sampled
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
-from sim.model import Shape
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
+from sim.tree import Shape
 
 CHUNK = 20_000
 STEP = 0.005

@@ -17,9 +17,11 @@ import numpy as np
 
 from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable
 from sim.errors import ConfigError
-from sim.model import KinematicTree, checked_text, compiled, kinematic_tree, urdf_speed_limits
+from sim.model import compiled, kinematic_tree
+from sim.model_text import checked_text, urdf_speed_limits
 from sim.resources import config_folders, nearest
 from sim.strict import validated
+from sim.tree import KinematicTree
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ from sim.effects import with_effect
 from sim.errors import ConfigError
 from sim.mjcf_edit import Inertial, edited
 from sim.mjcf_tree import tree_text
-from sim.model import KinematicTree, asset_files, combined, compiled, kinematic_tree
+from sim.model import compiled, kinematic_tree
+from sim.model_text import asset_files
+from sim.tree import KinematicTree, combined
 
 # what a joint of a model file says -> the effect of the catalogue that it is, and its parameter
 JOINT_KEYS = {

@@ -11,7 +11,7 @@ from sim.arm import Arm, ArmEffect
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.effects import effect_named
 from sim.errors import ConfigError
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 # Soft joints get a rotor body of their own; the link's body hangs on it by a second hinge of this name.
 TWIST = "{joint}:twist"

@@ -14,7 +14,7 @@ from sim.arm import ArmEffect
 from sim.effects import effect_named
 from sim.errors import ConfigError
 from sim.mjcf import add_inertial, full_inertia, numbers
-from sim.model import KinematicTree, combined
+from sim.tree import KinematicTree, combined
 
 Element = ElementTree.Element
 Inertial = tuple[float, np.ndarray, np.ndarray]

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from sim.mjcf import add_inertial, numbers, quaternion
-from sim.model import KinematicTree, Shape
+from sim.tree import KinematicTree, Shape
 
 Element = ElementTree.Element
 

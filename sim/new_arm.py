@@ -15,7 +15,7 @@ import numpy as np
 from sim.arm import Arm, load_arm
 from sim.arm_table import LimitsTable
 from sim.errors import ConfigError
-from sim.model import MAX_BYTES
+from sim.model_text import MAX_BYTES
 from sim.resources import nearest
 
 LIMIT_UNITS = {"q_min": "rad", "q_max": "rad", "dq_max": "rad/s", "ddq_max": "rad/s^2", "jerk_max": "rad/s^3", "tau_max": "N m"}

@@ -15,7 +15,7 @@ import scipy.linalg
 
 from sim import _kernels
 from sim.arm import Arm
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 # Pinocchio's order of a link's ten parameters, inertia about the joint frame's origin
 PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

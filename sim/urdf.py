@@ -11,7 +11,7 @@ import numpy as np
 from sim.arm import Arm, require_limits
 from sim.errors import ConfigError
 from sim.mjcf import numbers
-from sim.model import Shape
+from sim.tree import Shape
 
 Element = ElementTree.Element
 STANDARD_GRAVITY = 9.81

@@ -11,7 +11,7 @@ from benchmarks.exam.arms import Hardware
 from benchmarks.exam.dynamics import inertia_at, torque_along
 from benchmarks.exam.motions import Reference
 from benchmarks.exam.plant import FORCE, JOINT, simulate
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 AMBIENT = 25.0  # degC
 Chain = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]

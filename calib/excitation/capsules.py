@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safety.reach import spine
-from sim.model import Shape
+from sim.tree import Shape
 
 POINTS = 5  # along a capsule, for its distance from a box
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell, MeshObstacle, PlaneObstacle
-from sim.model import Shape
+from sim.tree import Shape
 
 STICK = 0.02
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 
 class BaseTilt(Effect):

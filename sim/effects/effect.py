@@ -24,7 +24,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 Values = Mapping[str, float]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.model import KinematicTree
+from sim.tree import KinematicTree
 
 
 class LinkInertia(Effect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.model import KinematicTree, with_point_mass
+from sim.tree import KinematicTree, with_point_mass
 
 
 class Payload(Effect):

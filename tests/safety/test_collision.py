@@ -15,9 +15,9 @@ from safety.reach import joint_reach, spine
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError, SafetyStop
-from sim.model import Shape
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
+from sim.tree import Shape
 from tests.safety.conftest import CELL, HOME, sine
 
 

@@ -10,8 +10,8 @@ import pytest
 from sim.arm import ArmEffect, load_arm, require_limits
 from sim.arm_folder import arm_toml_text, write_arm, write_atomically
 from sim.errors import ConfigError
-from sim.model import combined
 from sim.rigid_body import RigidBody
+from sim.tree import combined
 
 TREE = ("rotation", "position", "axis", "mass", "com", "inertia", "armature", "damping", "frictionloss", "stiffness", "gravity")
 LIMITS = ("q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")

@@ -1,0 +1,93 @@
+"""An arm's moving links as numbers: how they hang together, their inertias, their joints and their shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A collision shape on a link: capsule, sphere, box, cylinder or mesh, in the link's frame.
+
+    size as MuJoCo has it (radius, half length; half extents); vertices (V, 3) for a mesh; link -1 is the base.
+    """
+
+    link: int
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    rotation: np.ndarray
+    position: np.ndarray
+    vertices: np.ndarray | None = None
+    faces: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class KinematicTree:
+    """n moving links in depth-first order, link i behind joint i; every frame sits at its joint.
+
+    parent       (n,) index of the parent link, -1 for the base
+    rotation     (n, 3, 3), position (n, 3): joint frame in the parent's frame at q = 0
+    axis         (n, 3) unit vector in the joint frame; prismatic (n,) bool
+    mass (n,) kg, com (n, 3) m in the link's frame, inertia (n, 3, 3) kg m^2 about the centre of mass, link's axes
+    armature (n,) kg m^2, damping (n,) N m s/rad, frictionloss (n,) N m, stiffness (n,) N m/rad, springref (n,) rad
+    q_min q_max  (n,) rad, NaN where the file has none; dq_max (n,), tau_max (n,) likewise
+    gravity      (3,) m/s^2 in the world frame, which is the base frame
+    """
+
+    joint_names: tuple[str, ...]
+    link_names: tuple[str, ...]
+    parent: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    axis: np.ndarray
+    prismatic: np.ndarray
+    mass: np.ndarray
+    com: np.ndarray
+    inertia: np.ndarray
+    armature: np.ndarray
+    damping: np.ndarray
+    frictionloss: np.ndarray
+    stiffness: np.ndarray
+    springref: np.ndarray
+    q_min: np.ndarray
+    q_max: np.ndarray
+    dq_max: np.ndarray
+    tau_max: np.ndarray
+    gravity: np.ndarray
+    shapes: tuple[Shape, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of moving links."""
+        return len(self.joint_names)
+
+
+def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass kg, centre of mass (3,) m and inertia (3, 3) kg m^2 about it of bodies in one frame (parallel axis theorem)."""
+    parts = [p for p in parts if p[0] != 0 or np.any(p[2])]
+    if len(parts) == 1:
+        return parts[0]
+    mass = float(sum(m for m, _, _ in parts))
+    if mass == 0:
+        return 0.0, np.zeros(3), sum((i for _, _, i in parts), np.zeros((3, 3)))
+    com = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for m, c, i in parts:
+        d = c - com
+        inertia += i + m * (d @ d * np.eye(3) - np.outer(d, d))
+    return mass, com, inertia
+
+
+def with_point_mass(tree: KinematicTree, link: int, mass: float, com: np.ndarray) -> KinematicTree:
+    """The tree with a point mass (kg, at com (3,) m in the link's frame) added to one link."""
+    masses, coms, inertias = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()
+    total = masses[link] + mass
+    if total > 0:
+        d = com - coms[link]
+        inertias[link] = inertias[link] + masses[link] * mass / total * (d @ d * np.eye(3) - np.outer(d, d))
+        coms[link] = (masses[link] * coms[link] + mass * com) / total
+        masses[link] = total
+    return replace(tree, mass=masses, com=coms, inertia=inertias)
