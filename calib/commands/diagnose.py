@@ -64,7 +64,7 @@ def command(
             name,
             p["value"],
             p["std"],
-            page.in_the_model(e)[name],
+            p["nominal"],
             p["unit"].replace("*", " "),
             f"{e['confidence']:.0%}",
         ]

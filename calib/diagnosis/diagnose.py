@@ -144,10 +144,11 @@ def _entry(
     """One effect as diagnosis.json has it."""
     effect = effect_named(item.effect)
     own = arm.effect(item.effect, item.joint)
-    nominal: dict[str, float] = dict(own.parameters) if own else effect.none()
+    # what an arm without the effect has: its strengths are zero, and a shape (a rest angle, an exponent) or a stiffness it has none
+    nominal: dict[str, float | None] = dict(own.parameters) if own else {p.name: p.zero for p in effect.parameters}
     if item.effect == "link_inertia" and item.joint is not None:
         j = arm.joint_index(item.joint)
-        nominal = dict(zip(("mass", "com_x", "com_y", "com_z"), (arm.tree.mass[j], *arm.tree.com[j]), strict=True))
+        nominal = dict(zip(("mass", "com_x", "com_y", "com_z"), map(float, (arm.tree.mass[j], *arm.tree.com[j])), strict=True))
     return {
         "effect": item.effect,
         "joint": item.joint,
@@ -155,7 +156,7 @@ def _entry(
             p.name: {
                 "value": float(item.parameters[p.name]),
                 "std": float(np.nan_to_num(std[p.name], posinf=0.0)),
-                "nominal": float(nominal[p.name]),
+                "nominal": nominal[p.name],
                 "unit": p.unit,
             }
             for p in effect.parameters

@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import Noise, Rows
-from calib.diagnosis.search import add, cost, price, scored, without
+from calib.diagnosis.search import add, beside, cost, price, without
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 
@@ -61,15 +61,13 @@ def judge(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measur
     for i, item in enumerate(best.accepted):
         rest = without(measurements, best, i)
         lost = rest.objective - best.objective
-        own = (item.effect, item.joint)
-        others = {(e.effect, e.joint) for e in best.accepted}
-        near = [s for s in scored(rest, others) if s.gain > 0.8 * lost][:MOST_RIVALS]
+        near = beside(rest, best, i, 0.8)[:MOST_RIVALS]
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
         noise = best.solved.noise
         brings = held_out(rest, apart, noise) - held_out(best, apart, noise)
         plain = held_out(rest, apart, noise, False)
         raised = held_out(best, apart, noise, False) / plain - 1.0 if plain > 0 else 0.0
-        out.append(Judged(item, lost, tuple(k for k in rivals if k != own), brings, raised))
+        out.append(Judged(item, lost, tuple(rivals), brings, raised))
     return out
 
 

@@ -62,7 +62,6 @@ class Found:
     baseline: Fit
     best: Fit
     ladder: list[list[Scored]] = field(default_factory=list)
-    alternatives: dict[tuple[str, str | None], list[tuple[Scored, float]]] = field(default_factory=dict)
 
 
 def price(item: ArmEffect) -> float:
@@ -119,7 +118,7 @@ def search(
         better = min(tried, key=cost)
         if cost(better) >= cost(best):
             break
-        best = _exchanged(measurements, _pruned(measurements, better), found.ladder)
+        best = exchanged(measurements, _pruned(measurements, better))
     found.best = best
     return found
 
@@ -149,19 +148,31 @@ def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
     return fit(measurements, f.hypothesis.with_effects(rest, event), rounds=3, noise=f.solved.noise, like=f.models)
 
 
-def _exchanged(measurements: Sequence[Measurement], f: Fit, ladder: list[list[Scored]]) -> Fit:
-    """Each effect but the last exchanged for what ranked near it when it came in."""
-    if len(f.accepted) < 2:
-        return f
-    for i in range(len(f.accepted) - 1):
-        rest = without(measurements, f, i)
-        here = {(e.effect, e.joint) for e in f.accepted}
-        lost = rest.objective - f.objective
-        ranked = [s for s in scored(rest) if s.key not in here][:TRIED]
-        tried = [f for f in (add(measurements, rest, s) for s in ranked if s.gain > 0.7 * lost) if _settled(f)]
-        if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
-            return min(tried, key=cost)
+def exchanged(measurements: Sequence[Measurement], f: Fit) -> Fit:
+    """Each effect but the last exchanged for what comes near it beside the others, as long as that is better."""
+    again = True
+    while again and len(f.accepted) > 1:
+        again = False
+        for i in range(len(f.accepted) - 1):
+            rest = without(measurements, f, i)
+            near = beside(rest, f, i, 0.7)[:TRIED]
+            tried = [g for g in (add(measurements, rest, s) for s in near) if _settled(g)]
+            if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
+                f, again = min(tried, key=cost), True
+                break
     return f
+
+
+def beside(rest: Fit, f: Fit, i: int, share: float) -> list[Scored]:
+    """What promises at least `share` of the i-th effect of `f` in its place, best first; `rest` is `f` without it.
+
+    A promise is compared with a promise: along a strong effect the exact fall is a multiple of the linear one, because robust
+    weights and a noise that holds the effect too belong to `rest`.
+    """
+    own = (f.accepted[i].effect, f.accepted[i].joint)
+    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted})
+    promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
+    return [s for s in ranked if s.key != own and s.gain > share * promised]
 
 
 def _settled(f: Fit) -> bool:

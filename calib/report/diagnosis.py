@@ -10,7 +10,6 @@ import numpy as np
 
 from calib.report import pictures
 from calib.report.page import Page, Verdict
-from sim.effects import EFFECTS
 
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
@@ -111,17 +110,6 @@ def quantity(parameter: Mapping[str, Any]) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f} {unit}".strip()
 
 
-def in_the_model(effect: Mapping[str, Any]) -> dict[str, float | None]:
-    """What the nominal model has for each parameter of an effect that was found; None where, the effect being absent, it has none."""
-    nominal = {name: p.get("nominal") for name, p in effect["parameters"].items()}
-    known = {p.name: p for e in EFFECTS if e.name == effect["effect"] for p in e.parameters if p.name in nominal}
-    vanishing = [p for p in known.values() if p.zero is not None]
-    absent = (
-        all(nominal[p.name] == p.zero for p in vanishing) if vanishing else all(nominal[k] == p.upper for k, p in known.items())
-    )
-    return {k: None if absent and k in known and known[k].zero is None else value for k, value in nominal.items()}
-
-
 def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
     facts: list[tuple[str, Any]] = []
     effects = diagnosis.get("effects", [])
@@ -202,7 +190,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
     if effects:
         page.section("What was found")
         rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), in_the_model(e)[k], _unit(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), _unit(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
             for e in effects
             for k, p in e["parameters"].items()
         ]  # fmt: skip

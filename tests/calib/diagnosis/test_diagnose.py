@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.diagnosis import search
 from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, load_arm
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
@@ -45,6 +48,8 @@ def test_a_hidden_torque_gets_its_name(ur10e: Arm, effect: str, parameter: str, 
     assert found.answer["verdict"] == "effects_found"
     assert names(found) == [(effect, "elbow_joint")]
     entry = found.answer["effects"][0]["parameters"][parameter]
+    assert entry["nominal"] == 0.0
+    assert found.answer["effects"][0]["parameters"]["rest_angle"]["nominal"] is None
     assert entry["value"] == pytest.approx(value, rel=0.15)
     assert 0 < entry["std"] < 0.3 * value
     gap = found.answer["gap"]
@@ -52,21 +57,37 @@ def test_a_hidden_torque_gets_its_name(ur10e: Arm, effect: str, parameter: str, 
     assert gap["after"][ELBOW] < 0.8 * gap["refit"][ELBOW]
 
 
-def test_a_payload_is_named_with_its_mass_and_the_corrected_arm_carries_it(ur10e: Arm, tmp_path: Path) -> None:
-    tree = ur10e.tree
-    mass, com = 2.0, np.array([0.0, 0.02, 0.1])
-    whole = tree.mass.copy()
+def loaded(arm: Arm, mass: float, com: np.ndarray) -> Arm:
+    tree = arm.tree
+    whole, centre = tree.mass.copy(), tree.com.copy()
     whole[5] += mass
-    centre = tree.com.copy()
     centre[5] = (tree.mass[5] * tree.com[5] + mass * com) / whole[5]
-    found = asked(ur10e, truth=replace(ur10e, tree=replace(tree, mass=whole, com=centre)))
+    return replace(arm, tree=replace(tree, mass=whole, com=centre))
+
+
+def test_a_payload_is_named_with_its_mass_and_the_corrected_arm_carries_it(ur10e: Arm, tmp_path: Path) -> None:
+    mass = 2.0
+    found = asked(ur10e, truth=loaded(ur10e, mass, np.array([0.0, 0.02, 0.1])))
     assert names(found) == [("payload", None)]
     assert found.answer["effects"][0]["parameters"]["mass"]["value"] == pytest.approx(mass, rel=0.08)
     found.write(tmp_path, ur10e)
     assert json.loads((tmp_path / "diagnosis.json").read_text()) == found.answer
     still = np.zeros((1, 6))
-    loaded = RigidBody(load_arm(tmp_path / "arm")).inverse_dynamics(still, still, still)
-    assert abs(loaded[0, 1]) > abs(RigidBody(ur10e).inverse_dynamics(still, still, still)[0, 1]) + 15.0
+    torque = RigidBody(load_arm(tmp_path / "arm")).inverse_dynamics(still, still, still)
+    assert abs(torque[0, 1]) > abs(RigidBody(ur10e).inverse_dynamics(still, still, still)[0, 1]) + 15.0
+
+
+def test_a_name_that_came_first_gives_way_to_the_right_one(ur10e: Arm) -> None:
+    truth = loaded(ur10e, 2.0, np.array([0.0, 0.02, 0.1]))
+    logs = warmed(
+        [measured(recording(ur10e, seed, at(ELBOW, lambda q, dq: 12.0 * (q - 0.4)), truth), ur10e) for seed in (1, 2)]
+    )
+    first = search.fit(logs, Hypothesis.nominal(ur10e))
+    link = next(s for s in search.scored(first) if s.key == ("link_inertia", "wrist_2_joint"))
+    second = search.add(logs, first, link)
+    spring = next(s for s in search.scored(second) if s.key == ("joint_spring", "elbow_joint"))
+    ended = search.exchanged(logs, search.add(logs, second, spring))
+    assert {(e.effect, e.joint) for e in ended.accepted} == {("payload", None), ("joint_spring", "elbow_joint")}
 
 
 @pytest.mark.parametrize("drag", [14.0, 3.0])

@@ -67,18 +67,3 @@ def test_without_arrays_the_page_still_tells(tmp_path: Path, visit: Callable[...
     seen = visit(diagnosis.write(tmp_path / "bad-data.html", *examples.diagnosis("bad_data")), width=480)
     assert seen.complaints == []
     assert "time runs backwards" in seen.page.inner_text("h1")
-
-
-@pytest.mark.parametrize(
-    ("effect", "nominal", "shown"),
-    [
-        ("joint_spring", {"stiffness": 0.0, "rest_angle": 1.0}, {"stiffness": 0.0, "rest_angle": None}),
-        ("joint_spring", {"stiffness": 5.0, "rest_angle": 1.0}, {"stiffness": 5.0, "rest_angle": 1.0}),
-        ("joint_elasticity", {"stiffness": 1e7}, {"stiffness": None}),
-        ("link_inertia", {"mass": 3.0, "com_x": 0.1}, {"mass": 3.0, "com_x": 0.1}),
-    ],
-)
-def test_an_absent_effect_has_no_rest_angle_in_the_model(
-    effect: str, nominal: dict[str, float], shown: dict[str, float | None]
-) -> None:
-    assert diagnosis.in_the_model({"effect": effect, "parameters": {k: {"nominal": v} for k, v in nominal.items()}}) == shown
