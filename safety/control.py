@@ -7,7 +7,6 @@ before it sends any: nothing that another process proved is taken on trust.
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
 import queue
@@ -19,19 +18,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from drivers.driver import Driver
 from drivers.mock import MockOptions
 from safety import realtime
+from safety.board import Board
 from safety.execution import NEVER, Progress, Recorded, execute
-from safety.guard import Cycle
 from safety.plan import Plan, load_plan
 from safety.stop_sources import REASONS, StopSignals, first_reason
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import DeviceError
-from sim.joint_state import JointState
 from sim.strict import validated
 
 # The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
@@ -39,10 +35,6 @@ SILENCE = 0.5
 BEAT = 0.02
 SHOW = 0.05
 END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
-LET_GO = 2.0
-TEXT = 200
-BEAT_AT, STOP_AT, HELD_AT, SHARE_AT, K_AT, COUNT_AT, T_AT, RUN_AT, ARRAYS = 0, 1, 2, 3, 4, 5, 6, 7, 14
-SHOWN = ("q", "dq", "tau", "current", "temperature")
 
 
 @dataclass(frozen=True)
@@ -99,39 +91,39 @@ def drive(
             watch=watch,
         )
     context = multiprocessing.get_context("spawn")
-    numbers, text = context.RawArray(ctypes.c_double, ARRAYS + (len(SHOWN) + 1) * arm.n), context.RawArray(ctypes.c_char, TEXT)
+    board = Board(arm.n, context)
     answer: Any = context.Queue()
     wanted = None if stages is None else tuple(stages)
     task = _Task(
         plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory, folder.resolve(),
         audit.resolve(), wanted, operator, os.getpid(),
     )  # fmt: skip
-    numbers[BEAT_AT] = time.monotonic()
-    process = context.Process(target=_serve, args=(task, numbers, text, answer), name="calib control")
+    process = context.Process(target=_serve, args=(task, board, answer), name="calib control")
     over = threading.Event()
     with StopSignals() as signals:
-        heart = threading.Thread(target=_beat, args=(numbers, over), daemon=True)
+        heart = threading.Thread(target=_beat, args=(board, over), daemon=True)
+        board.beat()
         heart.start()
         process.start()
         try:
-            kind, value = _watched(process, answer, numbers, text, first_reason(signals.reason, stop_asked), watch, arm.n)
+            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_asked), watch)
         except BaseException:
-            numbers[STOP_AT] = 1.0
-            _let_go(process, numbers, "the command process failed", held)
+            board.ask_for_stop("the command process failed")
+            _let_go(process, board, "the command process failed", held)
             raise
         finally:
             over.set()
             heart.join()
-    _let_go(process, numbers, str(value), held)
+    _let_go(process, board, str(value), held)
     if kind == "error":
         raise value
     return value  # type: ignore[no-any-return]
 
 
-def _let_go(process: Any, numbers: Any, sentence: str, held: Callable[[str], None]) -> None:
+def _let_go(process: Any, board: Board, sentence: str, held: Callable[[str], None]) -> None:
     """Wait for the control process; where it holds the arm, until Ctrl-C says that somebody supports it. Nothing else lets go."""
     with StopSignals():
-        while process.exitcode is None and not numbers[HELD_AT]:
+        while process.exitcode is None and not board.held:
             process.join(SHOW)
     if process.exitcode is not None:
         return
@@ -141,22 +133,16 @@ def _let_go(process: Any, numbers: Any, sentence: str, held: Callable[[str], Non
             while process.exitcode is None and signals.reason() is None:
                 process.join(SHOW)
         if signals.reason() == REASONS[signal.SIGINT]:
-            numbers[STOP_AT] = LET_GO
+            board.let_go()
 
 
-def _beat(numbers: Any, over: threading.Event) -> None:
+def _beat(board: Board, over: threading.Event) -> None:
     while not over.wait(BEAT):
-        numbers[BEAT_AT] = time.monotonic()
+        board.beat()
 
 
 def _watched(
-    process: Any,
-    answer: Any,
-    numbers: Any,
-    text: Any,
-    asked: Callable[[], str | None],
-    watch: Callable[[Progress], None],
-    n: int,
+    process: Any, answer: Any, board: Board, asked: Callable[[], str | None], watch: Callable[[Progress], None]
 ) -> tuple[str, Any]:
     """Show what the control process does until it answers; pass a wish to stop on to it."""
     while True:
@@ -173,19 +159,13 @@ def _watched(
                     "the arm: look at it before anything else, then recover the log with `calib import`"
                 ) from None
         reason = asked()
-        if reason is not None:
-            text.raw = reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
-            numbers[STOP_AT] = 1.0
-        if not numbers[STOP_AT]:
-            q, dq, tau, current, temperature, q_cmd = np.array(numbers[ARRAYS:]).reshape(-1, n)
-            state = JointState(numbers[T_AT], numbers[T_AT], q, dq, tau, current, temperature)
-            cycle = Cycle(int(numbers[K_AT]), int(numbers[COUNT_AT]), state, q_cmd) if numbers[COUNT_AT] else None
-            stage, stages, speed, duration, left, frames, lost = numbers[RUN_AT:ARRAYS]
-            run = (int(stage), int(stages), speed, duration, left, int(frames), int(lost))
-            watch(Progress(text.value.decode(errors="replace"), numbers[SHARE_AT], cycle, *run))
+        if reason is None:
+            watch(board.progress())
+        else:  # a terminal that was closed can show nothing any more
+            board.ask_for_stop(reason)
 
 
-def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
+def _serve(task: _Task, board: Board, answer: Any) -> None:
     """The control process."""
     os.setsid()
     try:
@@ -193,31 +173,18 @@ def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
         realtime.prepare()
 
         def asked() -> str | None:
-            if numbers[STOP_AT]:
-                return text.value.decode(errors="replace") or "the command process asked for it"
+            reason = board.stop_asked()
+            if reason is not None:
+                return reason
             if os.getppid() != task.parent:
                 return "the command process died"
-            if not time.monotonic() - numbers[BEAT_AT] <= SILENCE:
+            if not board.heard_within(SILENCE):
                 return f"the command process was silent for {SILENCE:g} s"
             return None
 
-        def watch(progress: Progress) -> None:
-            if numbers[STOP_AT]:
-                return
-            if progress.cycle is None or progress.cycle.k == 0:
-                text.raw = progress.what.encode()[: TEXT - 1].ljust(TEXT, b"\0")
-            numbers[SHARE_AT] = progress.share
-            if progress.cycle is not None:
-                state, p = progress.cycle.state, progress
-                numbers[K_AT], numbers[COUNT_AT], numbers[T_AT] = progress.cycle.k, progress.cycle.count, state.t_device
-                numbers[RUN_AT:ARRAYS] = [p.stage, p.stages, p.speed, p.duration, p.left, p.frames, p.lost]
-                numbers[ARRAYS:] = np.concatenate(
-                    [state.q, state.dq, state.tau, state.current, state.temperature, progress.cycle.q_cmd]
-                ).tolist()
-
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_asked=asked, watch=watch,
+            stop_asked=asked, watch=board.show,
         )  # fmt: skip
         answer.put(("done", result))
     except BaseException as error:
@@ -227,8 +194,8 @@ def _serve(task: _Task, numbers: Any, text: Any, answer: Any) -> None:
     for thread in others:
         thread.join(END_TIME)
     while any(t.is_alive() for t in others):
-        numbers[HELD_AT] = 1.0
-        if numbers[STOP_AT] == LET_GO:
+        board.hold()
+        if board.may_let_go:
             os._exit(0)
         time.sleep(SHOW)
 
