@@ -1,0 +1,152 @@
+"""The faults that are put into the mock: what each does to its readings or to its plant, and from when on it can be told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.injection import Trouble, Watched
+from drivers.mock import MockDriver
+from safety import ClearedTrajectory
+from sim.arm import Arm, ArmEffect
+from sim.cell import BoxObstacle, Cell, PayloadTable
+from sim.effects import with_effect
+from sim.errors import DeviceError
+from sim.joint_state import JointState
+from sim.plant import Plant
+
+BOX = 0.3
+LOAD = PayloadTable(mass=6.0, com=[0.0, 0.0, 0.1])
+
+
+def once(change: Callable[[JointState, int], JointState]) -> Callable[[Watched, JointState], JointState]:
+    def apply(driver: Watched, state: JointState) -> JointState:
+        driver.show()
+        return change(state, driver.joint) if driver.reads == driver.at else state
+
+    return apply
+
+
+def always(change: Callable[[JointState, int], JointState]) -> Callable[[Watched, JointState], JointState]:
+    def apply(driver: Watched, state: JointState) -> JointState:
+        driver.show()
+        return change(state, driver.joint)
+
+    return apply
+
+
+def with_joint(values: np.ndarray, joint: int, value: float) -> np.ndarray:
+    out = values.copy()
+    out[joint] = value
+    return out
+
+
+def frozen(driver: Watched, state: JointState) -> JointState:
+    """Visible from the first reading that repeats the one before."""
+    driver.kept = driver.kept or state
+    if driver.reads > driver.at:
+        driver.show()
+    j = driver.joint
+    return replace(state, q=with_joint(state.q, j, driver.kept.q[j]), dq=with_joint(state.dq, j, driver.kept.dq[j]))
+
+
+def stale(driver: Watched, state: JointState) -> JointState:
+    driver.kept = driver.kept or state
+    if driver.reads > driver.at:
+        driver.show()
+    return replace(driver.kept, t=state.t)
+
+
+def lost(count: int) -> Callable[[Watched, JointState], JointState]:
+    def apply(driver: Watched, state: JointState) -> JointState:
+        if driver.reads == driver.at:
+            for _ in range(count):
+                state = MockDriver.read(driver)
+            driver.show()
+        return state
+
+    return apply
+
+
+def cable_out(driver: Watched, state: JointState) -> JointState:
+    driver.show()
+    raise DeviceError("no reading within three periods")
+
+
+def stalled(seconds: float) -> Callable[[Watched, JointState], JointState]:
+    def apply(driver: Watched, state: JointState) -> JointState:
+        if driver.reads == driver.at:
+            driver.show()
+            driver.clock.sleep_until(driver.clock.now() + seconds)
+        return state
+
+    return apply
+
+
+def nothing(driver: Watched, state: JointState) -> JointState:
+    """The plant shows it by itself."""
+    return state
+
+
+def with_hidden_box(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant | None:
+    """A plant with a box that nobody declared, its face across the way of the wrist 60 samples after `at`; None where the arm touches it before."""
+    probe = Plant(arm, obstacles=cell.table.obstacles)
+    ahead = []
+    for k in (55, 65):
+        probe.reset(cleared.q[min(at + k, len(cleared) - 1)])
+        ahead.append(probe.data.geom_xpos[probe.model.geom("shape:wrist_3_0").id].copy())
+    way = ahead[1] - ahead[0]
+    way /= np.linalg.norm(way)
+    turned = [0.0, -float(np.arcsin(way[2])), float(np.arctan2(way[1], way[0]))]
+    place = (ahead[0] + ahead[1]) / 2 + way * BOX / 2
+    box = BoxObstacle(kind="box", name="hidden", position=place.tolist(), rpy=turned, size=[BOX] * 3)
+    plant = Plant(arm, obstacles=[*cell.table.obstacles, box], seed=at)
+    for q in (cleared.q[0], *cleared.q[:at:10]):
+        plant.reset(q)
+        if plant.data.ncon:
+            return None
+    return plant
+
+
+def without_box(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
+    return Plant(arm, obstacles=cell.table.obstacles, seed=at)
+
+
+def with_load(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
+    return Plant(loaded(arm), drive=arm, obstacles=cell.table.obstacles, seed=at)
+
+
+def loaded(arm: Arm) -> Arm:
+    names = ("com_x", "com_y", "com_z")
+    return with_effect(arm, ArmEffect("payload", None, {"mass": LOAD.mass, **dict(zip(names, LOAD.com, strict=True))}))
+
+
+def load_lost(driver: Watched, state: JointState) -> JointState:
+    if driver.reads == driver.at:
+        model, bare = driver.plant.model, Plant(driver.arm, obstacles=[]).model
+        name = driver.arm.tree.link_names[-1]
+        here, there = model.body(name).id, bare.body(name).id
+        for what in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
+            getattr(model, what)[here] = getattr(bare, what)[there]
+    return state
+
+
+HOT = 90.0
+TROUBLES = (
+    Trouble("over-temperature", always(lambda s, j: replace(s, temperature=with_joint(s.temperature, j, HOT)))),
+    Trouble("jump of one turn", once(lambda s, j: replace(s, q=with_joint(s.q, j, s.q[j] + 2 * np.pi)))),
+    Trouble("sign flip of a position", once(lambda s, j: replace(s, q=with_joint(s.q, j, -s.q[j])))),
+    Trouble("sign flip of a speed", always(lambda s, j: replace(s, dq=with_joint(s.dq, j, -s.dq[j]))), "five readings are averaged", moving=0.5),
+    Trouble("frozen position and speed of a joint", frozen, "told from a value that comes late: three readings"),
+    Trouble("stale readings", stale),
+    Trouble("2 lost packets", lost(2), "no stop: within 3.5 periods", stops=False),
+    Trouble("5 lost packets", lost(5)),
+    Trouble("cable out", cable_out, "the device's own stop"),
+    Trouble("stall of 5 ms", stalled(0.005), "no stop: within 3.5 periods", stops=False),
+    Trouble("stall of 50 ms", stalled(0.05)),
+    Trouble("stall of 500 ms", stalled(0.5)),
+    Trouble("contact with a hidden box", nothing, f"a box of {BOX:g} m, met by a face; seen by the residual of torque", plant=with_hidden_box, twin=without_box),
+    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises", plant=with_load, twin=with_load, payload=LOAD),
+)  # fmt: skip
