@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from safety.clear import ClearedTrajectory, clear
+from safety.collision import Clearance
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.trajectory import Trajectory
+from tests.safety.perfect import PerfectDriver, simulated
 
 MODEL = """<mujoco model="test6">
  <compiler angle="radian" inertiafromgeom="false"/>
@@ -114,3 +117,20 @@ def sine(n: int = 6, duration: float = 4.0, amplitude: float = 0.2, step: float 
 @pytest.fixture
 def motion() -> Trajectory:
     return sine()
+
+
+@pytest.fixture(scope="module")
+def cleared(arm: Arm, cell: Cell) -> ClearedTrajectory:
+    return clear(sine(duration=3.0), arm, cell)
+
+
+@pytest.fixture(scope="module")
+def clearance(arm: Arm, cell: Cell) -> Clearance:
+    return Clearance(arm, cell)
+
+
+@pytest.fixture
+def driver(arm: Arm, cell: Cell) -> PerfectDriver:
+    made = simulated(cell, arm)
+    made.connect()
+    return made
