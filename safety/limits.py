@@ -74,9 +74,9 @@ def first_excess(b: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Excess | None
         return Excess(int(k), int(j), _farthest(ends[k, :, j], lo[j], hi[j]), True)
     k, j = np.nonzero(~((lo - slack <= b) & (b <= hi + slack)).all(axis=1))
     part, low, high, allowed = b[k, :, j], lo[j], hi[j], slack[j]
+    if not len(part):
+        return None
     for _ in range(HALVINGS):
-        if not len(part):
-            return None
         left, right = halves(part)
         middle = right[:, 0]
         inside = (low - allowed <= middle) & (middle <= high + allowed)
@@ -87,8 +87,8 @@ def first_excess(b: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Excess | None
         k, j, low, high, allowed = (np.concatenate((x, x)) for x in (k, j, low, high, allowed))
         open_ = ~((low - allowed <= part.min(axis=1)) & (part.max(axis=1) <= high + allowed))
         part, k, j, low, high, allowed = (x[open_] for x in (part, k, j, low, high, allowed))
-    if not len(part):
-        return None
+        if not len(part):
+            return None
     return Excess(int(k[0]), int(j[0]), _farthest(part[0], low[0], high[0]), False)
 
 

@@ -102,3 +102,7 @@ class Clinging(PerfectDriver):
 
 def clinging(cell: Cell, arm: Arm) -> Clinging:
     return Clinging(arm, cell, 50.0, MonotonicClock())
+
+
+def broken(cell: Cell, arm: Arm) -> PerfectDriver:
+    raise ValueError("a bug of the driver")

@@ -153,3 +153,8 @@ def test_a_slow_computer_needs_more_room_and_an_unmeasured_one_is_refused(arm: A
 def test_a_device_stop_that_says_nothing_is_refused(values: tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match="reaction"):
         DeviceStop(*values)
+
+
+def test_a_device_stop_in_other_words_is_refused(arm: Arm, cell: Cell, motion: Trajectory) -> None:
+    with pytest.raises(SafetyStop, match="'at once' is not a DeviceStop"):
+        clear(motion, arm, cell, stop="at once")  # type: ignore[arg-type]

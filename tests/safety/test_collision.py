@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safety.braking import PathSheet
+from drivers.driver import DeviceStop
+from safety.braking import DeviceStops, PathSheet
 from safety.collision import Clearance, hull
 from safety.reach import joint_reach, spine
 from sim.arm import Arm, load_arm
@@ -100,6 +101,20 @@ def test_a_collision_shorter_than_the_sampling_step_is_found(arm: Arm, cell: Cel
     assert np.all(clearance.distances(q[0]) > clearance.margin)
     with pytest.raises(SafetyStop, match="table"):
         clearance.certify(PathSheet(motion), "the motion")
+
+
+@pytest.mark.parametrize(("begin", "free"), [(-0.2, True), (0.0, False)])
+def test_long_stops_from_two_samples_are_cut_along_the_stop(arm: Arm, cell: Cell, begin: float, free: bool) -> None:
+    """From 1 rad/s at 2 rad/s^2 the outstretched arm sinks by 0.25 rad; the table is met 0.14 rad below the horizontal."""
+    q, dq = np.zeros((2, 6)), np.zeros((2, 6))
+    q[:, 1], dq[:, 1] = [begin, begin + 0.002], 1.0
+    stops = DeviceStops(Trajectory(np.array([0.0, 0.002]), q, dq, np.zeros((2, 6))), arm, DeviceStop(0.0, 2.0), 0.0)
+    clearance = Clearance(arm, cell)
+    if free:
+        clearance.certify(stops, "the device's own stop")
+    else:
+        with pytest.raises(SafetyStop, match=r"the device's own stop: .*table"):
+            clearance.certify(stops, "the device's own stop")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

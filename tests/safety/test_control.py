@@ -30,7 +30,7 @@ from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.errors import DeviceError, SafetyStop
 from tests.safety.conftest import ARM, CELL, sine
-from tests.safety.perfect import in_real_time
+from tests.safety.perfect import broken, in_real_time
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = """
@@ -173,6 +173,13 @@ def test_a_refusal_in_the_control_process_is_the_same_refusal_here(place: Path) 
     (plan.folder / "approval.toml").unlink()
     with pytest.raises(SafetyStop, match="nobody has approved"):
         drive(plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl")
+
+
+@pytest.mark.slow
+def test_what_is_no_error_of_ours_crosses_the_process_boundary_as_a_device_error(place: Path) -> None:
+    plan, cell, arm = prepared(place, 3.0)
+    with pytest.raises(DeviceError, match="the control process failed: ValueError: a bug of the driver"):
+        drive(plan, cell, arm, broken, place / "run", audit=place / "audit.jsonl")
 
 
 @pytest.mark.slow

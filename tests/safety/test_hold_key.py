@@ -7,6 +7,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import IO
 
 import pytest
@@ -103,3 +104,33 @@ def test_without_a_terminal_it_is_refused() -> None:
     os.close(write)
     with os.fdopen(read, "rb", buffering=0) as stream, pytest.raises(ConfigError, match="needs a terminal"), HoldKey(stream):
         pytest.fail("a pipe has no space bar")
+
+
+def test_another_key_before_it_does_not_begin() -> None:
+    master, slave = os.openpty()
+    typed: list[bytes] = []
+
+    def type_both() -> None:
+        for key in (b"x", b" "):
+            time.sleep(0.2)
+            typed.append(key)
+            os.write(master, key)
+
+    typist = threading.Thread(target=type_both)
+    with os.fdopen(slave, "rb", buffering=0) as stream:
+        typist.start()
+        with HoldKey(stream) as key:
+            assert typed == [b"x", b" "]
+            assert key.reason() is None
+    typist.join()
+    os.close(master)
+
+
+def test_a_terminal_that_cannot_be_read_any_more_is_a_released_key(terminal: tuple[Typist, IO[bytes]], tmp_path: Path) -> None:
+    """As for a process that lost its terminal: there is always something to read, and reading it fails."""
+    _, stream = terminal
+    folder = os.open(tmp_path, os.O_RDONLY)
+    with HoldKey(stream) as key:
+        os.dup2(folder, stream.fileno())
+        until(lambda: key.reason() is not None)
+    os.close(folder)

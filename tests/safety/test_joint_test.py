@@ -64,6 +64,20 @@ def test_an_arm_without_brakes_must_stand_at_its_rest(driver: MockDriver, mock_c
         try_joints(driver, cell)
 
 
+def test_an_arm_without_brakes_may_be_tried_at_its_rest(driver: MockDriver, mock_cell: Cell) -> None:
+    cell = replace(mock_cell, table=mock_cell.table.model_copy(update={"rest": mock_cell.table.home}))
+    with driver:
+        assert all(check.ok for check in try_joints(driver, cell))
+
+
+def test_a_joint_that_can_turn_neither_way_is_refused(mock_cell: Cell, ur10e: Arm) -> None:
+    home = np.array(mock_cell.table.home)
+    narrow = replace(ur10e, q_min=home - 0.6 * ANGLE, q_max=home + 0.6 * ANGLE)
+    made = open_driver(mock_cell, narrow)
+    with made, pytest.raises(SafetyStop, match=r"shoulder_pan_joint cannot turn by two degrees either way: .* leaves"):
+        try_joints(made, mock_cell)
+
+
 def way(begin: np.ndarray, turned: np.ndarray, dq: float, tau: np.ndarray, current: bool = False) -> list[JointState]:
     nothing, states = np.full(6, np.nan), []
     for k, x in enumerate(np.linspace(0, 1, 200)):

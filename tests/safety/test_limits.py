@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safety.limits import check_limits, check_sent, first_excess, halves, pieces, sampled
+from safety.limits import Excess, check_limits, check_sent, first_excess, halves, pieces, sampled
 from sim.arm import Arm
 from sim.errors import ConfigError, SafetyStop
 from sim.trajectory import Trajectory
@@ -119,6 +119,21 @@ def test_coefficients_that_are_not_finite_are_an_excess(bad: float) -> None:
         found = first_excess(wrong, lo, hi)
         assert found is not None
         assert (found.piece, found.joint) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("b", "piece", "value"),
+    [
+        ([[0.0, 0.5, 1.5]], 0, 1.5),
+        ([[-1.5, 0.0, 0.5]], 0, -1.5),
+        ([[0.0, 1.2, 0.0], [0.0, 2.4, 0.0]], 1, 1.2),
+        ([[0.0, -2.4, 0.0], [0.0, 1.2, 0.0]], 0, -1.2),
+    ],
+)
+def test_the_excess_is_told_where_it_is_reached(b: list[list[float]], piece: int, value: float) -> None:
+    """At one end of a piece; in the middle of one of two that both have to be halved."""
+    found = first_excess(np.array(b)[:, :, None], -np.ones(1), np.ones(1))
+    assert found == Excess(piece, 0, value, True)
 
 
 def test_what_cannot_be_decided_is_refused() -> None:

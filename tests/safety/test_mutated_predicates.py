@@ -32,7 +32,7 @@ TARGETS = {
     "collision": (("distances", "_check_sizes"), ("test_collision",)),
     "stages": (("gate", "stages_due"), ("test_stages",)),
     "approval": (("check_approval",), ("test_plan",)),
-    "guard": (("_check_start", "_first_reading", "_send"), ("test_guard",)),
+    "guard": (("_check_start", "_first_reading", "_send"), ("test_guard", "test_guard_faults")),
 }
 
 
@@ -40,16 +40,23 @@ def mutants(tree: ast.Module, functions: tuple[str, ...]) -> Iterator[tuple[str,
     """Every mutant of the named functions, with the line and the change."""
     places = [
         (f.name, k, node) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and f.name in functions
-        for k, node in enumerate(ast.walk(f))
+        for k, node in enumerate(behaviour(f))
     ]  # fmt: skip
     for name, k, node in places:
         for change in changes(node):
             mutant = copy.deepcopy(tree)
             function = next(f for f in ast.walk(mutant) if isinstance(f, ast.FunctionDef) and f.name == name)
-            target = list(ast.walk(function))[k]
+            target = behaviour(function)[k]
             apply(target, change)
             said = ast.unparse(target).split("\n")[0][:90]
             yield f"{name}:{getattr(node, 'lineno', '?')} {change} -> {said}", ast.fix_missing_locations(mutant)
+
+
+def behaviour(function: ast.FunctionDef) -> list[ast.AST]:
+    """The nodes of a function's body but for the types that are written there."""
+    types = {id(node) for x in ast.walk(function) if isinstance(x, ast.AnnAssign) for node in ast.walk(x.annotation)}
+    types |= {id(n) for x in ast.walk(function) if isinstance(x, ast.arguments) for a in ast.walk(x) for n in ast.walk(a)}
+    return [node for statement in function.body for node in ast.walk(statement) if id(node) not in types]
 
 
 def changes(node: ast.AST) -> list[str]:
@@ -71,11 +78,7 @@ def apply(node: ast.AST, change: str) -> None:
     elif isinstance(node, ast.BoolOp | ast.BinOp):
         node.op = SWAPS[type(node.op)]()  # type: ignore[assignment]
     elif isinstance(node, ast.UnaryOp):
-        node.op = ast.UAdd() if isinstance(node.op, ast.Invert) else ast.Not()
-        if isinstance(node.op, ast.Not):
-            node.operand = ast.UnaryOp(ast.Not(), node.operand)
-        else:
-            node.operand = ast.UnaryOp(ast.Invert(), ast.UnaryOp(ast.Invert(), node.operand))
+        node.operand = ast.UnaryOp(node.op, node.operand)
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         node.func.attr = CALLS[node.func.attr]
 

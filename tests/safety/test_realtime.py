@@ -75,3 +75,23 @@ def test_proofs_run_at_ordinary_priority_and_the_loop_has_its_own_back() -> None
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", UNHURRIED], capture_output=True, text=True, cwd=root, check=True)
     assert done.stdout.split() == ["True", "True", "True"]
+
+
+ELSEWHERE = """
+import gc, os, resource
+from safety.realtime import prepared, unhurried
+del os.sched_getscheduler, os.sched_setscheduler
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
+if os.getuid() == 0:
+    os.setuid(65534)
+gc.disable()
+with prepared() as granted, unhurried():
+    print(granted["memory locked"], granted["real-time priority"])
+print(gc.isenabled())
+"""
+
+
+def test_a_system_without_schedulers_and_a_program_without_a_collector_stay_as_they_were() -> None:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", ELSEWHERE], capture_output=True, text=True, cwd=root, check=True)
+    assert done.stdout.split() == ["False", "False", "False"]
