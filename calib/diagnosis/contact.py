@@ -16,6 +16,8 @@ from sim.arm import Arm, ArmEffect
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration
+# A push is told from anything else by being felt at several joints at once; a joint that stands still feels nothing that shows.
+LEAST_JOINTS = 2
 # Prior standard deviation of a force's component: it would load the strongest joint at full reach with a quarter of its torque.
 FORCE_SHARE = 0.25
 
@@ -44,8 +46,11 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
         for duration in DURATIONS:
             for start in np.arange(at[0], at[-1] - duration, STEP * duration):
                 g, ss, xs = np.zeros(3), np.eye(3) / spread**2, np.zeros((solved.rows.p, 3))
-                for j, (t, f, joined, xw, rest) in enumerate(parts):
-                    lo, hi = np.searchsorted(t, (start, start + duration))
+                edges = [np.searchsorted(t, (start, start + duration)) for t, *_ in parts]
+                felt = [int(hi - lo) for lo, hi in edges]
+                if sum(count > 0.5 * max(felt) for count in felt) < LEAST_JOINTS:
+                    continue
+                for j, ((lo, hi), (t, f, joined, xw, rest)) in enumerate(zip(edges, parts, strict=True)):
                     if hi - lo < 2:
                         continue
                     near = slice(lo, min(hi + 1, len(t)))

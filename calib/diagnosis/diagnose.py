@@ -63,8 +63,8 @@ def diagnose(
     found = search(fitted, start, told)
     told("weighing the names")
     judged = judge(fitted, found.best, apart)
-    while any(j.vetoed for j in judged):
-        worst = min(range(len(judged)), key=lambda i: judged[i].held_out)
+    while refused := [i for i, j in enumerate(judged) if j.vetoed or j.doubtful]:
+        worst = min(refused, key=lambda i: judged[i].held_out)
         found.best = without(fitted, found.best, worst)
         judged = judge(fitted, found.best, apart)
     told("looking at what is left")

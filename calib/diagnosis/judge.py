@@ -49,6 +49,11 @@ class Judged:
         return self.raised > MOST_RAISED
 
     @property
+    def doubtful(self) -> bool:
+        """Whether it brings little more than its price and others would bring the same: weak evidence, and for whom is open."""
+        return bool(self.rivals) and self.lost < price(self.effect) + APART
+
+    @property
     def confidence(self) -> float:
         """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
         own = 1.0 / (1.0 + np.exp(-(self.lost - price(self.effect)) / 8.0))

@@ -38,9 +38,15 @@ def torque(arm: Arm, motion: Trajectory) -> np.ndarray:
     return tau
 
 
-def recording(arm: Arm, seed: int, hidden: Hidden | None = None, truth: Arm | None = None, seconds: float = 16.0) -> Log:
-    """What would be recorded: `truth` moves, `hidden` adds torque (N, n) to what it needs, the noise is an AR(1) process."""
+def recording(
+    arm: Arm, seed: int, hidden: Hidden | None = None, truth: Arm | None = None, seconds: float = 16.0, only: int | None = None
+) -> Log:
+    """What would be recorded: `truth` moves (or `only` one joint of it), `hidden` adds torque (N, n), the noise is an AR(1) process."""
     motion = fourier_motion(arm, seed, seconds, 125.0)
+    if only is not None:
+        moves = np.arange(motion.n) == only
+        q = np.where(moves, motion.q, motion.q[0])
+        motion = Trajectory(motion.t, q, np.where(moves, motion.dq, 0.0), np.where(moves, motion.ddq, 0.0))
     tau = torque(truth or arm, motion)
     if hidden is not None:
         tau = tau + hidden(motion, tau)

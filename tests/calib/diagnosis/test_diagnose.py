@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import search
+from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.judge import APART, Judged
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from sim.arm import Arm, load_arm
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import Hidden, at, recording
@@ -118,6 +120,31 @@ def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_pa
     assert push["start"]["value"] + push["duration"]["value"] / 2 == pytest.approx(7.0, abs=0.15)
     found.write(tmp_path, ur10e)
     assert [e.effect for e in load_arm(tmp_path / "arm").effects] == [e.effect for e in ur10e.effects]
+
+
+def test_a_burst_while_one_joint_moves_is_no_push(ur10e: Arm) -> None:
+    def burst(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        out[:, ELBOW] = 30.0 * np.clip(1 - np.abs(motion.t - 7.0) / 0.6, 0, None)
+        return out
+
+    logs = [recording(ur10e, 1, burst, only=ELBOW), recording(ur10e, 2)]
+    f = search.fit(warmed([measured(log, ur10e) for log in logs]), Hypothesis.nominal(ur10e))
+    windows = list(contacts(f.solved, ur10e))
+    assert {log for log, _, _ in windows} == {1}
+    assert all(gain < search.price(item) for _, gain, item in windows)
+
+
+def judged(lost: float, *rivals: tuple[str, str | None]) -> Judged:
+    return Judged(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, rivals, held_out=5.0)
+
+
+def test_weak_evidence_that_others_would_bring_too_is_no_name() -> None:
+    rival = ("asymmetric_friction", "elbow_joint")
+    weak = search.price(judged(0.0).effect) + APART - 1.0
+    assert judged(weak, rival).doubtful
+    assert not judged(weak).doubtful
+    assert not judged(weak + 2.0, rival).doubtful
 
 
 @pytest.mark.parametrize(("factor", "check"), [(-1.0, "sign"), (101.0, "scale")])
