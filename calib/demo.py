@@ -25,7 +25,8 @@ from sim.trajectory import Trajectory
 
 SURE = 3.0  # standard deviations
 Draw = Callable[[np.random.Generator, Arm, int, float], dict[str, float]]  # of a joint, by its number, and its angle at home
-# of what `calib check` lets pass at rest: beyond it the story would end at its first step, with a forgotten tool suspected
+# of what `calib check` lets pass at rest: beyond it the story would end at its first step, with a forgotten tool suspected (and a much
+# stronger spring would end it at the third: the guard stops an arm whose torques are far from expectation)
 UNSEEN_AT_REST = 0.8
 
 
@@ -49,7 +50,7 @@ HIDDEN: dict[str, Draw] = {
     },
     "torque_offset": _share_of_torque("offset", 0.02, 0.04),
     "joint_spring": lambda rng, arm, joint, home: {
-        "stiffness": float(arm.tau_max[joint]) * rng.uniform(0.08, 0.15),
+        "stiffness": float(arm.tau_max[joint]) * rng.uniform(0.03, 0.06),
         "rest_angle": home + rng.uniform(-0.5, 0.5),
     },
     "torque_ripple": _share_of_torque("amplitude", 0.02, 0.04, cycles=10.0, phase=0.5),
