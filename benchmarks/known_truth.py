@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from calib.excitation.design import fitted_to_room
 from calib.excitation.fourier import Basis, Fourier, random_fourier
@@ -56,10 +57,8 @@ def recorded(arm: Arm, motion: Trajectory, seed: int = 0, noise: float = 1.0, me
     """What the arm's sensors would say of the motion: quantised angles, torque with coloured noise (AR(1) of that memory)."""
     rng = np.random.default_rng(seed)
     white = rng.standard_normal(motion.q.shape)
-    coloured = np.empty_like(white)
-    coloured[0] = white[0]
-    for k in range(1, len(white)):
-        coloured[k] = memory * coloured[k - 1] + np.sqrt(1 - memory**2) * white[k]
+    push = np.sqrt(1 - memory**2)
+    coloured, _ = lfilter([push], [1.0, -memory], white, axis=0, zi=(1 - push) * white[:1])
     tau = predict(arm, motion) + noise * coloured * np.array(arm.sensors.torque_noise)
     resolution = arm.sensors.encoder_resolution
     q = np.round((motion.q + resolution * rng.uniform(-0.5, 0.5, motion.q.shape)) / resolution) * resolution

@@ -305,9 +305,10 @@ def _list(events: list[WatchEvent]) -> str:
     return ", ".join(f"{e.t:.1f} s {e.kind.value}" + (f" {e.joint}" if e.joint else "") for e in events)
 
 
-def run() -> list[dict[str, Any]]:
-    """WATCH_REPEATS shifts and WATCH_MINUTES minutes; the figures of docs/figures.md say with how many they were made."""
-    repeats, minutes = int(os.environ.get("WATCH_REPEATS", "4")), float(os.environ.get("WATCH_MINUTES", "3"))
+def run(
+    repeats: int = int(os.environ.get("WATCH_REPEATS", "4")), minutes: float = float(os.environ.get("WATCH_MINUTES", "3"))
+) -> list[dict[str, Any]]:
+    """So many shifts, and so many minutes of each; the figures of docs/figures.md say with how many they were made."""
     rows = [r for name in LOADS for r in attachments(name, repeats)]
     rows += wire(min(repeats, 3))
     rows += [r for name in LOADS for r in quiet(name, minutes)]

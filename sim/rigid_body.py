@@ -91,10 +91,17 @@ class RigidBody:
         _kernels.regressor(*self._frame, self.tree.gravity, q, dq, ddq, out)
         return out
 
+    def weighed(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(N, L): sum_jp Y_jp w_jp of L states (N, L, n) each, with weights (N, n, 10 n) that the L share; no Y is stored."""
+        out = np.zeros(q.shape[:2])
+        states = (np.array(x, dtype=float, order="C") for x in (q, dq, ddq))
+        _kernels.weighed(*self._frame, self.tree.gravity, *states, np.ascontiguousarray(weights), out)
+        return out
+
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray | None = None) -> np.ndarray:
         """tau (N, n) N m that moves the links along q dq ddq (N, n); gravity (3,) replaces the arm's own."""
         q, dq, ddq = self._motion(q, dq, ddq)
-        out = np.empty(q.shape)
+        out = np.zeros(q.shape)
         g = self.tree.gravity if gravity is None else np.asarray(gravity, dtype=float)
         _kernels.torque(*self._frame, g, self.tree.mass, self.first, self._about_origin, q, dq, ddq, out)
         return out
@@ -147,6 +154,8 @@ class RigidBody:
         scale = np.linalg.norm(full, axis=0)
         # a column of nothing but rounding must not be scaled up into a parameter
         scale[scale < 1e-12 * scale.max()] = np.inf
+        # of two columns that serve alike the first is taken, whatever the last digits of this computer say
+        scale *= 1 + 1e-7 * np.arange(len(scale))
         _, r, order = scipy.linalg.qr(full / scale, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(r))
         rank = int(np.sum(diagonal > tolerance * diagonal[0]))

@@ -148,29 +148,24 @@ class Objective:
         self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> list[np.ndarray]:
         """Slopes (K, n) by q, dq, ddq and jerk of sum z . columns + w . torque, central differences along each coordinate."""
-        n = self.model.arm.n
+        n, body = self.model.arm.n, self.model.body
         weights = np.einsum("kj,p->kjp", w, self._pi)
         weights[:, :, self.model.base.columns] += z[:, :, : len(self.model.base)]
-        tilts = z[:, :, -2:]
-        zero = np.zeros_like(q)
-
-        def contracted(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-            return np.einsum("kjp,kjp->k", self._full(a, b, c), weights)
-
-        slopes = [np.zeros_like(q) for _ in range(4)]
-        for i in range(n):
-            for k in range(3):
-                plus, minus = [q, dq, ddq], [q, dq, ddq]
-                plus[k], minus[k] = plus[k].copy(), minus[k].copy()
-                plus[k][:, i] += STEP
-                minus[k][:, i] -= STEP
-                slopes[k][:, i] = (contracted(*plus) - contracted(*minus)) / (2 * STEP)
-                if k == 0:
-                    for tilt, gravity in enumerate(self._tilt):
-                        rise = self.model.body.inverse_dynamics(plus[0], zero, zero, gravity)
-                        rise = rise - self.model.body.inverse_dynamics(minus[0], zero, zero, gravity)
-                        slopes[0][:, i] += np.sum(rise * tilts[:, :, tilt], axis=1) / (2 * STEP)
-        b, j = len(self.model.base), np.arange(n)
+        j, side = np.arange(n), np.array([STEP, -STEP])
+        # (samples, sides, coordinates, joints, n): every coordinate of every joint moved either way
+        moved = [np.broadcast_to(x[:, None, None, None], (len(q), 2, 3, n, n)).copy() for x in (q, dq, ddq)]
+        for k, x in enumerate(moved):
+            x[:, :, k, j, j] += side[:, None]
+        states = (x.reshape(len(q), 6 * n, n) for x in moved)
+        ends = body.weighed(*states, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
+        slopes = [*np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * STEP), 1, 0), np.zeros_like(q)]
+        slopes[2] += weights[:, j, 10 * n + j]
+        still = moved[0][:, :, 0].reshape(-1, n)
+        zero = np.zeros_like(still)
+        for tilt, gravity in enumerate(self._tilt):
+            held = body.inverse_dynamics(still, zero, zero, gravity).reshape(len(q), 2, n, n)
+            slopes[0] += np.einsum("kij,kj->ki", held[:, 0] - held[:, 1], z[:, :, tilt - 2]) / (2 * STEP)
+        b = len(self.model.base)
         at, candidates = b + len(FRICTION) * j, b + len(FRICTION) * n
         bend = (1 - np.tanh(dq / self._sign_width) ** 2) / self._sign_width
         slopes[1] += z[:, j, at] + z[:, j, at + 1] * bend + z[:, j, candidates + n + j] * 2 * np.abs(dq)
