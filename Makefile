@@ -56,7 +56,7 @@ peers:  ## figaroh and mujoco.sysid in an environment of their own, for `make be
 	$(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip install --quiet --disable-pip-version-check "figaroh==1.0.2" "mujoco[sysid]==4.0.0"
 
-coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; a quarter of an hour
+coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; some ten minutes
 	$(BIN)/python -m benchmarks coverage
 
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does

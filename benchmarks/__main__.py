@@ -20,6 +20,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks import ONE_THREAD
+
 # each is a module of this package with run(...) -> rows of what, value, unit, bar, note; here with what it is given when none is named
 TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
@@ -48,8 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     unknown = [topic for topic in given.topic if topic not in (*TOPICS, *SLOW)]
     if unknown:
         parser.error(f"unknown topic {unknown[0]!r}; known: {', '.join((*TOPICS, *SLOW))}")
+    os.environ.update(ONE_THREAD)  # before anything loads NumPy
     console = Console()
-    console.print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores")
+    console.print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores, one thread a process")
     grid = Table(title="measured", title_justify="left")
     for heading in ("what", "value", "unit", "bar", "note"):
         grid.add_column(heading, justify="right" if heading == "value" else "left", overflow="fold")

@@ -1,6 +1,6 @@
 """Whether stated uncertainties are true: 95 % intervals of many seeded arms, on the mock and by formula with coloured noise.
 
-`python -m benchmarks coverage` takes a quarter of an hour; COVERAGE_RUNS (50) and COVERAGE_FORMULA_RUNS (200) change the numbers of runs.
+`python -m benchmarks coverage` takes some ten minutes, three of them by formula; COVERAGE_RUNS (50) and COVERAGE_FORMULA_RUNS (200) change the numbers of runs.
 """
 
 from __future__ import annotations

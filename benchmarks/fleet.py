@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from benchmarks import ONE_THREAD
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.fleet.fleet import Fleet, Progress, Settings, run_fleet
 from logs.convert import write_log
@@ -45,7 +46,7 @@ START = 1_750_000_000
 DAY = 86_400
 LENGTHS = (1.0, 3.0, 10.0, 30.0, 60.0)  # minutes; 600 takes a quarter of an hour to make, and 5 GB of disk
 FILE_MINUTES = 60.0
-ENVIRONMENT = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])}  # fmt: skip
+ENVIRONMENT = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])}  # fmt: skip
 
 
 def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:

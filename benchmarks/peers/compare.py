@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from benchmarks import ONE_THREAD
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied
 from calib.identification.identify import identify
 from calib.identification.least_squares import ordinary
@@ -30,7 +32,6 @@ from sim.urdf import urdf_text
 
 HERE = Path(__file__).resolve().parent
 PYTHON = Path(os.environ.get("ARM_CALIB_PEERS", HERE.parent.parent / ".venv-peers" / "bin" / "python"))
-SINGLE = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 ONE_STEP = 0.002
 KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": "rotor_inertia"}
 SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
@@ -58,6 +59,7 @@ def run() -> list[dict[str, Any]]:
     motion = [random[f"random_{k}"] for k in ("q", "dq", "ddq")]
     rows = [
         _row("stacked regressor, 10,000 samples, 6 joints", best(lambda: model.body.regressor(*motion)) * 1e3, "ms", "<= 10"),
+        _row("Pinocchio in a loop: stacked regressor, 10,000 samples", best(lambda: _looped(model, *motion), 3) * 1e3, "ms"),
         _row("arrays to base parameters with std", best(lambda: ordinary(model, *motion, random["random_tau"])) * 1e3, "ms", "<= 100"),
         _row("mass, damping, friction, rotor (24) and the rest (58 in all), 10 s log at 500 Hz", seconds, "s", "<= 1",
              f"calib identify, derivatives and possible inertias included; named as not identifiable: {', '.join(unknown) or 'none'}"),
@@ -109,6 +111,15 @@ def best(work: Any, repeats: int = 5) -> float:
     return min(out)
 
 
+def _looped(model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+    """The same regressor, sample by sample by Pinocchio."""
+    links = model.body.pinocchio
+    data, out = links.createData(), np.empty((len(q), model.arm.n, 10 * model.arm.n))
+    for k in range(len(q)):
+        out[k] = pin.computeJointTorqueRegressor(links, data, q[k], dq[k], ddq[k])
+    return out
+
+
 def without_offsets(arm: Arm) -> Arm:
     """The arm with true torque readings, which is what every tool can model."""
     return replace(arm, effects=tuple(e for e in arm.effects if e.effect != "torque_offset"))
@@ -126,7 +137,9 @@ def _predicted(nominal: Arm, values: dict[str, float], motion: Trajectory) -> np
 
 
 def _peer(program: str, folder: Path) -> bool:
-    ran = subprocess.run([PYTHON, HERE / program, folder], env=SINGLE, capture_output=True, text=True, timeout=900, check=False)
+    ran = subprocess.run(
+        [PYTHON, HERE / program, folder], env=os.environ | ONE_THREAD, capture_output=True, text=True, timeout=900, check=False
+    )
     if ran.returncode:
         print(f"{program}: {ran.stderr[-2000:]}")
     return ran.returncode == 0

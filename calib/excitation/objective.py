@@ -156,8 +156,8 @@ class Objective:
         moved = [np.broadcast_to(x[:, None, None, None], (len(q), 2, 3, n, n)).copy() for x in (q, dq, ddq)]
         for k, x in enumerate(moved):
             x[:, :, k, j, j] += side[:, None]
-        states = (x.reshape(len(q), 6 * n, n) for x in moved)
-        ends = body.weighed(*states, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
+        angle, rate, push = (x.reshape(len(q), 6 * n, n) for x in moved)
+        ends = body.weighed(angle, rate, push, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
         slopes = [*np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * STEP), 1, 0), np.zeros_like(q)]
         slopes[2] += weights[:, j, 10 * n + j]
         still = moved[0][:, :, 0].reshape(-1, n)
