@@ -55,12 +55,14 @@ def stop_from(motion: ClearedTrajectory, k: int, arm: Arm) -> Stop:
 
 
 def _along(motion: ClearedTrajectory, k: int, arm: Arm, time: float, period: float) -> Stop | None:
-    """The stop along the path in `time` s, or None where it would leave a limit or the path ends before it."""
+    """The stop along the path in `time` s or up to a period more, or None where it would leave a limit or the path ends before it."""
+    count = int(np.ceil(time / period))
+    time = count * period  # ends with a command: a last step of less than a rounding error is none
     peak = 4 / (3 * time)
     slow = stop_profile(np.ones((1, 1)), np.zeros((1, 1)), np.full(1, peak), np.full(1, 4 * peak / time))
-    count = int(np.ceil(float(slow.duration[0, 0]) / period))
     t = np.arange(1, count + 1)[:, None] * period
     s, ds, dds = (x[:, 0] for x in slow.state(t))
+    ds[-1] = 0.0
     last = k + int(np.ceil(s[-1] / period)) + 1
     if last >= len(motion):
         return None

@@ -41,6 +41,14 @@ def test_every_stop_keeps_every_limit_and_ends_at_rest(arm: Arm, cleared: Cleare
     assert "along the path" in kinds
 
 
+def test_there_is_a_stop_from_every_sample(arm: Arm, cleared: ClearedTrajectory) -> None:
+    """Whatever its time comes to in periods: a last step of less than a rounding error once was an error."""
+    for k in range(len(cleared)):
+        stop = stop_from(cleared, k, arm)
+        assert not stop.dq[-1].any()
+        assert len(stop.q) < 2 or np.max(np.abs(stop.dq[-2])) < 0.01
+
+
 def test_along_the_path_the_arm_stays_where_clearance_was_proved(arm: Arm, cleared: ClearedTrajectory) -> None:
     k = 700
     stop = stop_from(cleared, k, arm)
