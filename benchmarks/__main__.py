@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import platform
+import sys
 import time
 import traceback
 from collections.abc import Sequence
@@ -51,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown:
         parser.error(f"unknown topic {unknown[0]!r}; known: {', '.join((*TOPICS, *SLOW))}")
     os.environ.update(ONE_THREAD)  # before anything loads NumPy
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else 180)
     console.print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores, one thread a process")
     grid = Table(title="measured", title_justify="left")
     for heading in ("what", "value", "unit", "bar", "note"):

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import inspect
+import json
+import sys
 from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from benchmarks.__main__ import SLOW, TOPICS
+from benchmarks import ONE_THREAD
+from benchmarks.__main__ import SLOW, TOPICS, main
 
 
 @pytest.mark.parametrize("topic", [*TOPICS, *SLOW])
@@ -19,3 +25,23 @@ def test_a_topic_takes_what_it_is_given(topic: str) -> None:
 def test_a_topic_needs_nothing_to_run_in_full() -> None:
     for topic in (*TOPICS, *SLOW):
         inspect.signature(import_module(f"benchmarks.{topic}").run).bind()
+
+
+def test_a_topic_that_fails_is_told_and_takes_no_other_with_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def broken() -> list[dict[str, Any]]:
+        raise RuntimeError("the emulator did not start")
+
+    whole = SimpleNamespace(run=lambda: [{"what": "a figure", "value": "1.5", "unit": "ms", "bar": "<= 2", "note": ""}])
+    for key, value in ONE_THREAD.items():
+        monkeypatch.setenv(key, value)  # what main sets is taken back afterwards
+    for name, module in (("first", SimpleNamespace(run=broken)), ("second", whole)):
+        monkeypatch.setitem(sys.modules, f"benchmarks.{name}", module)
+        monkeypatch.setitem(TOPICS, name, {})
+    with pytest.raises(SystemExit, match="first"):
+        main(["first", "second", "--json", str(tmp_path / "rows.json")])
+    told = capsys.readouterr().out
+    assert "the emulator did not start" in told
+    assert "a figure" in told
+    assert [r["topic"] for r in json.loads((tmp_path / "rows.json").read_text())] == ["first", "second"]
