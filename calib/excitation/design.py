@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
+from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room, Use
 from calib.identification.model import TorqueModel
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
@@ -110,10 +110,7 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     still = Trajectory(np.array([0.0, 0.1]), np.stack([home, home]), np.zeros((2, len(home))), np.zeros((2, len(home))))
     use = room.use(still)
     if use.clearance < CLEARANCE_MARGIN:
-        return (
-            f"at the start {np.round(home, 3).tolist()} rad {use.pair[0]} and {use.pair[1]} are {use.clearance * 1e3:.1f} mm from the cell's "
-            f"margin, a plan needs {CLEARANCE_MARGIN * 1e3:g} mm; give another start with --home, or move the obstacle"
-        )
+        return f"the start {np.round(home, 3).tolist()} rad brings {_too_near(room, use)}"
     name, share = use.worst
     if share > 1:
         j = int(np.argmax(use.shares[name])) if len(use.shares[name]) == room.arm.n else 0
@@ -126,15 +123,22 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     use = room.use(coarse(trial))
     name, share = use.worst
     if share <= 1:
-        return (
-            f"no motion of useful size fits: {use.pair[0]} and {use.pair[1]} come within {use.clearance * 1e3:.0f} mm of the cell's margin, a plan "
-            f"keeps {CLEARANCE_MARGIN * 1e3:g} mm; give another start with --home, farther from both, or move the obstacle"
-        )
+        return f"no motion of useful size fits: a fifth of it brings {_too_near(room, use)}"
     own = use.shares[name]
     where = f"{room.arm.joint_names[int(np.argmax(own))]}'s " if len(own) == room.arm.n else "the "
     slower = f"a longer --period (about {basis.period * share ** (1 / GROWTH.get(name, 1)):.3g} s instead of {basis.period:g})"
     remedy = "another --home" if name == "q" else f"{slower} or another --home"
     return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit"
+
+
+def _too_near(room: Room, use: Use) -> str:
+    """Which bodies are too near to each other, by how much, and what would help."""
+    obstacle = next((o.name for o in room.cell.table.obstacles if o.name in use.pair), None)
+    short = (CLEARANCE_MARGIN - use.clearance) * 1e3
+    return (
+        f"{use.pair[0]} and {use.pair[1]} {short:.0f} mm nearer to each other than the cell's margin and the {CLEARANCE_MARGIN * 1e3:g} mm that a "
+        f"plan keeps besides; give another start with --home{f', or move {obstacle}' if obstacle else ''}"
+    )
 
 
 def too_small(room: Room, motion: Fourier) -> str | None:
