@@ -37,9 +37,10 @@ class DriveTorque:
             + sorted({item.effect for effect, _, item in self._stages[Stage.ENCODER]})
         )
         self._joint = self._stages[Stage.JOINT]
-        # dry and viscous friction, which every arm has, need no walk along the path
+        # dry and viscous friction, which every arm has, need no walk along the path; an arm that has no more needs none at all
         self._friction = [x for x in self._stages[Stage.FRICTION] if x[0].name != "coulomb_friction"]
         self._motor = [x for x in self._stages[Stage.MOTOR] if x[0].name not in ("rotor_inertia", "viscous_friction")]
+        self._walked = bool(self._joint or self._friction or self._motor)
         self._offset, self._gain = np.zeros(n), np.ones(n)
         state = _path(np.zeros(2), np.zeros((2, n)), np.zeros((2, n)))
         state.tau[1] = 1.0
@@ -55,11 +56,14 @@ class DriveTorque:
 
     def link_torque(
         self, t: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, gravity: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Torque on the links (N, n) N m, direction of dry friction (N, n) in [-1, 1], level of dry friction (N, n) N m.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Torque on the links (N, n) N m and direction of dry friction (N, n) in [-1, 1].
 
         t (N,) s since the start; gravity (N, n) N m stands for the load where friction depends on it.
         """
+        if not self._walked:
+            slip = self._slipping(q, np.broadcast_to(SLIP_WIDTH, q.shape))
+            return (tau - self._offset) / self._gain - self.coulomb * slip - self.viscous * dq, slip
         state = _path(t, q, dq)
         state.level += self.coulomb
         if self._joint or self._friction:
@@ -69,13 +73,12 @@ class DriveTorque:
         for effect, joint, item in self._friction:
             effect.apply(state, joint, item.parameters)
         state.slip[:] = self._slipping(q, state.width)
-        level = state.warmth * state.level
-        state.tau[:] = level * state.slip + state.warmth * self.viscous * dq
+        state.tau[:] = state.warmth * (state.level * state.slip + self.viscous * dq)
         if self._joint:
             state.tau += state.load - gravity
         for effect, joint, item in self._motor:
             effect.apply(state, joint, item.parameters)
-        return (tau - self._offset) / self._gain - state.tau, state.slip, level
+        return (tau - self._offset) / self._gain - state.tau, state.slip
 
     def _slipping(self, q: np.ndarray, width: np.ndarray) -> np.ndarray:
         if self._slip is None or self._angle is None:

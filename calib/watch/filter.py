@@ -9,14 +9,11 @@ taking a model error that lasts a second for hundreds of independent witnesses. 
 
 from __future__ import annotations
 
-import copy
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
-from calib.watch.kernels import innovation, left, sizes
+from calib.watch.kernels import left, predicted, sizes, updated
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
@@ -30,6 +27,7 @@ REVERSAL_DOUBT, REVERSAL_SPEED = (
 )  # share of dry friction that is in doubt as a joint turns round, and until which rad/s
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight
 LEARNT = 3.0  # s of motion that their first guesses are worth; with less, real recordings bring claims that are none
+CLIP = 3.0  # standard deviations that one row brings into the sizes of the noises
 NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estimated
 
 
@@ -94,22 +92,21 @@ class TorqueFilter:
             slice(4 + 2 * n, 4 + 3 * n),
         )
         size = 4 + 3 * n
-        self._kf = KalmanFilter(dim_x=size, dim_z=n)
-        self._kf.x = np.zeros((size, 1))
-        self._kf.x[:4, 0] = first
+        # replaced, never changed in place
+        self.x = np.zeros(size)
+        self.x[:4] = first
         self._white = self._spread = 0.5 * torque**2  # long-run variance of the white noise, and its variance in one row
         self._slow = (0.3 * torque + 0.05 * friction) ** 2
-        self._h, self._f, self._q = np.zeros((n, size)), np.zeros((size, size)), np.zeros((size, size))
-        self._diagonal = np.arange(size)
-        self._every = np.arange(n)
-        self._h[self._every, 4 + 2 * n + self._every] = 1.0
         self._floor = 1e-4 * self.dry**2
         self._moved = 0.0
         self._asked: tuple[Row, np.ndarray] | None = None
-        self._recent: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=3)
+        # what the last three rows left, newest first, of which joints, and how many rows there were without a pause
+        self._left, self._told, self._rows = np.zeros((3, n)), np.zeros((3, n), dtype=bool), 0
         # mean products of what is left: with itself, with the row before, with the one before that
         self._products = np.stack([self._white + self._slow, 0.25 * self._white + 0.95 * self._slow, 0.9 * self._slow])
-        self._kf.P = np.diag(np.concatenate([self.payload_prior(), (0.3 * self.dry) ** 2, (0.3 * self.wet) ** 2, self._slow]))
+        self.covariance = np.diag(
+            np.concatenate([self.payload_prior(), (0.3 * self.dry) ** 2, (0.3 * self.wet) ** 2, self._slow])
+        )
         self._walk = np.concatenate(
             [PAYLOAD_WALK**2 * self.jump_prior(), (FRICTION_WALK * self.dry) ** 2, (FRICTION_WALK * self.wet) ** 2, np.zeros(n)]
         )
@@ -124,16 +121,6 @@ class TorqueFilter:
         return 4 * self.jump_prior()
 
     @property
-    def x(self) -> np.ndarray:
-        """The state (4 + 3 n,)."""
-        return self._kf.x[:, 0]
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Its covariance."""
-        return self._kf.P
-
-    @property
     def noise(self) -> np.ndarray:
         """(n,) N m standard deviation of all that a row has beside the model."""
         return np.sqrt(self._white + self._slow)
@@ -144,15 +131,15 @@ class TorqueFilter:
         return float(np.sqrt(np.max(self._slow / self._white)))
 
     def snapshot(self) -> Snapshot:
-        """The state as it is; filterpy never changes these arrays in place."""
-        return Snapshot(self._kf.x[:, 0], self._kf.P)
+        """The state as it is; these arrays are never changed in place."""
+        return Snapshot(self.x, self.covariance)
 
     def restore(self, earlier: Snapshot) -> None:
         """Go back to an earlier state; the unknown torque is unknown again."""
-        self._kf.x, self._kf.P = earlier.x[:, None].copy(), earlier.covariance.copy()
-        self._kf.x[self.unknown] = 0.0
-        self._kf.P[self.unknown, :] = self._kf.P[:, self.unknown] = 0.0
-        self._kf.P[self.unknown, self.unknown] = np.diag(self._slow)
+        self.x, self.covariance = earlier.x.copy(), earlier.covariance.copy()
+        self.x[self.unknown] = 0.0
+        self.covariance[self.unknown, :] = self.covariance[:, self.unknown] = 0.0
+        self.covariance[self.unknown, self.unknown] = np.diag(self._slow)
 
     def usable(self, row: Row) -> np.ndarray:
         """(n,) joints whose row tells something: they slide one way, fast enough, and every number is finite."""
@@ -172,44 +159,35 @@ class TorqueFilter:
         used = self.usable(row)
         self._predict(row.seconds)
         if not used.any():
-            self._recent.clear()
+            self._rows = 0
             return None
-        self._h[:, self.payload] = row.payload[:, :4]
-        self._h[self._every, 4 + self._every], self._h[self._every, 4 + self.n + self._every] = row.slip, row.speed
-        h = self._h[used]
-        doubt = (REVERSAL_DOUBT * self.dry * np.exp(-row.slowest / REVERSAL_SPEED)) ** 2
-        noise = (self._white + doubt)[used]
-        y = (self.left(row, self.x) - self.x[self.unknown])[used]
-        inverse, variance = np.empty((len(y), len(y))), np.empty(len(y))
-        nis = innovation(h, self._kf.P, y, noise, (self._spread + doubt)[used], inverse, variance)
-        if not trust:
-            noise = noise + (np.maximum(y**2 / (OUTLIER**2 * variance), 1.0) - 1) * variance
-        # the state that payload and friction see as it is, but for a load's own inertia, which is not linear in it
-        z = y + h @ self.x
-        self._kf.update(z[:, None], R=np.diag(noise), H=h)
-        found = Innovation(used, y, inverse, h, self._kf.K, self._decay, nis)
+        k = int(np.count_nonzero(used))
+        h, y, inverse, gain = np.empty((k, len(self.x))), np.empty(k), np.empty((k, k)), np.empty((len(self.x), k))
+        doubt = REVERSAL_DOUBT * self.dry * np.exp(-row.slowest / REVERSAL_SPEED)
+        self.x, self.covariance, nis = updated(
+            used, row.payload, row.slip, row.speed, self.left(row, self.x), self.x, self.covariance, self._white, self._spread, doubt,
+            np.inf if trust else OUTLIER, h, y, inverse, gain,
+        )  # fmt: skip
+        found = Innovation(used, y, inverse, h, gain, self._decay, nis)
         if learn:
             self._learn(row, used)
         return found
 
     def shift(self, jump: Jump) -> None:
         """x += response size, P += response covariance response^T: a change that is known to have happened."""
-        self._kf.x = self._kf.x + (jump.response @ jump.size)[:, None]
-        self._kf.P = self._kf.P + jump.response @ jump.covariance @ jump.response.T
+        self.x = self.x + jump.response @ jump.size
+        self.covariance = self.covariance + jump.response @ jump.covariance @ jump.response.T
 
     def open(self) -> None:
         """The payload may have become anything: its covariance grows by that of a change."""
-        self._kf.P = copy.copy(self._kf.P)
-        self._kf.P[self.payload, self.payload] += np.diag(self.jump_prior())
+        self.covariance = self.covariance.copy()
+        self.covariance[self.payload, self.payload] += np.diag(self.jump_prior())
 
     def _predict(self, seconds: float) -> None:
-        fade = np.exp(-seconds / MEMORY)
-        self._decay = np.ones(len(self._kf.x))
-        self._decay[self.unknown] = fade
-        self._f[self._diagonal, self._diagonal] = self._decay
-        self._q[self._diagonal, self._diagonal] = self._walk * seconds
-        self._q[self._diagonal[self.unknown], self._diagonal[self.unknown]] = self._slow * (1 - fade**2)
-        self._kf.predict(F=self._f, Q=self._q)
+        self._decay = np.ones(len(self.x))
+        self._decay[self.unknown] = np.exp(-seconds / MEMORY)
+        first = self.unknown.start
+        self.x, self.covariance = predicted(self.x, self.covariance, self._decay, self._walk, seconds, self._slow, first)
 
     def _learn(self, row: Row, used: np.ndarray) -> None:
         """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.
@@ -217,19 +195,19 @@ class TorqueFilter:
         Neighbouring rows share half of their window, so only rows two apart tell of e alone; what neighbours share beyond e counts
         as white noise with its long-run variance.
         """
-        limit = 3.0 * self.noise
-        self._recent.appendleft((used, np.minimum(np.maximum(self.left(row, self.x), -limit), limit)))
-        if len(self._recent) < 3:
-            return
-        self._moved += row.seconds
-        gain = row.seconds / min(max(self._moved, LEARNT), NOISE_MEMORY)
-        (_, now), (used_before, before), (used_earlier, earlier) = self._recent
-        told = used & used_before & used_earlier
-        self._slow, self._spread, self._white = np.empty((3, self.n))
-        sizes(
-            now, before, earlier, told, gain, np.exp(-row.seconds / MEMORY), self._floor, self._products, self._slow, self._spread,
-            self._white,
+        self._rows += 1
+        self._moved += row.seconds * (self._rows >= 3)
+        gain = row.seconds / min(max(self._moved, LEARNT), NOISE_MEMORY) if self._rows >= 3 else 0.0
+        self._slow, self._spread, self._white = sizes(
+            self._left, self._told, self.left(row, self.x), used, gain, np.exp(-row.seconds / MEMORY), CLIP, self._floor, self._products,
+            self._slow, self._spread, self._white,
         )  # fmt: skip
+
+
+def calibrated(arm: Arm) -> np.ndarray:
+    """(n,) whether a joint's friction was estimated from recordings of this arm, and not taken from a data sheet."""
+    friction = ("coulomb_friction", "viscous_friction")
+    return np.array([all((e := arm.effect(name, j)) is not None and e.std for name in friction) for j in arm.joint_names])
 
 
 def carrying_scale(arm: Arm) -> tuple[float, float]:

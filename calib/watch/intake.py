@@ -1,6 +1,7 @@
 """Readings before they count: a reading that is missing, impossible, late or frozen is reported and never reaches an estimate.
 
-A reading waits for the next one, so that a single wild value between two sane ones is seen for what it is.
+A reading counts at once, but for one whose torque has risen by more than motion does: it waits for the next one, so that a single wild
+value between two sane ones is seen for what it is.
 """
 
 from __future__ import annotations
@@ -51,36 +52,51 @@ class Intake:
         self._tau_most, self._dq_most = 3.0 * unlimited(arm.tau_max), 2.0 * unlimited(arm.dq_max)
         noise = np.array(arm.sensors.torque_noise)
         self._spike = np.maximum(10 * noise, SPIKE * np.where(np.isfinite(arm.tau_max), arm.tau_max, 10 * noise + 1.0))
+        self._last: Sample | None = None
+        # the one before a reading whose torque is in doubt
         self._waiting: Sample | None = None
-        self._before: Sample | None = None
         self._same_q = self._same_tau = 0.0
         self._frozen = max(FROZEN_SECONDS, FROZEN_PERIODS * self.period)
         self._moving = max(MOVING, 4 * arm.sensors.encoder_resolution / self._frozen)
 
-    def add(self, state: JointState) -> tuple[Sample | None, Fault | None]:
-        """One reading: the sample before it, where that counts, and what is wrong, where something is.
+    def add(self, state: JointState) -> tuple[list[Sample], Fault | None]:
+        """One reading: the samples that count from now on, and what is wrong, where something is.
 
         After a Fault the samples before and after do not belong together.
         """
         sample, fault = self._single(state)
         if sample is None:
-            self._waiting = self._before = None
-            return None, fault
-        ready, self._waiting = self._waiting, sample
-        if ready is None:
-            return None, None
-        step = sample.t - ready.t
+            self._last = self._waiting = None
+            return [], fault
+        last, self._last = self._last, sample
+        if last is None:
+            return [sample], None
+        step = sample.t - last.t
         if not step > 0:
-            return None, self._broken(Kind.BAD_READING, sample.t, f"device time goes from {ready.t:.6f} to {sample.t:.6f} s")
+            return [], self._broken(Kind.BAD_READING, sample.t, f"device time goes from {last.t:.6f} to {sample.t:.6f} s")
         if step > GAP_PERIODS * self.period:
-            return None, self._broken(
-                Kind.GAP, sample.t, f"no reading for {1e3 * step:.0f} ms, one every {1e3 * self.period:.3g} ms is due"
-            )
-        fault = self._continuous(ready, sample, step)
+            message = f"no reading for {1e3 * step:.0f} ms, one every {1e3 * self.period:.3g} ms is due"
+            return [], self._broken(Kind.GAP, sample.t, message)
+        fault = self._continuous(last, sample, step)
         if fault is not None:
-            return None, fault
-        self._before = ready
-        return ready, None
+            return [], fault
+        return self._counting(last, sample)
+
+    def _counting(self, last: Sample, sample: Sample) -> tuple[list[Sample], Fault | None]:
+        """The sample, or none while its torque is in doubt, or the one that was in doubt and the sample."""
+        before, waited = self._waiting, self._waiting is not None
+        self._waiting = None
+        if before is not None:
+            rise, fall = last.tau - before.tau, last.tau - sample.tau
+            spike = (np.minimum(np.abs(rise), np.abs(fall)) > self._spike) & (rise * fall > 0)
+            if spike.any():
+                j = int(np.argmax(spike))
+                values = f"one reading of {last.tau[j]:.4g} N m between {before.tau[j]:.4g} and {sample.tau[j]:.4g}"
+                return [], self._broken(Kind.BAD_READING, last.t, f"{self._arm.joint_names[j]}: {values}")
+        if np.any(np.abs(sample.tau - last.tau) > self._spike):
+            self._waiting = last
+            return [last] if waited else [], None
+        return [last, sample] if waited else [sample], None
 
     def _single(self, state: JointState) -> tuple[Sample | None, Fault | None]:
         names = self._arm.joint_names
@@ -92,15 +108,15 @@ class Intake:
         if not np.isfinite(tau).all() and self._arm.torque_constant is not None:
             tau = np.where(np.isfinite(tau), tau, state.current * self._arm.torque_constant)
         dq = state.dq
-        if np.isnan(dq).all() and self._waiting is not None and state.t_device > self._waiting.t:
-            dq = (state.q - self._waiting.q) / (state.t_device - self._waiting.t)
+        if np.isnan(dq).all() and self._last is not None and state.t_device > self._last.t:
+            dq = (state.q - self._last.q) / (state.t_device - self._last.t)
         if not np.isfinite(state.t_device):
-            return None, Fault(Kind.BAD_READING, self._waiting.t if self._waiting else 0.0, f"device time is {state.t_device}")
+            return None, Fault(Kind.BAD_READING, self._last.t if self._last else 0.0, f"device time is {state.t_device}")
         for word, unit, value, most in (
             ("position", "rad", state.q, 1e3), ("speed", "rad/s", dq, self._dq_most), ("torque", "N m", tau, self._tau_most),
         ):  # fmt: skip
             bad = ~(np.abs(value) <= most)
-            if word == "speed" and np.isnan(state.dq).all() and self._waiting is None:
+            if word == "speed" and np.isnan(state.dq).all() and self._last is None:
                 dq = np.zeros(self._arm.n)
             elif bad.any():
                 j = int(np.argmax(bad))
@@ -122,15 +138,6 @@ class Intake:
                 after.t,
                 f"{self._arm.joint_names[j]}: position jumps {moved[j]:.4g} rad in {1e3 * step:.3g} ms",
             )
-        if self._before is not None:
-            rise, fall = ready.tau - self._before.tau, ready.tau - after.tau
-            spike = (np.minimum(np.abs(rise), np.abs(fall)) > self._spike) & (rise * fall > 0)
-            if spike.any():
-                j = int(np.argmax(spike))
-                return self._broken(
-                    Kind.BAD_READING, ready.t,
-                    f"{self._arm.joint_names[j]}: one reading of {ready.tau[j]:.4g} N m between {self._before.tau[j]:.4g} and {after.tau[j]:.4g}",
-                )  # fmt: skip
         moving = np.abs(after.dq) > self._moving
         self._same_q = self._same_q + step if moving.any() and np.all(moved[moving] == 0) else 0.0
         self._same_tau = self._same_tau + step if moving.any() and np.array_equal(after.tau, ready.tau) else 0.0
@@ -140,5 +147,5 @@ class Intake:
         return None
 
     def _broken(self, kind: Kind, t: float, message: str) -> Fault:
-        self._before = None
+        self._waiting = None
         return Fault(kind, t, message)

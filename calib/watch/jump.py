@@ -12,13 +12,14 @@ from collections import deque
 import numpy as np
 
 from calib.watch.filter import Innovation, Jump, TorqueFilter
-from calib.watch.kernels import traces
+from calib.watch.kernels import advanced
 
 CANDIDATES = 16
 ROWS_LEAST = 3  # a reading that is wrong once touches two rows
 # Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. Where much of the
-# torque is slow model error (`imperfection`, its size over that of the white noise) more is asked, and more than the last while has shown.
-THRESHOLD, THRESHOLD_SLOPE, THRESHOLD_MOST = 30.0, 60.0, 150.0
+# torque is slow model error (`imperfection`, its size over that of the white noise: from 1 up on a real UR10e, about a half on a mock)
+# more is asked, and more than the last while has shown. The least is what noise alone reaches once in a thousand hours.
+THRESHOLD, THRESHOLD_SLOPE, THRESHOLD_LEAST, THRESHOLD_MOST = -20.0, 110.0, 45.0, 150.0
 OVER_RECENT, RECENT = 1.6, 20.0
 AS_LIKELY = 9.0  # difference of the ratio up to which the instant may be another: three standard deviations
 CLIP = 8.0  # standard deviations that one joint of one row may bring in
@@ -29,55 +30,49 @@ class JumpDetector:
 
     def __init__(self, filter_: TorqueFilter) -> None:
         self._n, self._size = filter_.n, len(filter_.x)
-        self._kinds = (4, self._n)
         prior = filter_.jump_prior()
         torque = (10 * filter_.dry) ** 2
-        self._prior = [np.diag(1 / prior), np.diag(1 / torque)]
+        self._prior = (np.diag(1 / prior), np.diag(1 / torque))
         self._scale, self._reach = filter_.mass_scale, filter_.reach
         self._highest = 0.0
-        self._eye = np.eye(self._n)
         self.forget()
 
     def forget(self) -> None:
         """No jump is looked for in the rows so far."""
         self._count = 0
         self._lately: deque[float] = deque(maxlen=3 * CANDIDATES)
-        self._lag = [np.zeros((CANDIDATES, self._size, k)) for k in self._kinds]
-        self._c = [np.zeros((CANDIDATES, k, k)) for k in self._kinds]
-        self._d = [np.zeros((CANDIDATES, k)) for k in self._kinds]
-        self._sizes = [np.zeros((CANDIDATES, k)) for k in self._kinds]
-        self._ratio = [np.zeros(CANDIDATES) for _ in self._kinds]
+        self._lag, self._c, self._d, self._sizes = (
+            tuple(np.zeros((CANDIDATES, *shape(k))) for k in (4, self._n))
+            for shape in (lambda k: (self._size, k), lambda k: (k, k), lambda k: (k,), lambda k: (k,))
+        )
+        self._ratio = np.zeros((2, CANDIDATES))
 
     def add(self, innovation: Innovation, seconds: float, imperfection: float) -> Jump | None:
         """One more row; the jump where one is found."""
         self._count = min(self._count + 1, CANDIDATES)
-        most = CLIP / np.sqrt(np.maximum(innovation.inverse.diagonal(), 1e-300))
-        y = np.minimum(np.maximum(innovation.y, -most), most)
-        direct = (np.ascontiguousarray(innovation.h[:, :4]), self._eye[innovation.used])
-        for k in range(2):
-            # candidates move one place back, a new one begins at this row
-            traces(
-                self._lag[k], self._c[k], self._d[k], direct[k], innovation.h, innovation.gain, innovation.decay, innovation.inverse, y,
-                self._prior[k], self._count, self._sizes[k], self._ratio[k],
-            )  # fmt: skip
-            self._ratio[k][: ROWS_LEAST - 1] = 0.0
-        both = np.maximum(*self._ratio)
-        theta = int(np.argmax(both))
+        # candidates move one place back, a new one begins at this row
+        theta = advanced(
+            self._lag, self._c, self._d, innovation.h, innovation.used, innovation.gain, innovation.decay, innovation.inverse, innovation.y,
+            CLIP, self._prior, self._count, ROWS_LEAST, self._sizes, self._ratio,
+        )  # fmt: skip
+        likeliest = float(self._ratio[:, theta].max())
         self._highest *= float(np.exp(-seconds / RECENT))
-        least = max(THRESHOLD + THRESHOLD_SLOPE * imperfection, OVER_RECENT * self._highest)
-        if not both[theta] > min(least, THRESHOLD_MOST):
+        least = max(THRESHOLD + THRESHOLD_SLOPE * imperfection, THRESHOLD_LEAST, OVER_RECENT * self._highest)
+        if not likeliest > min(least, THRESHOLD_MOST):
             # a jump that is just beginning must not raise the bar for itself
             if len(self._lately) == self._lately.maxlen:
                 self._highest = max(self._highest, self._lately[0])
-            self._lately.append(float(both[theta]))
+            self._lately.append(likeliest)
             return None
         response = -self._lag[0][theta]
         response[:4] += np.eye(4)
         covariance = self._likely(theta, float(self._sizes[0][theta][0]))
         size = covariance @ self._d[0][theta]
-        near = np.flatnonzero(both > both[theta] - AS_LIKELY) + 1
+        near = np.flatnonzero(self._ratio.max(axis=0) > likeliest - AS_LIKELY) + 1
+        # later instants than that of the youngest candidate were not tried
+        latest = 1 if near[0] == ROWS_LEAST else int(near[0])
         return Jump(
-            theta + 1, (int(near[-1]), int(near[0])), float(self._ratio[0][theta]), float(self._ratio[1][theta]), size, covariance, response,
+            theta + 1, (int(near[-1]), latest), float(self._ratio[0][theta]), float(self._ratio[1][theta]), size, covariance, response,
             self._sizes[1][theta].copy(),
         )  # fmt: skip
 

@@ -20,40 +20,71 @@ def slip_on(q, before, slip, width, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def block(t, static, around, pi, rotor, torque, slip, dq, step, rising, falling, momentum):  # type: ignore[no-untyped-def]
-    """Integrals of one block of N samples under the two sides of the triangle, by the trapezoidal rule.
+def columns(static, around, pi, rotor, dq, step, column, momentum, gravity):  # type: ignore[no-untyped-def]
+    """What one sample brings to the integrals of its block, all outputs (n, 14) but gravity (n,) N m, the torque at no acceleration.
 
-    static (N, n, 10 n) regressor at rest acceleration; around (3 N, n, 10 n) regressor of the momentum here, ahead and behind by
-    `step` s. Columns: torque left, direction of slip, speed, torque, then [m, m c, I] of the last link.
+    static (1, n, 10 n) regressor at rest acceleration; around (3, n, 10 n) regressor of the momentum here, ahead and behind by `step`
+    s. column: the model's torque, three left for others to fill, [m, m c, I] of the last link; momentum: the same of the momentum.
+    """
+    n = len(dq)
+    last = static.shape[2] - 10
+    momentum[:] = 0.0
+    for j in range(n):
+        h, p, weight = 0.0, 0.0, 0.0
+        for c in range(last + 10):
+            value = static[0, j, c] - (around[1, j, c] - around[2, j, c]) / (2 * step)
+            h += value * pi[c]
+            p += around[0, j, c] * pi[c]
+            weight += static[0, j, c] * pi[c]
+            if c >= last:
+                column[j, 4 + c - last] = value
+                momentum[j, 4 + c - last] = around[0, j, c]
+        column[j, 0] = h
+        momentum[j, 0] = p + rotor[j] * dq[j]
+        gravity[j] = weight
+
+
+@numba.njit(cache=True)
+def half(t, columns, momenta, torque, slip, dq, sure, rising, falling, momentum, sliding, slowest):  # type: ignore[no-untyped-def]
+    """Integrals of one block of N samples under the two sides of the triangle, by the trapezoidal rule, and its mean momentum, (n, 14).
+
+    columns, momenta (N, n, 14) of `columns`, torque, slip, dq (N, n); sliding (n,) is the direction in which a joint slid all the time,
+    slip at least `sure`, else 0, and slowest (n,) rad/s.
     """
     count, n = dq.shape
-    last = static.shape[2] - 10
     seconds = t[count - 1] - t[0]
     rising[:], falling[:], momentum[:] = 0.0, 0.0, 0.0
+    for j in range(n):
+        sliding[j], slowest[j] = np.sign(slip[0, j]), abs(dq[0, j])
     for k in range(count):
         weight = 0.0
         if k > 0:
             weight += 0.5 * (t[k] - t[k - 1])
         if k < count - 1:
             weight += 0.5 * (t[k + 1] - t[k])
-        up = (t[k] - t[0]) / seconds
+        up = weight * (t[k] - t[0]) / seconds
         for j in range(n):
-            h, p = 0.0, 0.0
-            for c in range(last + 10):
-                turning = (around[count + k, j, c] - around[2 * count + k, j, c]) / (2 * step)
-                column = static[k, j, c] - turning
-                h += column * pi[c]
-                p += around[k, j, c] * pi[c]
-                if c >= last:
-                    i = 4 + c - last
-                    rising[j, i] += weight * up * column
-                    falling[j, i] += weight * (1 - up) * column
-                    momentum[j, i] += weight / seconds * around[k, j, c]
-            momentum[j, 0] += weight / seconds * (p + rotor[j] * dq[k, j])
-            values = (torque[k, j] - h, slip[k, j], dq[k, j], torque[k, j])
-            for i in range(4):
-                rising[j, i] += weight * up * values[i]
-                falling[j, i] += weight * (1 - up) * values[i]
+            columns[k, j, 1], columns[k, j, 2], columns[k, j, 3] = slip[k, j], dq[k, j], torque[k, j]
+            for i in range(columns.shape[2]):
+                rising[j, i] += up * columns[k, j, i]
+                falling[j, i] += (weight - up) * columns[k, j, i]
+                momentum[j, i] += weight / seconds * momenta[k, j, i]
+            slowest[j] = min(slowest[j], abs(dq[k, j]))
+            if not (sliding[j] * slip[k, j] >= sure and sliding[j] * dq[k, j] > 0):
+                sliding[j] = 0.0
+
+
+@numba.njit(cache=True)
+def predicted(x, covariance, decay, walk, seconds, slow, first):  # type: ignore[no-untyped-def]
+    """x = F x and P = F P F^T + Q as new arrays, with F = diag(decay) and Q = diag(walk) `seconds`, but from `first` on (1 - F^2) slow."""
+    size = len(decay)
+    ahead, grown = np.empty(size), np.empty((size, size))
+    for a in range(size):
+        ahead[a] = decay[a] * x[a]
+        for b in range(size):
+            grown[a, b] = decay[a] * covariance[a, b] * decay[b]
+        grown[a, a] += walk[a] * seconds if a < first else slow[a - first] * (1 - decay[a] ** 2)
+    return ahead, grown
 
 
 @numba.njit(cache=True)
@@ -85,35 +116,73 @@ def left(residual, payload, slip, speed, x, mass_least, farthest, out):  # type:
 
 
 @numba.njit(cache=True)
-def innovation(h, covariance, y, noise, spread, inverse, variance):  # type: ignore[no-untyped-def]
-    """S^-1 of S = h P h^T + diag(noise) into inverse (k, k), diag S into variance (k,); the NIS of y with `spread` in place of noise."""
-    k = len(y)
-    s = h @ covariance @ h.T
+def updated(used, payload, slip, speed, left, x, covariance, white, spread, doubt, outlier, h, y, inverse, gain):  # type: ignore[no-untyped-def]
+    """x + K y and (I - K H) P (I - K H)^T + K R K^T as new arrays, and the NIS of y with variance `spread` in place of `white`.
+
+    left (n,) what payload and friction of state x leave of a row; white, spread (n,) variances and doubt (n,) a deviation of the noise.
+    Of the `used` joints h (k, x), y (k,), inverse (k, k) of S = h P h^T + diag(white + doubt^2) and gain K (x, k) come out; a joint whose
+    y lies beyond `outlier` standard deviations gets as much noise in R as makes it lie there.
+    """
+    n, k, i = len(used), len(y), 0
+    h[:] = 0.0
+    noise, seen = np.empty(k), np.empty(k)
+    for j in range(n):
+        if not used[j]:
+            continue
+        for a in range(4):
+            h[i, a] = payload[j, a]
+        h[i, 4 + j], h[i, 4 + n + j], h[i, 4 + 2 * n + j] = slip[j], speed[j], 1.0
+        y[i] = left[j] - x[4 + 2 * n + j]
+        noise[i], seen[i] = white[j] + doubt[j] ** 2, spread[j] + doubt[j] ** 2
+        i += 1
+    across = covariance @ h.T
+    s = h @ across
     for i in range(k):
-        s[i, i] += spread[i]
+        s[i, i] += seen[i]
     nis = np.dot(y, np.linalg.solve(s, y))
     for i in range(k):
-        s[i, i] += noise[i] - spread[i]
-        variance[i] = s[i, i]
-    inverse[:] = np.linalg.inv(s)
-    return nis
+        s[i, i] += noise[i] - seen[i]
+    weight = np.linalg.inv(s)
+    inverse[:] = weight
+    outliers = False
+    for i in range(k):
+        variance = s[i, i]
+        beyond = y[i] ** 2 / (outlier**2 * variance) - 1.0
+        if beyond > 0.0:
+            outliers = True
+            noise[i] += beyond * variance
+            s[i, i] += beyond * variance
+    if outliers:
+        weight = np.linalg.inv(s)
+    gain[:] = across @ weight
+    lessened = covariance - gain @ across.T
+    after = lessened - (lessened @ h.T) @ gain.T + (gain * noise) @ gain.T
+    return x + gain @ y, after, nis
 
 
 @numba.njit(cache=True)
-def sizes(now, before, earlier, told, gain, fade, floor, products, slow, spread, white):  # type: ignore[no-untyped-def]
-    """Sizes of slow and white noise of each joint from what three rows leave, now, one and two rows before, where all three are `told`.
+def sizes(left, told, now, used, gain, fade, clip, floor, products, slow, spread, white):  # type: ignore[no-untyped-def]
+    """Sizes of slow and white noise of each joint from what rows leave: `now` (n,) of the `used` joints, and the two rows before.
 
-    products (3, n) are mean products with the row itself, the one before, and the one before that; all outputs (n,) N^2 m^2.
+    left, told (3, n) are the last three rows, newest first, clipped at `clip` deviations, and move back one place here; products (3, n)
+    are mean products with the row itself, the one before, and the one before that, which nothing is learnt of where `gain` is 0; slow,
+    spread and white (n,) N^2 m^2 come out as new arrays.
     """
-    for j in range(len(now)):
-        if told[j]:
-            products[0, j] += gain * (now[j] * now[j] - products[0, j])
-            products[1, j] += gain * (now[j] * before[j] - products[1, j])
-            products[2, j] += gain * (now[j] * earlier[j] - products[2, j])
+    n = len(now)
+    left[2], left[1] = left[1], left[0]
+    told[2], told[1], told[0] = told[1], told[0], used
+    out = np.empty((3, n))
+    for j in range(n):
+        limit = clip * np.sqrt(white[j] + slow[j])
+        left[0, j] = min(max(now[j], -limit), limit)
+        if told[0, j] and told[1, j] and told[2, j]:
+            for i in range(3):
+                products[i, j] += gain * (left[0, j] * left[i, j] - products[i, j])
         at_once, next_, after = products[0, j], products[1, j], products[2, j]
-        slow[j] = min(max(after / fade**2, 0.02 * at_once), at_once) + floor[j]
-        spread[j] = max(at_once - slow[j], 0.1 * at_once) + floor[j]
-        white[j] = max(spread[j] + 2 * (next_ - slow[j] * fade), 0.7 * spread[j])
+        out[0, j] = min(max(after / fade**2, 0.02 * at_once), at_once) + floor[j]
+        out[1, j] = max(at_once - out[0, j], 0.1 * at_once) + floor[j]
+        out[2, j] = max(out[1, j] + 2 * (next_ - out[0, j] * fade), 0.7 * out[1, j])
+    return out[0], out[1], out[2]
 
 
 @numba.njit(cache=True)
@@ -178,3 +247,29 @@ def traces(lag, c, d, direct, h, gain, decay, inverse, y, prior, count, size, ra
         ratio[i] = 0.0
         for a in range(m):
             ratio[i] += size[i, a] * d[i, a]
+
+
+@numba.njit(cache=True)
+def advanced(lags, cs, ds, h, used, gain, decay, inverse, y, clip, priors, count, least, sizes_, both):  # type: ignore[no-untyped-def]
+    """`traces` of a payload and of any torque on the joints, y at most `clip` standard deviations; the likeliest candidate.
+
+    lags, cs, ds, priors and sizes_ hold both kinds' arrays, both (2, C) the ratios, of candidates with at least `least` rows.
+    """
+    k = len(y)
+    within, load, torque = np.empty(k), np.empty((k, 4)), np.zeros((k, len(used)))
+    i = 0
+    for j in range(len(used)):
+        if used[j]:
+            most = clip / np.sqrt(max(inverse[i, i], 1e-300))
+            within[i] = min(max(y[i], -most), most)
+            load[i] = h[i, :4]
+            torque[i, j] = 1.0
+            i += 1
+    traces(lags[0], cs[0], ds[0], load, h, gain, decay, inverse, within, priors[0], count, sizes_[0], both[0])
+    traces(lags[1], cs[1], ds[1], torque, h, gain, decay, inverse, within, priors[1], count, sizes_[1], both[1])
+    both[:, : least - 1] = 0.0
+    theta = 0
+    for i in range(count):
+        if max(both[0, i], both[1, i]) > max(both[0, theta], both[1, theta]):
+            theta = i
+    return theta

@@ -16,13 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.watch.drive_torque import DriveTorque
-from calib.watch.kernels import block
+from calib.watch.kernels import columns, half
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 
 # step of the directional derivative of the momentum along the motion, s: 1e-5 of a radian at 1 rad/s
 STEP = 1e-5
+AROUND = STEP * np.array([[0.0], [1.0], [-1.0]])
 SLIDING = 0.95
+# torque of the model, direction of slip, speed, torque on the links, then [m, m c, I] of a body at the flange
+COLUMNS = 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,45 +60,81 @@ class _Half:
 
 
 class MomentumBalance:
-    """Blocks of samples in, rows out; `forget` after a gap, because a balance never reaches across one."""
+    """Samples in, a row for every block of `length` of them; `forget` after a gap, because a balance never reaches across one."""
 
-    def __init__(self, arm: Arm, gravity: np.ndarray | None = None) -> None:
+    def __init__(self, arm: Arm, gravity: np.ndarray | None = None, length: int = 10) -> None:
         self.drives = DriveTorque(arm)
         self._bodies = RigidBody(arm, gravity)
         self._weightless = RigidBody(arm, np.zeros(3))
         self._pi = self._bodies.parameters()
+        self._still, self._speeds = np.zeros((2, 3, arm.n))
+        self._since = np.nan
+        # of every sample of the block, whose first is the last of the block before: t, motion, and the columns that are integrated
+        self._t, self._motion = np.empty(length + 1), np.empty((3, length + 1, arm.n))
+        self._columns, self._momenta = np.empty((2, length + 1, arm.n, COLUMNS))
+        self._gravity = np.empty((length + 1, arm.n))
         self.forget()
 
     def forget(self) -> None:
         """Begin anew: the next block has no neighbour."""
         self._before: _Half | None = None
+        self._count = 0
         self.drives.forget()
 
-    def add(self, t: np.ndarray, since: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> Row | None:
-        """A block of N >= 2 samples whose first is the last of the block before; t (N,) s, `since` the start; None for the first block."""
-        here = self._half(t, since, q, dq, tau)
+    def add(self, t: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> Row | None:
+        """One sample, t s, q dq tau (n,); the row where it closes a block that is not the first."""
+        self._take(t, q, dq, tau)
+        if self._count < len(self._t):
+            return None
+        here = self._half()
         before, self._before = self._before, here
+        self._again()
         if before is None:
             return None
         weight = 0.5 * (before.seconds + here.seconds)
         mean = (before.rising + here.falling) / weight
         change = (here.momentum - before.momentum) / weight
         return Row(
-            t=float(t[-1]), seconds=here.seconds, residual=mean[:, 0] - change[:, 0], payload=mean[:, 4:] + change[:, 4:],
+            t=t, seconds=here.seconds, residual=mean[:, 3] - mean[:, 0] - change[:, 0], payload=mean[:, 4:] + change[:, 4:],
             torque=mean[:, 3], slip=mean[:, 1], speed=mean[:, 2], slowest=np.minimum(before.slowest, here.slowest),
             sliding=(before.sliding * here.sliding) > 0,
         )  # fmt: skip
 
-    def _half(self, t: np.ndarray, since: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> _Half:
-        zero = np.zeros_like(q)
-        static = self._bodies.regressor(q, dq, zero)
+    def _take(self, t: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> None:
+        """The rigid bodies' part of the work, when the sample comes: the sample that closes a block has little left to do."""
+        k = self._count
+        if np.isnan(self._since):
+            self._since = t
+        self._t[k] = t
+        self._motion[0, k], self._motion[1, k], self._motion[2, k] = q, dq, tau
+        static = self._bodies.regressor(q, dq, self._still[0])
         # momentum here, and a little ahead and behind along the motion: its derivative at constant speed is (dM/dt) dq
-        around = self._weightless.regressor(
-            np.concatenate([q, q + STEP * dq, q - STEP * dq]), np.tile(zero, (3, 1)), np.tile(dq, (3, 1))
+        self._speeds[:] = dq
+        around = self._weightless.regressor(q + AROUND * self._speeds, self._still, self._speeds)
+        columns(
+            static,
+            around,
+            self._pi,
+            self.drives.rotor,
+            self._motion[1, k],
+            STEP,
+            self._columns[k],
+            self._momenta[k],
+            self._gravity[k],
         )
-        torque, slip, _ = self.drives.link_torque(t - since, q, dq, tau, static @ self._pi)
-        rising, falling, momentum = np.empty((3, q.shape[1], 14))
-        block(t, static, around, self._pi, self.drives.rotor, torque, slip, dq, STEP, rising, falling, momentum)
-        direction = np.sign(slip[0])
-        sliding = direction * np.all((direction * slip >= SLIDING) & (direction * dq > 0), axis=0)
-        return _Half(float(t[-1] - t[0]), rising, falling, momentum, sliding, np.abs(dq).min(axis=0))
+        self._count += 1
+
+    def _half(self) -> _Half:
+        t, (q, dq, tau) = self._t, self._motion
+        torque, slip = self.drives.link_torque(t - self._since, q, dq, tau, self._gravity)
+        rising, falling, momentum = np.empty((3, *self._columns.shape[1:]))
+        sliding, slowest = np.empty((2, dq.shape[1]))
+        half(t, self._columns, self._momenta, torque, slip, dq, SLIDING, rising, falling, momentum, sliding, slowest)
+        return _Half(float(t[-1] - t[0]), rising, falling, momentum, sliding, slowest)
+
+    def _again(self) -> None:
+        """The last sample of a block is the first of the next."""
+        self._t[0], self._motion[:, 0] = self._t[-1], self._motion[:, -1]
+        self._momenta[0], self._gravity[0] = self._momenta[-1], self._gravity[-1]
+        self._columns[0] = self._columns[-1]
+        self._count = 1

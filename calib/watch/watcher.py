@@ -82,7 +82,7 @@ class Watcher:
     def __init__(self, arm: Arm, rate: float, declared: Declared | None = None, gravity: np.ndarray | None = None) -> None:
         self.arm, self.declared = arm, declared
         self._intake = Intake(arm, rate)
-        self._balance = MomentumBalance(arm, gravity)
+        self._balance = MomentumBalance(arm, gravity, max(2, round(BLOCK * rate)))
         drives = self._balance.drives
         known = _modelled_payload(arm)
         first = np.zeros(4)
@@ -92,9 +92,6 @@ class Watcher:
         self._load = LoadWatch(arm, self._filter, known)
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
-        self._length = max(2, round(BLOCK * rate))
-        self._block: list[Sample] = []
-        self._since: float | None = None
         self._temperature = np.full(arm.n, np.nan)
         self._told: dict[Kind, float] = {}
         self._faults: dict[str, int] = {}
@@ -102,7 +99,6 @@ class Watcher:
         self._samples = 0
         self._row: Row | None = None
         self._due: Row | None = None
-        self._load_due = False
         self._still = True
         self._complained = np.nan
         self._delay: deque[Sample] = deque(maxlen=max(2, int(np.ceil(max(drives.delay, 0.0) * rate)) + 2))
@@ -115,48 +111,30 @@ class Watcher:
     def add(self, state: JointState) -> list[WatchEvent]:
         """One reading; the events that it brings."""
         self._samples += 1
-        events = self._work()
-        sample, fault = self._intake.add(state)
+        events = self._rest()
+        samples, fault = self._intake.add(state)
+        for sample in samples:
+            events += self._joined(sample)
         if fault is not None:
             events += self._rest() + self._faulty(fault)
-        elif sample is not None:
-            events += self._joined(sample)
         # an event is told when the newest reading is there, not when the block ended that shows it
         return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
 
     def _joined(self, sample: Sample) -> list[WatchEvent]:
-        """A sample joins its block; a block that is full becomes a row, about which is decided in the next cycles."""
-        if self._since is None:
-            self._since = sample.t
+        """A sample joins its block; of a block that is full the load is decided on at once, the rest in the next cycle."""
         self._temperature = sample.temperature
-        self._block.append(self._aligned(sample))
-        if len(self._block) <= self._length:
-            return []
-        events = self._rest()
-        block, self._block = self._block, self._block[-1:]
-        t, q, dq, tau = (np.array([getattr(s, name) for s in block]) for name in ("t", "q", "dq", "tau"))
-        row = self._balance.add(t, self._since, q, dq, tau)
-        if row is not None:
-            self._due, self._load_due = row, True
-        return events
-
-    def _work(self) -> list[WatchEvent]:
-        """The next part of what is due: a cycle that closes a block leaves the rest to the following ones, so that none takes long."""
-        row = self._due
+        taken = self._aligned(sample)
+        row = self._balance.add(taken.t, taken.q, taken.dq, taken.tau)
         if row is None:
             return []
-        if self._load_due:
-            self._load_due = False
-            return self._load_of(row)
-        self._due = None
-        return self._wear_of(row)
+        events = self._rest()
+        self._due = row
+        return events + self._load_of(row)
 
     def _rest(self) -> list[WatchEvent]:
-        """All that is still due."""
-        events = []
-        while self._due is not None:
-            events += self._work()
-        return events
+        """What is still due of the last row: so no cycle has all of the work."""
+        row, self._due = self._due, None
+        return [] if row is None else self._wear_of(row)
 
     def picture(self) -> Picture:
         """What is believed now."""
@@ -188,7 +166,13 @@ class Watcher:
     def _compared(self, row: Row) -> list[WatchEvent]:
         """Whether what is declared is what is mounted; told once for every declared value."""
         declared = self.declared
-        if declared is None or not self._validity.fits or self._load.deciding or self._complained == declared.mass:
+        if (
+            declared is None
+            or not self._validity.fits
+            or self._load.deciding
+            or not self._load.confirmed
+            or self._complained == declared.mass
+        ):
             return []
         mass = self._load.mass()
         off = abs(mass.value - declared.mass)
@@ -201,7 +185,6 @@ class Watcher:
 
     def _faulty(self, fault: Fault) -> list[WatchEvent]:
         """A balance never reaches across a fault; the same kind of fault is told at most every `AGAIN` seconds."""
-        self._block.clear()
         self._delay.clear()
         self._balance.forget()
         self._faults[fault.kind.value] = self._faults.get(fault.kind.value, 0) + 1
@@ -237,7 +220,7 @@ class Watcher:
 def rehearse(arm: Arm, rate: float) -> None:
     """Run everything once on invented readings, so that the first real ones do not wait for a compiler."""
     watcher, nothing = Watcher(arm, rate), np.full(arm.n, np.nan)
-    for k in range(8 * watcher._length):
+    for k in range(8 * max(2, round(BLOCK * rate))):
         t = k / rate
         watcher.add(JointState(t, t, np.full(arm.n, 0.1 * t), np.full(arm.n, 0.1), 1e-6 * k * np.ones(arm.n), nothing, nothing))
     if watcher._row is not None:

@@ -4,6 +4,10 @@ A joint's friction is compared with what the calibration states, or, where the a
 `LEARN` seconds of the joint's motion. Warm grease is thinner: friction may fall by `PER_KELVIN` for every kelvin that the joint has
 warmed, and rise as it cools (A. C. Bittencourt and S. Gunnarsson 2012, doi:10.1115/1.4006589, report a fall of the order of a third
 between cold and warm).
+
+The laws of real gears are not straight lines: motions of other speeds than those of the calibration find less dry and more viscous friction, or
+the reverse, of the same joint in the same state. Such a change of form leaves the friction at the joint's usual speed as it was, wear
+does not: a number that has left its band counts only where both together have gone the same way at that speed.
 """
 
 from __future__ import annotations
@@ -13,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.watch.events import Estimate, Kind, WatchEvent
-from calib.watch.filter import TorqueFilter
+from calib.watch.filter import TorqueFilter, calibrated
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
 BAND = 0.25  # relative change of friction that nobody need look at
 PER_KELVIN = 0.015
 WARMUP = 25.0  # K that a joint may have warmed where it reports no temperature
-MATTERS = 0.08  # of the joint's friction at its usual speed: less than that does not matter
+MATTERS = 0.1  # relative change of all friction at the joint's usual speed: with less of it, the same way, it is not wear
 SURE = 3.0  # standard deviations
 LEARN = 60.0  # s of motion of a joint
 HOLDS = 5.0  # s of motion for which a drift must be sure
@@ -42,9 +46,7 @@ class WearWatch:
         n = arm.n
         self._arm, self._filter = arm, filter_
         self._stated = (coulomb, viscous)
-        friction = ("coulomb_friction", "viscous_friction")
-        calibrated = [all((e := arm.effect(name, j)) is not None and e.std for name in friction) for j in arm.joint_names]
-        self._reference = np.where(calibrated, np.stack(self._stated), np.nan)
+        self._reference = np.where(calibrated(arm), np.stack(self._stated), np.nan)
         self._temperature = np.full(n, np.nan)
         self._moved = np.zeros(n)
         self._square = np.zeros(n)
@@ -90,7 +92,7 @@ class WearWatch:
         return np.stack([self._stated[0] + x[self._filter.coulomb], self._stated[1] + x[self._filter.viscous]])
 
     def _relative(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Relative change (2, n) of dry and viscous friction, its standard deviation, and its share of the joint's friction."""
+        """Relative change (2, n) of dry and viscous friction, its standard deviation, and that (n,) of both together at the usual speed."""
         speed = np.sqrt(self._square / np.maximum(self._moved, 1e-9))
         unit = np.stack([np.ones(self._arm.n), speed])
         torque = self._reference * unit
@@ -99,15 +101,18 @@ class WearWatch:
         spread = np.stack([std[self._filter.coulomb], std[self._filter.viscous]])
         base = np.maximum(self._reference, 0.1 * whole / np.maximum(unit, 1e-3))
         change = self._values() - self._reference
-        return change / base, spread / base, np.abs(change) * unit / np.maximum(whole, 1e-12)
+        together = np.where(np.isfinite(change), change * unit, 0.0).sum(axis=0)
+        return change / base, spread / base, together / np.maximum(whole, 1e-12)
 
     def _beyond(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) whether a friction has left its band for sure, and which (n,): 0 dry, 1 viscous."""
-        relative, spread, share = self._relative()
+        relative, spread, together = self._relative()
         warmed = temperature - self._temperature
         falls = BAND + PER_KELVIN * np.where(np.isfinite(warmed), np.maximum(warmed, 0.0), WARMUP)
         rises = BAND + PER_KELVIN * np.where(np.isfinite(warmed), np.maximum(-warmed, 0.0), 0.0)
-        out = ((relative - SURE * spread > rises) | (relative + SURE * spread < -falls)) & (share > MATTERS)
+        out = ((relative - SURE * spread > rises) | (relative + SURE * spread < -falls)) & (
+            np.sign(relative) * together > MATTERS
+        )
         worst = np.argmax(np.where(out, np.abs(relative), -1.0), axis=0)
         return np.asarray(out.any(axis=0)), worst
 

@@ -1,0 +1,61 @@
+"""The compiled step against filterpy's Kalman filter: the same state, covariance and gain."""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from calib.watch.filter import MEMORY, TorqueFilter
+from calib.watch.momentum import Row
+from sim.arm import Arm
+
+
+def row(rng: np.random.Generator, n: int, used: np.ndarray) -> Row:
+    payload = rng.normal(size=(n, 10))
+    residual, torque, slip, speed = rng.normal(size=(4, n))
+    return Row(0.0, 0.02, 0.1 * residual, torque, payload, np.sign(slip), speed, np.where(used, 0.5, 0.0), used)
+
+
+def test_a_step_is_filterpys(servo6: Arm) -> None:
+    rng, n = np.random.default_rng(4), servo6.n
+    ours = TorqueFilter(servo6, np.ones(n), np.ones(n), np.zeros(4))
+    theirs = KalmanFilter(dim_x=4 + 3 * n, dim_z=n)
+    theirs.x, theirs.P = ours.x[:, None].copy(), ours.covariance.copy()
+    decay = np.ones(4 + 3 * n)
+    decay[-n:] = np.exp(-0.02 / MEMORY)
+    walk = ours._walk * 0.02
+    for k in range(20):
+        used = rng.random(n) < (1.0 if k < 10 else 0.6)
+        measured = row(rng, n, used)
+        walk[-n:] = ours._slow * (1 - decay[-n:] ** 2)
+        white = ours._white.copy()
+        theirs.predict(F=np.diag(decay), Q=np.diag(walk))
+        # the load's own inertia is not linear: what the filter sees is the residual without it
+        left = ours.left(measured, theirs.x[:, 0])
+        found = ours.add(measured, trust=True)
+        if not used.any():
+            assert found is None
+            continue
+        assert found is not None
+        h = found.h
+        z = left[used] - theirs.x[-n:, 0][used] + h @ theirs.x[:, 0]
+        doubt = 0.15 * ours.dry * np.exp(-measured.slowest / 0.05)
+        theirs.update(z[:, None], R=np.diag((white + doubt**2)[used]), H=h)
+        assert np.allclose(found.gain, theirs.K, rtol=1e-9, atol=1e-12)
+        assert np.allclose(ours.x, theirs.x[:, 0], rtol=1e-9, atol=1e-12)
+        assert np.allclose(ours.covariance, theirs.P, rtol=1e-9, atol=1e-12)
+        assert np.allclose(found.inverse, theirs.SI, rtol=1e-9, atol=1e-12)
+
+
+def test_a_row_far_off_loses_weight_and_one_that_is_trusted_does_not(servo6: Arm) -> None:
+    rng, n = np.random.default_rng(5), servo6.n
+    usual = row(rng, n, np.ones(n, dtype=bool))
+    far = Row(
+        0.0, 0.02, usual.residual + 1e3, usual.torque, usual.payload, usual.slip, usual.speed, usual.slowest, usual.sliding
+    )
+    moved = []
+    for trust in (False, True):
+        filter_ = TorqueFilter(servo6, np.ones(n), np.ones(n), np.zeros(4))
+        filter_.add(far, learn=False, trust=trust)
+        moved.append(float(np.abs(filter_.x).max()))
+    assert moved[0] < 0.2 * moved[1]
