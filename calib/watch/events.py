@@ -27,20 +27,12 @@ class Kind(enum.Enum):
     GAP = "gap"
     FROZEN = "frozen"
     WRONG_ARM = "wrong_arm"
-    UNCONFIRMED_LOAD = "unconfirmed_load"
 
 
-ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM, Kind.UNCONFIRMED_LOAD})
+ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM})
 # somebody should look; work that goes on as it should only makes INFO
 CONCERNS = frozenset(
-    {
-        Kind.DECLARED_PAYLOAD_WRONG,
-        Kind.UNEXPECTED_CONTACT,
-        Kind.FRICTION_DRIFT,
-        Kind.MODEL_INVALID,
-        Kind.WRONG_ARM,
-        Kind.UNCONFIRMED_LOAD,
-    }
+    {Kind.DECLARED_PAYLOAD_WRONG, Kind.UNEXPECTED_CONTACT, Kind.FRICTION_DRIFT, Kind.MODEL_INVALID, Kind.WRONG_ARM}
 )
 _ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
 

@@ -2,9 +2,6 @@
 
 A change that the detector finds is at first only a change. If a load at the flange explains it, it becomes a payload once it has lasted
 `CONFIRM` seconds of motion; if not, or if it passes, it was a contact. A steady push straight down at the flange is a load until it ends.
-
-A load that was there from the start is one only to a model that is known to be this arm's: calibrated, or seen to explain it without one for
-`AGREED` seconds. To any other it may as well be a mistake of the model's masses, or another arm, and nothing is claimed of the arm.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.watch.events import Estimate, Kind, WatchEvent
-from calib.watch.filter import Innovation, Snapshot, TorqueFilter, calibrated
+from calib.watch.filter import Innovation, Snapshot, TorqueFilter
 from calib.watch.jump import CANDIDATES, Jump, JumpDetector
 from calib.watch.momentum import Row
 from sim.arm import Arm
@@ -25,7 +22,6 @@ UNDECIDED = 3.0  # s of motion after which a change that proved nothing is dropp
 SHARE = 0.6  # of the evidence for any torque that a load at the flange must carry
 AS_BEFORE = 2.5  # mean square of what the state of before leaves, in units of its variance
 CALM_ROWS = 6
-AGREED = 3.0  # s of motion in which the model explained the torques before anything changed
 LASTS = 5.0  # s of motion of an unexplained torque after which the model is not the arm's any more
 SURE = 5.0  # standard deviations
 FLOOR = 0.03  # of the mass scale: what no claim is made of
@@ -59,7 +55,6 @@ class LoadWatch:
         self._past: deque[tuple[float, float, Snapshot]] = deque(maxlen=CANDIDATES + 2)
         self._moved = np.zeros(arm.n)
         self._claim = 0.0
-        self._calibrated, self._agreed, self._unconfirmed = bool(calibrated(arm).all()), 0.0, False
         self._began = np.nan
         self.announced = filter_.x[:4].copy()
         self._announced_std = 0.0
@@ -75,11 +70,6 @@ class LoadWatch:
     def deciding(self) -> bool:
         """Whether a change is open."""
         return self._open is not None
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether what the torques say of the load is known to be about the load."""
-        return self._calibrated or self._agreed >= AGREED
 
     def mass(self) -> Estimate:
         """Mass at the flange, what the model has included."""
@@ -218,25 +208,9 @@ class LoadWatch:
         self.settled = self.settled or bool(enough and self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
         if not trusted or not self._differs(self.announced, self._announced_std):
             self._claim = 0.0
-            self._agreed += row.seconds * bool(trusted and self.settled and not self._unconfirmed)
             return []
         self._claim += row.seconds
-        if self._claim <= CONFIRM:
-            return []
-        return self._announce(row.t, (self._began, row.t)) if self.confirmed else self._unknown(row)
-
-    def _unknown(self, row: Row) -> list[WatchEvent]:
-        """From here on only what changes is told; once for a watch."""
-        mass, told = self.mass(), self._unconfirmed
-        self.announced, self._announced_std = self._filter.x[:4].copy(), float(np.sqrt(self._filter.covariance[0, 0]))
-        self._claim, self._unconfirmed = 0.0, True
-        if told:
-            return []
-        text = (
-            f"from the first motion on the torques ask for {mass} at the flange, and {self._arm.name} was never calibrated: a payload, "
-            "another arm, or wrong masses of the model; no claim. Calibrate the arm, or name the right one"
-        )
-        return [WatchEvent(Kind.UNCONFIRMED_LOAD, row.t, (self._began, row.t), text, {"mass": mass})]
+        return self._announce(row.t, (self._began, row.t)) if self._claim > CONFIRM else []
 
     def _differs(self, from_: np.ndarray, std: float) -> bool:
         x, mass = self._filter.x, self._filter.x[0] + self._known[0]

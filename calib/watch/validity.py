@@ -15,6 +15,7 @@ from sim.arm import Arm
 FIRST = 4.0  # s of motion after which the first verdict is given
 UNFIT = 0.35  # share of the variation of a loaded joint's torque that may stay unexplained at first
 STRAYS = 0.6  # share of dry friction that may stay unexplained at first: friction is what varies from arm to arm
+HELD = 0.8  # the same, of a joint whose torque hardly varies: what it holds is as much as its friction could be
 REFERENCE = 20.0  # s of motion that say how much is left of a healthy arm
 RECENT = 8.0  # s of motion over which it is compared
 WORSE = 3.0  # times as much as was left then
@@ -67,8 +68,9 @@ class ValidityWatch:
             return []
         mean, square, left = self._sums[:, known] / self._seconds[known]
         variation = np.sqrt(np.maximum(square - mean**2, 0.0))
-        # joints that hardly load themselves prove nothing: their friction is all there is
-        loaded = (variation > 0.5 * self._filter.dry[known]) & (np.sqrt(left) > STRAYS * self._filter.dry[known])
+        # joints that hardly load themselves prove little: their friction is all there is
+        dry = self._filter.dry[known]
+        loaded = np.sqrt(left) > np.where(variation > 0.5 * dry, STRAYS, HELD) * dry
         share = np.sqrt(left) / np.maximum(variation, 1e-12)
         mass = self._filter.x[0]
         impossible = mass < -5 * np.sqrt(self._filter.covariance[0, 0]) - 0.1 * self._filter.mass_scale
@@ -77,9 +79,10 @@ class ValidityWatch:
         if self.fits:
             return []
         j = int(np.flatnonzero(known)[np.argmax(np.where(loaded, share, 0.0))])
+        most = float(np.sqrt(left[np.flatnonzero(known) == j][0]))
         detail = (
             f"a load of {mass:.3g} kg would be needed to explain them" if impossible or heavy
-            else f"{float(share.max(initial=0.0, where=loaded)):.0%} of the torque's variation at {self._arm.joint_names[j]} stays unexplained"
+            else f"{most:.2g} N m stay unexplained at {self._arm.joint_names[j]}, {most / self._filter.dry[j]:.0%} of its dry friction"
         )  # fmt: skip
         text = (
             f"these readings do not fit {self._arm.name}: {detail}; another arm, another mounting, or a model that never was this "

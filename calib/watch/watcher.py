@@ -166,13 +166,7 @@ class Watcher:
     def _compared(self, row: Row) -> list[WatchEvent]:
         """Whether what is declared is what is mounted; told once for every declared value."""
         declared = self.declared
-        if (
-            declared is None
-            or not self._validity.fits
-            or self._load.deciding
-            or not self._load.confirmed
-            or self._complained == declared.mass
-        ):
+        if declared is None or not self._validity.fits or self._load.deciding or self._complained == declared.mass:
             return []
         mass = self._load.mass()
         off = abs(mass.value - declared.mass)
