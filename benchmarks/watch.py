@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -15,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.possible import bound
+from benchmarks.real_arm import listed, real
 from benchmarks.shift import moving_at, states, work
-from calib.watch.events import Kind, WatchEvent
+from calib.watch.events import Kind
 from calib.watch.filter import carrying_scale
-from calib.watch.source import from_log
-from calib.watch.watcher import Picture, Watcher, rehearse
+from calib.watch.watcher import Watcher, rehearse
 from sim.arm import Arm, ArmEffect, load_arm
-from sim.arm_folder import write_arm
 from sim.effects import with_effect
 from sim.joint_state import JointState
 
@@ -142,7 +140,7 @@ def quiet(name: str, minutes: float, rate: float | None = None, seed: int = 7) -
     watcher = Watcher(arm, arm.sensors.rate)
     events = [e for s in states(arm, work(arm, 60 * minutes, seed), seed, warming) for e in watcher.add(s)]
     what = f"mock {name} at {arm.sensors.rate:g} Hz, {minutes:g} minutes of work while friction falls by 30 %: events"
-    return [row(what, len(events), "", "0", f"NIS {watcher.picture().nis:.2f}; {_list(events)}")]
+    return [row(what, len(events), "", "0", f"NIS {watcher.picture().nis:.2f}; {listed(events)}")]
 
 
 def at_rate(arm: Arm, rate: float | None) -> Arm:
@@ -182,7 +180,7 @@ def wear(
     right = [e for e in events if e.kind is Kind.FRICTION_DRIFT and e.joint == joint]
     payloads = [e for e in events if e.kind in ABOUT_LOAD]
     f = watcher.picture().friction[arm.joint_index(joint)].viscous
-    note = f"{right[0].message[:70]}" if right else _list(events)
+    note = f"{right[0].message[:70]}" if right else listed(events)
     return [
         row(f"mock {name}, viscous friction of {joint} grows 1.5 times in {minutes:g} minutes: drift told after", f"{right[0].t:.0f}" if right else "never", "s", "told", note),
         row(f"... found at the end, true {1.5 * own.parameters['viscous']:.3g}", str(f)),
@@ -253,61 +251,6 @@ class _Played:
             self._plant.become(self._heavy)
             self.came = self._robot.time
         self._k += 1
-
-
-FITTED = ("excitation_20s_8h", "excitation_20s_10h", "excitation_30s_12h", "excitation_40s_12h")
-FREE = (
-    "excitation_free_b",
-    "excitation_20s_5h",
-    "excitation_50s_12h",
-    "ptp_10_points",
-    "single_joint_2",
-    "single_joint_5",
-    "static_hold_3",
-)
-LOADED = ("excitation_load_b",)
-
-
-def real(folder: Path) -> list[dict[str, Any]]:
-    """The free and loaded recordings of one real UR10e, with the arm identified from FITTED, and with another arm's model."""
-    out = []
-    with tempfile.TemporaryDirectory() as scratch:
-        arm = _identified(folder, Path(scratch) / "arm")
-        for name in (*FITTED, *FREE, *LOADED):
-            events, picture = _watched(folder / f"{name}.csv", arm)
-            about = [e for e in events if e.about == "arm"]
-            bar = "1 payload" if name in LOADED else "0"
-            out.append(row(f"real UR10e, {name}: events about the arm", _list(about) or 0, "", bar, picture.sentence))
-        for other in ("ur16e", "ur20", "ur5e", "ur3e"):
-            # with the right arm's torque constants, without which its currents are refused
-            wrong = replace(load_arm(other), torque_constant=load_arm("ur10e").torque_constant)
-            write_arm(Path(scratch) / other, wrong)
-            for name in ("excitation_free_b", "excitation_30s_12h"):
-                events, picture = _watched(folder / f"{name}.csv", str(Path(scratch) / other))
-                what = f"real UR10e, {name}, watched as {other}: events about the arm"
-                out.append(row(what, sum(e.about == "arm" for e in events), "", "0", picture.sentence))
-    return out
-
-
-def _identified(folder: Path, out: Path) -> str:
-    from calib.identification.calibrated import write_calibrated
-    from calib.identification.identify import identify
-    from logs import read_log
-
-    nominal = load_arm("ur10e")
-    logs = [read_log(folder / f"{name}.csv", nominal.joint_names, accept_partial=True) for name in FITTED]
-    write_calibrated(out, nominal, identify(nominal, logs).arm)
-    return str(out)
-
-
-def _watched(path: Path, arm: str) -> tuple[list[WatchEvent], Picture]:
-    source = from_log(path, arm, accept_partial=True)
-    watcher = Watcher(source.arm, source.rate, gravity=source.gravity)
-    return [e for s in source.states for e in watcher.add(s)], watcher.picture()
-
-
-def _list(events: list[WatchEvent]) -> str:
-    return ", ".join(f"{e.t:.1f} s {e.kind.value}" + (f" {e.joint}" if e.joint else "") for e in events)
 
 
 def parts(repeats: int, minutes: float, data: str | None) -> dict[str, Callable[[], list[dict[str, Any]]]]:
