@@ -7,11 +7,14 @@ beside wall time. `python -m benchmarks.fleet` has a command for each.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 
-def run(arms: int = 12, seconds: float = 300.0) -> list[dict[str, Any]]:
+def run(
+    arms: int = 12, seconds: float = 300.0, minutes: Sequence[float] = (1.0, 3.0, 10.0, 30.0, 60.0)
+) -> list[dict[str, Any]]:
     """All figures, with few arms: what, value, unit, bar, note."""
     # here, because a measurement in a process of its own is a module of this package too
     from benchmarks.fleet.length import length
@@ -20,4 +23,4 @@ def run(arms: int = 12, seconds: float = 300.0) -> list[dict[str, Any]]:
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        return length(folder) + pace(folder, arms, seconds) + same(folder, 8, seconds)
+        return length(folder, minutes) + pace(folder, arms, seconds) + same(folder, min(arms, 8), seconds)
