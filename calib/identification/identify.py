@@ -89,7 +89,7 @@ def identify(
     kept_rows = Rows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
-    possible = possible_arm(model, solution.theta, solution.covariance, pi0, options.gamma, options.masses_only)
+    possible = possible_arm(model, solution.theta, solution.tight, pi0, options.gamma, options.masses_only)
     calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names)
     nominal = nominal_prior(arm, model)
     estimates = base_estimates(model, solution, nominal)
@@ -197,7 +197,8 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
         progress("instruments", 0.0)
         by_command = instrumental(rows, [m for m in moved if m], weights, prior, solution)
         if by_command.preferred:
-            solution = replace(solution, theta=by_command.theta, covariance=by_command.covariance)
+            spread = by_command.covariance
+            solution = replace(solution, theta=by_command.theta, covariance=spread, tight=spread)
     remarks = tuple(
         f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
     )

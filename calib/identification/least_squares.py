@@ -42,6 +42,8 @@ class Prior:
 class Solution:
     """theta (p,), covariance (p, p), sigma (n,) N m of the filtered residual, information (p, p) of the data alone.
 
+    tight (p, p): as wide on the whole, in the shape that the weights alone state. `covariance` widens every parameter by a factor of its
+    own, which is right for each and wrong for combinations that the data know far better than their parts.
     by_joint (n, p, p) and vectors (n, p): what each joint's rows add to the information and to its right side.
     downweighted: share of rows per joint that the robust weights touched.
     condition: of the base regressor, raw SI; condition_scaled: of all columns, each divided by its norm.
@@ -49,6 +51,7 @@ class Solution:
 
     theta: np.ndarray
     covariance: np.ndarray
+    tight: np.ndarray
     sigma: np.ndarray
     information: np.ndarray
     by_joint: np.ndarray
@@ -143,11 +146,13 @@ def estimate(
     if weights.shortfall is not None:
         more += (weights.shortfall - 1) * min(1.0, weights.rows / max(float(sums.counts.sum()), 1.0))
     own_spread = trusting @ sums.scores @ trusting * np.sqrt(np.outer(more, more)) / sure**2
-    sandwich = own_spread + trusting @ prior.precision @ trusting
+    sandwich, shape = own_spread + trusting @ prior.precision @ trusting, trusting
     if weights.colouring is not None:
         trusting = trusting * np.sqrt(np.outer(weights.colouring, weights.colouring))
+    covariance = _wider(trusting, sandwich)
+    tight = shape * float(np.median(np.diag(covariance) / np.diag(shape)))
     return Solution(
-        theta, _wider(trusting, sandwich), np.sqrt(_residual_variance(sums.plain, theta, used)), information,
+        theta, covariance, tight, np.sqrt(_residual_variance(sums.plain, theta, used)), information,
         own[:, :p, :p], own[:, :p, p], sums.touched / np.maximum(sums.counts, 1), condition, scaled, regularised,
     )  # fmt: skip
 
