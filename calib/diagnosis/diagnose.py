@@ -27,6 +27,7 @@ from sim.arm_folder import write_arm
 from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
+LEAST_LEFT = 0.2  # of a joint's structure: with less than this unexplained, what was named there is most of it
 
 
 @dataclass
@@ -70,8 +71,8 @@ def diagnose(
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
-    at = {u.joint for u in odd}
-    kept = [j for j in judged if not odd or (j.effect.joint not in at and j.lost > BESIDE_UNKNOWN)]
+    left = {u.joint: u.share for u in odd}
+    kept = [j for j in judged if not odd or (left.get(j.effect.joint or "", 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
     named = found.best
     if len(kept) < len(judged):
         named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)

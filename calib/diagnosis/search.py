@@ -11,11 +11,14 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis
+from calib.diagnosis.rows import Noise, Solved, solve
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 
-MOST_EFFECTS = 4
+MOST_EFFECTS = 6
 TRIED = 3
+TRIED_SLOW = 2
+COLOURED = 0.1  # of lag-one correlation beyond the usual joint's: there is more than noise in that joint's rest
 LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
 LEAST_TWIST = 2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
 BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
@@ -79,21 +82,25 @@ def cost(f: Fit) -> float:
     return f.objective + penalty(f.accepted)
 
 
-def scored(f: Fit, skip: Collection[tuple[str, str | None]] = ()) -> list[Scored]:
-    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out."""
+def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), solved: Solved | None = None) -> list[Scored]:
+    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
+
+    solved: the same rows under another noise, whose gains are asked for instead.
+    """
     best: dict[tuple[str, str | None], Scored] = {}
-    rows, noise = f.solved.rows, f.solved.noise
+    solved = solved or f.solved
+    rows, noise = solved.rows, solved.noise
     for c in candidates(f.models):
         if c.key in skip:
             continue
         columns = {j: noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
-        gain, coefficients, _ = f.solved.gain(columns, c.spread)
+        gain, coefficients, _ = solved.gain(columns, c.spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
         if within(item) and _sensible(item, f, gain):
             best[c.key] = Scored(item, gain, len(coefficients))
-    touched = max(contacts(f.solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
+    touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
     if touched is not None and (CONTACT, None) not in skip and within(touched[2]):
         log, gain, item = touched
         best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
@@ -109,9 +116,15 @@ def search(
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:
         told(f"looking for effect {len(best.accepted) + 1}")
-        ranked = scored(best, {(e.effect, e.joint) for e in best.accepted})
+        here = {(e.effect, e.joint) for e in best.accepted}
+        ranked = scored(best, here)
         found.ladder.append(ranked[:12])
-        tried = [add(measurements, best, s) for s in ranked[:TRIED] if s.gain > 0.6 * THRESHOLD]
+        first = ranked[:TRIED]
+        plain = without_colour(best)
+        if plain is not None:
+            known = {s.key for s in first}
+            first += [s for s in scored(best, here, plain) if s.key not in known][:TRIED_SLOW]
+        tried = [add(measurements, best, s) for s in first if s.gain > 0.6 * THRESHOLD]
         tried = [f for f in tried if _settled(f)]
         if not tried:
             break
@@ -121,6 +134,19 @@ def search(
         best = exchanged(measurements, _pruned(measurements, better))
     found.best = best
     return found
+
+
+def without_colour(f: Fit) -> Solved | None:
+    """The same rows under noise of the usual joint's colour, where a joint's rest has more; None where none has.
+
+    A strong slow effect that has no name yet is taken for slow noise, and whitening makes its own column small: among names for
+    what is fast it would never come to be tried.
+    """
+    noise = f.solved.noise
+    usual = float(np.median(noise.phi))
+    if np.all(noise.phi <= usual + COLOURED):
+        return None
+    return solve(f.solved.rows, Noise(noise.sigma, np.minimum(noise.phi, usual)))
 
 
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:

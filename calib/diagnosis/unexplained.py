@@ -79,11 +79,15 @@ def fast_noise(models: list[LogModel], j: int) -> float:
 
 @dataclass(frozen=True)
 class Odd:
-    """A joint with structure that no effect explains: the variables that its rest depends on, and rms N m."""
+    """A joint with structure that no effect explains: the variables that its rest depends on, and rms N m.
+
+    share: of what there was before any name, the part that is left, as squares.
+    """
 
     joint: str
     depends_on: tuple[str, ...]
     rms: float
+    share: float = 1.0
 
     def entry(self) -> dict[str, Any]:
         """As diagnosis.json has it."""
@@ -97,7 +101,7 @@ def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> 
         if rest.odd or (found.real and rest.share > STRUCTURE_SHARE):
             depends = tuple(name for name, _ in dependence(best, j)) or (found.variables,)
             rms = max(float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0))), found.rms)
-            out.append(Odd(rest.joint, depends, rms))
+            out.append(Odd(rest.joint, depends, rms, rest.share))
     return out
 
 

@@ -107,6 +107,32 @@ def test_what_has_no_name_in_the_catalogue_is_said_to_have_none(ur10e: Arm, drag
     assert names(found) == []
 
 
+def test_what_is_most_of_a_joints_structure_is_named_beside_what_has_no_name(ur10e: Arm) -> None:
+    def spring_and_drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        out[:, ELBOW] = 12.0 * (motion.q[:, ELBOW] - 0.4) + 13.0 * np.tanh(motion.dq[:, 3] / 0.3)
+        return out
+
+    found = asked(ur10e, spring_and_drag)
+    assert found.answer["verdict"] == "unexplained"
+    assert [u["joint"] for u in found.answer["unexplained"]] == ["elbow_joint"]
+    assert names(found) == [("joint_spring", "elbow_joint")]
+    assert found.answer["effects"][0]["parameters"]["stiffness"]["value"] == pytest.approx(12.0, rel=0.15)
+
+
+def test_a_slow_effect_is_tried_although_it_passes_for_slow_noise(ur10e: Arm) -> None:
+    logs = warmed([measured(recording(ur10e, seed, at(ELBOW, lambda q, dq: 40.0 * (q - 0.4))), ur10e) for seed in (1, 2)])
+    alike = search.fit(warmed([measured(recording(ur10e, 1), ur10e)]), Hypothesis.nominal(ur10e))
+    assert search.without_colour(alike) is None
+    f = search.fit(logs, Hypothesis.nominal(ur10e))
+    plain = search.without_colour(f)
+    assert plain is not None
+    assert plain.noise.phi[ELBOW] < f.solved.noise.phi[ELBOW] - 0.1
+    key = ("joint_spring", "elbow_joint")
+    shy, promised = (next(s.gain for s in search.scored(f, (), solved) if s.key == key) for solved in (None, plain))
+    assert promised > 3 * shy
+
+
 def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_path: Path) -> None:
     def pushed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         window = np.clip(1 - np.abs(motion.t - 7.0) / 0.6, 0, None)  # a triangle
