@@ -284,7 +284,7 @@ def _obstacle(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.Collis
 
 
 def _check_sizes(size: np.ndarray, where: str) -> None:
-    if not (np.all(np.isfinite(size)) and np.all(size > 0) and np.all(size <= LARGEST)):
+    if not np.all((size > 0) & (size <= LARGEST)):
         raise ConfigError(
             f"{where}: size {size.tolist()} m; every size must be above 0 and at most {LARGEST:g} m (millimetres?)"
         )

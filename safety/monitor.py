@@ -28,7 +28,7 @@ RESIDUAL = 0.3
 RESIDUAL_STEP = 0.05
 # noise of a reading less a mean of such readings that may have begun with one of them
 TWO_READINGS = 1.5
-# a reading by itself may be out by so much of the band: a drive's current has spikes, a blow lasts
+# a reading by itself may be out by so much of the band on one joint: a drive's current has spikes, a blow lasts and meets several joints
 SPIKE = 2.0
 FROZEN = 10
 # a position that stays although the joint was told to turn by more than its grain, and says that it does, is frozen sooner: by then its
@@ -187,7 +187,8 @@ class Monitor:
         self._slow = self._slow + self._blend * (residual - self._slow)
         change, allowed = np.abs(residual - self._slow), self._step + sudden
         inside, before = change <= allowed, self._inside
-        fine = (inside | before) & (change <= SPIKE * allowed)
+        alone = np.count_nonzero(inside) >= self._n - 1
+        fine = (inside | before & alone) & (change <= SPIKE * allowed)
         self._inside = inside
         if not fine.all():
             return self._trip("sudden change of torque beside expectation", ~fine, change, allowed, "N m",

@@ -5,8 +5,10 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from drivers.driver import DeviceStop
@@ -115,6 +117,16 @@ def test_long_stops_from_two_samples_are_cut_along_the_stop(arm: Arm, cell: Cell
     else:
         with pytest.raises(SafetyStop, match=r"the device's own stop: .*table"):
             clearance.certify(stops, "the device's own stop")
+
+
+def test_one_distance_that_is_not_a_number_is_refused(arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    clearance = Clearance(arm, cell)
+    assert np.all(clearance.distances(HOME) > 0)
+    real = pin.computeDistance
+    nothing = SimpleNamespace(min_distance=np.nan)
+    monkeypatch.setattr(pin, "computeDistance", lambda model, data, pair: nothing if pair == 3 else real(model, data, pair))
+    with pytest.raises(SafetyStop, match="a distance is not a number"):
+        clearance.distances(HOME)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -255,6 +255,14 @@ def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, shares: tuple[flo
     assert found == trips
 
 
+@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, SUDDEN)])
+def test_two_joints_at_once_are_no_spike(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
+    ask(monitor, state_at(1), tau_hat=np.zeros(6))
+    value = share * step_of(arm) / (1 - PERIOD / FAST)
+    both = torque(value, 0) + torque(value, 1)
+    assert ask(monitor, state_at(2, tau=both), tau_hat=np.zeros(6)) == trips
+
+
 def test_a_spike_of_one_joint_and_then_of_another_is_none(monitor: Monitor, arm: Arm) -> None:
     ask(monitor, state_at(1), tau_hat=np.zeros(6))
     for k, joint in enumerate((1, 0, 1, 0)):

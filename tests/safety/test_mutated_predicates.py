@@ -26,7 +26,7 @@ CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
 TARGETS = {
     "monitor": (("_check_device", "_check_motion", "_check_feedback", "_check_torque", "_check_clearance"), ("test_monitor",)),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
-    "torque": (("check_torque",), ("test_clear",)),
+    "torque": (("check_torque", "_rows"), ("test_torque", "test_clear")),
     "clear": (("require_cleared", "clear"), ("test_clear",)),
     "braking": (("_check_range",), ("test_braking", "test_clear")),
     "collision": (("distances", "_check_sizes"), ("test_collision",)),
