@@ -123,6 +123,23 @@ def attachments(name: str, repeats: int) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def cost(name: str, passes: int = 5) -> list[dict[str, Any]]:
+    """What a cycle costs by itself: the same shift watched several times, of each cycle the least, which is free of what else runs."""
+    arm = load_arm(name)
+    rehearse(arm, arm.sensors.rate)
+    readings = list(states(arm, work(arm, 30.0, 100), 100))
+    least = np.full(len(readings), np.inf)
+    for _ in range(passes):
+        watcher = Watcher(arm, arm.sensors.rate)
+        for k, state in enumerate(readings):
+            began = time.thread_time()
+            watcher.add(state)
+            least[k] = min(least[k], time.thread_time() - began)
+    told = " / ".join(f"{1e6 * x:.0f}" for x in (least.mean(), *np.percentile(least, [50, 99, 99.9]), least.max()))
+    what = f"{name}: cost of a cycle, least of {passes} passes, mean / median / 99 % / 99.9 % / most"
+    return [row(what, told, "us of CPU", "< 300", f"{np.mean(least > 3e-4):.2%} above 300")]
+
+
 def _rms(x: np.ndarray, scale: float) -> str:
     return f"{scale * np.sqrt(np.mean(x**2)):.3g}"
 
@@ -258,6 +275,7 @@ def parts(repeats: int, minutes: float, data: str | None) -> dict[str, Callable[
     out: dict[str, Callable[[], list[dict[str, Any]]]] = {}
     for name in LOADS:
         out[f"attach-{name}"] = lambda name=name: attachments(name, repeats)  # type: ignore[misc]
+        out[f"cost-{name}"] = lambda name=name: cost(name)  # type: ignore[misc]
         out[f"quiet-{name}"] = lambda name=name: quiet(name, minutes)  # type: ignore[misc]
         out[f"wear-{name}"] = lambda name=name: wear(name, minutes * 2 / 3)  # type: ignore[misc]
     out["wire"] = lambda: wire(min(repeats, 3))
