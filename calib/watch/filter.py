@@ -204,12 +204,6 @@ class TorqueFilter:
         )  # fmt: skip
 
 
-def calibrated(arm: Arm) -> np.ndarray:
-    """(n,) whether a joint's friction was estimated from recordings of this arm, and not taken from a data sheet."""
-    friction = ("coulomb_friction", "viscous_friction")
-    return np.array([all((e := arm.effect(name, j)) is not None and e.std for name in friction) for j in arm.joint_names])
-
-
 def carrying_scale(arm: Arm) -> tuple[float, float]:
     """Mass kg that takes a fifth of the strongest joint's torque at full reach, and that reach m."""
     reach = float(np.linalg.norm(arm.tree.position, axis=1)[1:].sum()) or 1.0

@@ -41,10 +41,11 @@ class JumpDetector:
         """No jump is looked for in the rows so far."""
         self._count = 0
         self._lately: deque[float] = deque(maxlen=3 * CANDIDATES)
-        self._lag, self._c, self._d, self._sizes = (
-            tuple(np.zeros((CANDIDATES, *shape(k))) for k in (4, self._n))
-            for shape in (lambda k: (self._size, k), lambda k: (k, k), lambda k: (k,), lambda k: (k,))
-        )
+        kinds = (4, self._n)
+        self._lag = tuple(np.zeros((CANDIDATES, self._size, k)) for k in kinds)
+        self._c = tuple(np.zeros((CANDIDATES, k, k)) for k in kinds)
+        self._d = tuple(np.zeros((CANDIDATES, k)) for k in kinds)
+        self._sizes = tuple(np.zeros((CANDIDATES, k)) for k in kinds)
         self._ratio = np.zeros((2, CANDIDATES))
 
     def add(self, innovation: Innovation, seconds: float, imperfection: float) -> Jump | None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.watch.events import Estimate, Kind, WatchEvent
-from calib.watch.filter import TorqueFilter, calibrated
+from calib.watch.filter import TorqueFilter
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
@@ -46,7 +46,7 @@ class WearWatch:
         n = arm.n
         self._arm, self._filter = arm, filter_
         self._stated = (coulomb, viscous)
-        self._reference = np.where(calibrated(arm), np.stack(self._stated), np.nan)
+        self._reference = np.where(_calibrated(arm), np.stack(self._stated), np.nan)
         self._temperature = np.full(n, np.nan)
         self._moved = np.zeros(n)
         self._square = np.zeros(n)
@@ -130,3 +130,9 @@ class WearWatch:
         return WatchEvent(
             Kind.FRICTION_DRIFT, t, (t - self._sure[j], t), text, {"friction": now, "relative_change": change}, joint
         )
+
+
+def _calibrated(arm: Arm) -> np.ndarray:
+    """(n,) whether a joint's friction was estimated from recordings of this arm, and not taken from a data sheet."""
+    friction = ("coulomb_friction", "viscous_friction")
+    return np.array([all((e := arm.effect(name, j)) is not None and e.std for name in friction) for j in arm.joint_names])
