@@ -14,6 +14,8 @@ from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.rows import Noise, Solved, solve
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
+from sim.effects import effect_named
+from sim.effects.effect import Stage
 
 MOST_EFFECTS = 6
 TRIED = 3
@@ -157,10 +159,9 @@ def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
 
 
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
-    """Without the effects that the others have made superfluous."""
-    while len(f.accepted) > 1:
-        fewer = [without(measurements, f, i) for i in range(len(f.accepted))]
-        better = min(fewer, key=cost)
+    """Without the effects that the last one has made superfluous."""
+    while touched := [i for i, e in enumerate(f.accepted[:-1]) if _share_a_joint(e, f.accepted[-1])]:
+        better = min((without(measurements, f, i) for i in touched), key=cost)
         if cost(better) >= cost(f):
             return f
         f = better
@@ -175,11 +176,16 @@ def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
 
 
 def exchanged(measurements: Sequence[Measurement], f: Fit) -> Fit:
-    """Each effect but the last exchanged for what comes near it beside the others, as long as that is better."""
+    """Each effect but the last exchanged for what comes near it beside the others, as long as that is better.
+
+    Only those are asked that share a joint with the last one: at another joint it changes nothing that their names rest on.
+    """
     again = True
     while again and len(f.accepted) > 1:
         again = False
         for i in range(len(f.accepted) - 1):
+            if not _share_a_joint(f.accepted[i], f.accepted[-1]):
+                continue
             rest = without(measurements, f, i)
             near = beside(rest, f, i, 0.7)[:TRIED]
             tried = [g for g in (add(measurements, rest, s) for s in near) if _settled(g)]
@@ -187,6 +193,11 @@ def exchanged(measurements: Sequence[Measurement], f: Fit) -> Fit:
                 f, again = min(tried, key=cost), True
                 break
     return f
+
+
+def _share_a_joint(a: ArmEffect, b: ArmEffect) -> bool:
+    """Whether two effects change the torque of one joint; what changes angles, bodies or forces changes that of many."""
+    return a.joint == b.joint or any(e.joint is None or effect_named(e.effect).stage < Stage.JOINT for e in (a, b))
 
 
 def beside(rest: Fit, f: Fit, i: int, share: float) -> list[Scored]:
