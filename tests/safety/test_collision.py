@@ -83,6 +83,18 @@ def test_certified_and_densely_sampled_agree(arm: Arm, cell: Cell) -> None:
                 clearance.certify(PathSheet(motion), "the motion")
 
 
+def test_a_grid_of_one_row_is_cut_along_its_other_side(arm: Arm, cell: Cell) -> None:
+    """One command, many instants after it: what cannot be proved at once is cut between the instants, and only between them."""
+    clearance = Clearance(arm, cell)
+    q = towards_table(0.3).q[::40]
+    lo, hi = np.minimum(q[:-1], q[1:])[None], np.maximum(q[:-1], q[1:])[None]
+    undecided: list[tuple[int, int]] = []
+    clearance._prove(lo, hi, np.arange(len(clearance.pairs)), lambda k, m, pairs: undecided.append((k, m)))
+    assert undecided
+    assert {k for k, _ in undecided} == {0}
+    assert 1 < len({m for _, m in undecided}) < lo.shape[1]
+
+
 def test_the_witness_is_where_the_bodies_are_nearest(arm: Arm, cell: Cell) -> None:
     motion = towards_table(0.1)
     near = Clearance(arm, cell).nearest_on(motion.t, motion.q)

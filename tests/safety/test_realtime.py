@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from safety import realtime
 
 CHILD = """
 import gc, json, os, resource, sys
@@ -95,3 +102,27 @@ def test_a_system_without_schedulers_and_a_program_without_a_collector_stay_as_t
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", ELSEWHERE], capture_output=True, text=True, cwd=root, check=True)
     assert done.stdout.split() == ["False", "False", "False"]
+
+
+def test_a_system_that_knows_nothing_of_this_is_asked_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*arguments: object, **options: object) -> None:
+        raise OSError("no such library")
+
+    monkeypatch.delattr(os, "sched_getscheduler")
+    monkeypatch.delattr(os, "sched_setscheduler")
+    monkeypatch.setattr(ctypes, "CDLL", unknown)
+    with realtime.unhurried(), realtime.prepared() as granted:
+        assert granted == {"no garbage collection": True, "memory locked": False, "real-time priority": False}
+        assert not gc.isenabled()
+    assert gc.isenabled()
+
+
+def test_a_collector_that_was_off_stays_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(realtime, "prepare", lambda: {"memory locked": False})
+    gc.disable()
+    try:
+        with realtime.prepared():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
