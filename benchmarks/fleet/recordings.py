@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.excitation.fourier import Basis, Fourier, random_fourier
+from benchmarks.known_truth import fourier_motion
 from logs.convert import write_log
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
@@ -17,7 +17,6 @@ from sim.effects import with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 MODEL = "ur10e"
 PERIOD = 20.0
 HIDDEN = (
@@ -32,13 +31,7 @@ FILE_MINUTES = 60.0
 
 def motion(arm: Arm, seed: int, seconds: float, rate: float) -> Trajectory:
     """A Fourier motion of PERIOD s again and again, within the arm's speed and acceleration."""
-    basis = Basis(6, PERIOD)
-    chosen = random_fourier(basis, HOME, np.random.default_rng(seed))
-    t = np.linspace(0, PERIOD, 400)
-    speed = np.abs(basis.matrix(t, 1) @ chosen.x.T).max(axis=0)
-    push = np.abs(basis.matrix(t, 2) @ chosen.x.T).max(axis=0)
-    factor = np.minimum(0.7 * arm.dq_max / speed, 0.9 * arm.ddq_max / push)
-    once = Fourier(basis, HOME, chosen.x * factor[:, None]).sampled(rate)
+    once = fourier_motion(arm, seed, PERIOD, rate)
     count = round(seconds * rate)
     turn = np.arange(count) % round(PERIOD * rate)
     return Trajectory(np.arange(count) / rate, once.q[turn], once.dq[turn], once.ddq[turn])
