@@ -14,7 +14,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -23,6 +23,9 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.resources import config_folders
+
+if TYPE_CHECKING:
+    from sim.cell import Cell
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
 Out = Annotated[
@@ -80,6 +83,12 @@ def copyable(line: str) -> None:
 def warn(sentence: str) -> None:
     """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
     _err().print(_wrapped(f"calib: {sentence}", _err()), markup=False, highlight=False, soft_wrap=True)
+
+
+def warn_assumed(cell: Cell) -> None:
+    """What a cell file takes for granted, at the start of every command that talks to its device."""
+    for name, sentence in cell.assumed.items():
+        warn(f"{cell.name} assumes {name}: {sentence}")
 
 
 def ask(question: str) -> str:

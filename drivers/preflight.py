@@ -41,6 +41,7 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
         _gravity(arm, cell, states),
         *_timing(driver.rate, states),
         *driver.checks(),
+        *(Check(f"assumed: {name}", None, sentence) for name, sentence in cell.assumed.items()),
     ]
 
 

@@ -280,6 +280,7 @@ class _Run:
             "payload": table.payload.model_dump() if table.payload else None,
             "device_payload_mass": info.payload_mass, "device_payload_com": info.payload_com, "mounting": info.gravity,
             "operator": self.operator, "plan": self.plan.sha256, "motion": motion, "speed": speed, **info.extra,
+            "assumed": ", ".join(self.cell.assumed) or None,
         }  # fmt: skip
         kept = {key: value for key, value in metadata.items() if value is not None}
         kind = Recorder if self.simulated else RecorderProcess

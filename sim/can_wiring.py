@@ -51,7 +51,7 @@ class CanOptions(StrictTable):
 
     interface, channel, bitrate and `bus` go to python-can; rate Hz is the control rate. watchdog s is the silence after
     which a drive switches itself off. brakes says that the joints hold without torque. bus_load_max is the largest part of
-    the bit rate that the planned traffic may take in the worst case.
+    the bit rate that the planned traffic may take in the worst case. `assume` is the cell's (sim.assumptions).
     """
 
     interface: str
@@ -61,7 +61,6 @@ class CanOptions(StrictTable):
     protocol: ProtocolName
     rate: Positive
     watchdog: Annotated[Finite, Field(gt=0, le=0.5)] = 0.1
-    watchdog_unproven: bool = False
     brakes: bool
     rest_tolerance: Positive = 0.05
     start_tolerance: Positive = 0.03
@@ -70,6 +69,7 @@ class CanOptions(StrictTable):
     bus_load_max: Annotated[Finite, Field(gt=0, le=0.95)] = 0.75
     ignore: list[Annotated[int, Field(ge=0, le=0x1FFFFFFF)]] = Field(default_factory=list)
     servos: list[ServoTable]
+    assume: frozenset[str] = frozenset()
 
     @model_validator(mode="after")
     def _distinct(self) -> CanOptions:
@@ -83,7 +83,9 @@ class CanOptions(StrictTable):
 
 def can_options(cell: Cell, arm: Arm) -> CanOptions:
     """The checked options of a cell, servos in the order of the arm's joints; ConfigError says what is missing or unknown."""
-    options = validated(CanOptions, cell.table.options, cell.path)
+    if "assume" in cell.table.options:
+        raise ConfigError(f"{cell.path}: assume stands in [options]; it belongs at the top of the cell file")
+    options = validated(CanOptions, {**cell.table.options, "assume": cell.table.assume}, cell.path)
     by_joint = {s.joint: s for s in options.servos}
     for name in by_joint:
         if name not in arm.joint_names:

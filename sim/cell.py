@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from sim.arm import Arm
 from sim.arm_table import EffectTable
+from sim.assumptions import ASSUMPTIONS
 from sim.errors import ConfigError
 from sim.resources import config_folders, nearest
 from sim.strict import Finite, Positive, StrictTable, validated
@@ -92,6 +93,15 @@ class CellTable(StrictTable):
         default_factory=list
     )
     emulation: EmulationTable = EmulationTable()
+    assume: list[str] = Field(default_factory=list)
+
+    @field_validator("assume")
+    @classmethod
+    def _known(cls, names: list[str]) -> list[str]:
+        for name in names:
+            if name not in ASSUMPTIONS:
+                raise ValueError(f"{name!r} is nothing that can be assumed; {nearest(name, ASSUMPTIONS)}")
+        return names
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,11 @@ class Cell:
     def name(self) -> str:
         """The cell's name."""
         return self.table.name
+
+    @property
+    def assumed(self) -> dict[str, str]:
+        """What this cell takes for granted: name and sentence, shown at each start and recorded with every log."""
+        return {name: ASSUMPTIONS[name] for name in self.table.assume}
 
 
 def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:

@@ -53,6 +53,7 @@ def command(
 
     where = load_cell(cell, configs)
     arm = load_arm(where.table.arm, configs)
+    console.warn_assumed(where)
     if not plan.is_dir():
         plans = [str(run.folder) for run in list_runs() if run.verb == "plan"]
         raise ConfigError(

@@ -37,6 +37,7 @@ def command(
 
     table = load_cell(cell, configs)
     arm = load_arm(table.table.arm, configs)
+    console.warn_assumed(table)
     orders = [name for name, wanted in (("clear", clear), ("zero", zero), ("off", off)) if wanted]
     if len(orders) > 1 or (orders and joint is None):
         raise ConfigError("an order is for one joint: calib servo CELL JOINT with one of --clear, --zero, --off")

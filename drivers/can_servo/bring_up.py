@@ -126,10 +126,10 @@ def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOpt
     for drive in drives:
         value = drive.set_watchdog(enquiry.ask, options.watchdog)
         if math.isnan(value):
-            if not options.watchdog_unproven:
+            if "watchdog-works" not in options.assume:
                 raise DeviceError(
                     f"{drive.name}: its watchdog cannot be read back; set it with the maker's tool, try it by pulling the cable with "
-                    "the arm supported, then state watchdog_unproven = true in the cell file"
+                    'the arm supported, then write assume = ["watchdog-works"] at the top of the cell file'
                 )
         elif not 0 < value <= options.watchdog * (1 + 1e-3):
             raise DeviceError(

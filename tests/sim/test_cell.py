@@ -48,3 +48,10 @@ def test_postures_at_the_limits(tmp_path: Path) -> None:
 def test_an_obstacle_without_extent(tmp_path: Path, obstacle: str, says: str) -> None:
     with pytest.raises(ConfigError, match=f"'thing'.*{says}"):
         opened(tmp_path, f'[[obstacles]]\nname = "thing"\n{obstacle}')
+
+
+def test_what_a_cell_assumes(tmp_path: Path) -> None:
+    opened(tmp_path, 'assume = ["watchdog-works"]')
+    assert "pulling the cable" in load_cell(tmp_path / "cell.toml").assumed["watchdog-works"]
+    with pytest.raises(ConfigError, match=r"'watchdog-work' is nothing that can be assumed; did you mean 'watchdog-works'"):
+        opened(tmp_path, 'assume = ["watchdog-work"]')

@@ -70,7 +70,7 @@ def cell_of(protocol: str, **changes) -> Cell:
         servos.append(servo)
     options["servos"] = servos
     if protocol == "cubemars":
-        options["watchdog_unproven"] = True
+        changes = {"assume": ["watchdog-works"], **changes}
     table = cell.table.model_copy(update={"options": options, **changes})
     return dataclasses.replace(cell, table=table)
 

@@ -70,8 +70,8 @@ def test_a_watchdog_that_cannot_be_switched_on_is_a_refusal(bench):
 
 def test_a_watchdog_that_cannot_be_read_is_a_refusal_unless_the_cell_accepts_it(bench):
     b = bench("cubemars")
-    b.driver.options = b.driver.options.model_copy(update={"watchdog_unproven": False})
-    with pytest.raises(DeviceError, match=r"cannot be read back.*watchdog_unproven"):
+    b.driver.options = b.driver.options.model_copy(update={"assume": frozenset()})
+    with pytest.raises(DeviceError, match=r"cannot be read back.*watchdog-works"):
         b.driver.connect()
 
 
