@@ -17,11 +17,14 @@ ProtocolName = Literal["damiao", "cubemars", "robstride", "odrive"]
 
 
 class RangeTable(StrictTable):
-    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot tell it."""
+    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot tell it.
 
-    q: Positive
-    dq: Positive
-    tau: Positive
+    A span outside these bounds is no drive's: an unset register, or another unit.
+    """
+
+    q: Annotated[Finite, Field(ge=0.1, le=1e4)]
+    dq: Annotated[Finite, Field(ge=0.1, le=1e4)]
+    tau: Annotated[Finite, Field(ge=0.01, le=1e4)]
     kp: Positive = 500.0
     kd: Positive = 5.0
 

@@ -10,7 +10,7 @@ import can
 
 from drivers.can_servo.cubemars import CubeMars
 from drivers.can_servo.damiao import Damiao
-from drivers.can_servo.drive import Drive, Identity
+from drivers.can_servo.drive import Drive, Identity, NoAnswer
 from drivers.can_servo.link import Link
 from drivers.can_servo.odrive import ODrive
 from drivers.can_servo.robstride import RobStride
@@ -44,7 +44,7 @@ class Enquiry:
         self.link, self.clock = link, clock
 
     def ask(self, message: can.Message, answers: Callable[[can.Message], T | None], what: str) -> T:
-        """The first answer that `answers` understands; DeviceError where none comes, or two do."""
+        """The first answer that `answers` understands; NoAnswer where none comes, DeviceError where two do."""
         for _ in range(TRIES):
             self.link.send([message])
             end = self.clock.now() + ANSWER_TIME
@@ -61,7 +61,7 @@ class Enquiry:
                 )
             if found:
                 return found[0]
-        raise DeviceError(
+        raise NoAnswer(
             f"{what}: no answer on {self.link.where} in {TRIES} tries of {ANSWER_TIME:g} s; check supply, cable, termination, "
             "bit rate, and the node and feedback identifiers in the cell file"
         )
@@ -89,10 +89,19 @@ def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[i
         )
 
 
-def identify(enquiry: Enquiry, drives: Sequence[Drive]) -> list[Identity]:
+def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> list[Identity]:
     """Every drive's identity, serial numbers matched with the cell file: a swapped cable or identifier is found here."""
     found = [drive.identify(enquiry.ask) for drive in drives]
-    by_serial = {identity.serial: drive for drive, identity in zip(drives, found, strict=True) if identity.serial}
+    if "identifiers-as-stated" in options.assume:
+        return found
+    serials = [identity.serial for identity in found if identity.serial]
+    if len(set(serials)) < len(serials):
+        twice = next(s for s in serials if serials.count(s) > 1)
+        names = ", ".join(d.name for d, i in zip(drives, found, strict=True) if i.serial == twice)
+        raise DeviceError(
+            f"{names}: two drives tell the same serial number ({twice}), as some firmware does, so a swapped cable cannot be found by it; look "
+            'that each identifier sits on its joint, then write assume = ["identifiers-as-stated"] at the top of the cell file'
+        )
     problems = []
     for drive, identity in zip(drives, found, strict=True):
         wanted = drive.servo.serial
@@ -109,10 +118,6 @@ def identify(enquiry: Enquiry, drives: Sequence[Drive]) -> list[Identity]:
     if problems:
         raise DeviceError(
             "; ".join(problems) + "; correct the identifiers on the drives, or the cell file if a drive was replaced"
-        )
-    if len(by_serial) < sum(1 for i in found if i.serial):
-        raise DeviceError(
-            "two drives tell the same serial number, so joints cannot be told apart; ask the maker for distinct ones"
         )
     return found
 

@@ -44,7 +44,7 @@ class CubeMars(Drive):
         full = message.dlc == 8
         code = data[7] if full else 0
         return Reading(
-            self.joint_side(self.q_field.value(q)), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
+            self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             float(data[6] - 40) if full else math.nan, on=None, error=f"error code {code} of its manual" if code else "",
         )  # fmt: skip
 

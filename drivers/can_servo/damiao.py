@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 
 import can
+from pydantic import ValidationError
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -23,9 +25,13 @@ ERRORS = {
 
 
 class Damiao(Drive):
-    """One answer for each command, none unasked; an error stays until it is cleared."""
+    """One answer for each command, none unasked; an error stays until it is cleared.
+
+    `answers_refresh` is whether the firmware answers order CC; older ones are asked with the order off, which holds nothing up.
+    """
 
     protocol = "damiao"
+    answers_refresh = True
 
     @property
     def key(self) -> Hashable:
@@ -46,6 +52,8 @@ class Damiao(Drive):
         return data_frame(self.servo.node, data), self.joint_side(self.q_field.value(raw_q))
 
     def refresh(self) -> list[can.Message]:
+        if not self.answers_refresh:
+            return [self.disable()]  # answered like any order, and off is what the drive is
         return [data_frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
     def decode(self, message: can.Message) -> Reading | None:
@@ -54,30 +62,50 @@ class Damiao(Drive):
         if state not in (0, 1) and state not in ERRORS:
             return None
         return Reading(
-            self.joint_side(self.q_field.value(q)), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
+            self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             float(max(data[6], data[7])), on=state == 1, error=ERRORS.get(state, ""),
         )  # fmt: skip
 
     def identify(self, ask: Ask) -> Identity:
-        mode = self._read(ask, MODE)
+        mode = self._told(ask, MODE)
+        if mode is None:
+            return self._without_registers(ask)
         if mode != MIT_MODE:
             raise DeviceError(
                 f"{self.name}: control mode {mode} is set, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool"
             )
         spans = [frames.as_float(self._read(ask, number)) for number in (PMAX, VMAX, TMAX)]
-        if not all(0 < x < 1e4 for x in spans):
+        try:
+            ranges = RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
+        except ValidationError as error:
+            said = ", ".join(f"{x:g}" for x in spans)
             raise DeviceError(
-                f"{self.name}: PMAX, VMAX, TMAX read as {spans}; expected positive numbers: set them with the maker's tool"
+                f"{self.name}: PMAX, VMAX, TMAX read as {said}; no drive spans that (0.1 to 10000 rad and rad/s, 0.01 to 10000 N m): set them "
+                "with the maker's tool"
+            ) from error
+        stated = self.servo.ranges
+        if stated is not None and not all(
+            math.isclose(a, b, rel_tol=1e-3)
+            for a, b in ((stated.q, ranges.q), (stated.dq, ranges.dq), (stated.tau, ranges.tau))
+        ):
+            raise DeviceError(
+                f"{self.name}: PMAX, VMAX, TMAX read as {ranges.q:g}, {ranges.dq:g}, {ranges.tau:g}, its ranges in the cell file are {stated.q:g}, "
+                f"{stated.dq:g}, {stated.tau:g}; one of the two is wrong: correct the cell file, or the drive with the maker's tool"
             )
-        ranges = RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
         self.set_ranges(ranges)
+        self._find_how_to_ask(ask)
+        serial, firmware, timeout = (self._told(ask, number) for number in (SERIAL, SOFTWARE, TIMEOUT))
         return Identity(
-            str(self._read(ask, SERIAL)), str(self._read(ask, SOFTWARE)), self._read(ask, TIMEOUT) * TICK, ranges
+            "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
+            math.nan if timeout is None else timeout * TICK, ranges,
         )  # fmt: skip
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         ticks = round(seconds / TICK)
-        if self._read(ask, TIMEOUT) != ticks:
+        before = self._told(ask, TIMEOUT)
+        if before is None:
+            return math.nan
+        if before != ticks:
             self._request(ask, WRITE, TIMEOUT, ticks)
         return self._read(ask, TIMEOUT) * TICK
 
@@ -92,6 +120,29 @@ class Damiao(Drive):
 
     def clear(self) -> can.Message:
         return data_frame(self.servo.node, frames.special(0xFB))
+
+    def _without_registers(self, ask: Ask) -> Identity:
+        """A firmware that knows no registers: it is there, and says nothing of itself."""
+        self.answers_refresh = False
+        ask(self.disable(), lambda m: self.key_of(m) == self.key or None, f"{self.name}: registers and first order")
+        ranges = self.stated_ranges()
+        self.set_ranges(ranges)
+        return Identity("", "unknown", math.nan, ranges)
+
+    def _find_how_to_ask(self, ask: Ask) -> None:
+        """Older firmware does not answer the order that only asks for the state; then the order off is the question."""
+        self.answers_refresh = True
+        try:
+            ask(self.refresh()[0], lambda m: self.key_of(m) == self.key or None, f"{self.name}: state")
+        except NoAnswer:
+            self.answers_refresh = False
+
+    def _told(self, ask: Ask, number: int) -> int | None:
+        """A register, or None for a firmware that does not have it."""
+        try:
+            return self._read(ask, number)
+        except NoAnswer:
+            return None
 
     def _read(self, ask: Ask, number: int) -> int:
         return self._request(ask, READ, number, 0)

@@ -13,7 +13,12 @@ from drivers.can_servo.scaling import Field
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
 from sim.errors import DeviceError
 
-# Sends a frame and returns what `answers` made of the first frame it did not return None for; DeviceError after the last try.
+
+class NoAnswer(DeviceError):
+    """A drive did not answer a question; it may answer others."""
+
+
+# Sends a frame and returns what `answers` made of the first frame it did not return None for; NoAnswer after the last try.
 Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], object]
 
 
@@ -21,7 +26,7 @@ Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], obj
 class Reading:
     """What one feedback frame says, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
 
-    on is None where the protocol does not tell; error is empty or the drive's complaint.
+    q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol does not tell; error is empty or the drive's complaint.
     """
 
     q: float
@@ -78,6 +83,10 @@ class Drive(ABC):
         """Integers of a joint-side target in drive coordinates; DeviceError where the frame cannot carry one."""
         sign = self.direction
         return self.q_field.raw(sign * (q - self.zero_at)), self.dq_field.raw(sign * dq), self.tau_field.raw(sign * tau)
+
+    def angle(self, raw: int) -> float:
+        """Joint angle of a position field, rad; NaN at either end of its range, where every angle beyond reads the same."""
+        return self.joint_side(self.q_field.value(raw)) if 0 < raw < self.q_field.top else math.nan
 
     def joint_side(self, q: float) -> float:
         """Joint angle of a drive angle, rad."""

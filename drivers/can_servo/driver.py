@@ -20,6 +20,7 @@ from drivers.can_servo.report import preflight_checks
 from drivers.can_servo.speed import Differentiator, window_for
 from drivers.can_servo.switching import switch_off, switch_on
 from drivers.can_servo.target import Target
+from drivers.can_servo.turns import require_turns
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options, pose
@@ -78,7 +79,7 @@ class CanServo(Driver):
             try:
                 enquiry = Enquiry(self._link, self.clock)
                 listen(self._link, self.clock, self.drives, self.options.ignore)
-                self.identities: list[Identity] = identify(enquiry, self.drives)
+                self.identities: list[Identity] = identify(enquiry, self.drives, self.options)
                 self.watchdogs = guard_by_watchdog(enquiry, self.drives, self.options)
                 self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
                 steps = [(d.q_step, d.dq_step) for d in self.drives]
@@ -88,7 +89,9 @@ class CanServo(Driver):
                 self._patience = (PERIODS_MAX if self.drives[0].pushes else 0) / self.rate
                 self._next = self.clock.now()
                 self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
-                self.read()
+                stands = self.read().q
+                if "turns-as-read" not in self.options.assume:
+                    require_turns(self.drives, self.arm, stands, self._rest, self.options.rest_tolerance)
             except DeviceError:
                 self._link.close()
                 self._link = self._fault = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Hashable, Iterable, Sequence
 
@@ -126,6 +127,11 @@ class Joints:
                 raise DeviceError(
                     f"{drive.name}: the drive has switched itself off or restarted; its position may have a new zero: check it, "
                     "then connect again"
+                )
+            if math.isnan(reading.q):
+                raise DeviceError(
+                    f"{drive.name}: its position stands at the end of the {drive.ranges.q:g} rad that its frames carry, so the joint may be "
+                    "anywhere beyond: turn it back by hand, set its zero anew with `calib servo`, or widen the range with the maker's tool"
                 )
             if reading.temperature > temperature_max:
                 raise DeviceError(

@@ -16,11 +16,12 @@ from can.bus import BusState
 from drivers.can_servo.lawicel import LawicelBus
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
-from sim.errors import DeviceError
+from sim.errors import ConfigError, DeviceError
 
 FULL = {errno.ENOBUFS, errno.EAGAIN}
 FULL_IN_ROW_MAX = 2  # refused frames one after another; one alone is a hiccup
 ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more in this time, s, is a bus that is not sound
+SERVER_TIME = 2.0  # s in which a socketcand server takes a connection
 STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
 SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
 CAN_ERR_BUSOFF, CAN_ERR_CRTL, PASSIVE_BITS = 0x40, 0x04, 0x30  # linux/can/error.h
@@ -42,6 +43,8 @@ class Link:
     def open(cls, options: CanOptions, clock: Clock) -> Link:
         """The bus that a cell names; DeviceError with the remedy where it cannot be opened."""
         where = f"{options.interface} {options.channel}"
+        if options.interface == "socketcand":
+            _require_server(options)
         try:
             if options.interface == "slcan":
                 serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
@@ -170,3 +173,18 @@ class Link:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         with contextlib.suppress(can.CanError, OSError):
             bus.shutdown()
+
+
+def _require_server(options: CanOptions) -> None:
+    """DeviceError where nobody listens: python-can would try for ten seconds and log each of thousands of refusals."""
+    host, port = options.bus.get("host"), options.bus.get("port")
+    if not isinstance(host, str) or not isinstance(port, int) or isinstance(port, bool):
+        raise ConfigError(
+            f'socketcand {options.channel}: host = {host!r}, port = {port!r}; write bus = {{ host = "127.0.0.1", port = 29536 }} in the cell file'
+        )
+    try:
+        socket.create_connection((host, port), timeout=SERVER_TIME).close()
+    except (OSError, OverflowError) as error:
+        raise DeviceError(
+            f"socketcand {options.channel}: no server at {host}:{port} ({error}); start socketcand there, or correct bus in the cell file"
+        ) from error

@@ -61,7 +61,7 @@ class RobStride(Drive):
         q, dq, tau, temperature = frames.unpack_four_words(bytes(message.data))
         faults = [name for bit, name in enumerate(FAULTS) if identifier >> 16 + bit & 1]
         return Reading(
-            self.joint_side(self.q_field.value(q)), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
+            self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             temperature / 10, on=identifier >> 22 & 3 == RUNNING, error=", ".join(faults),
         )  # fmt: skip
 

@@ -22,7 +22,11 @@ def model_for(tau_max: float) -> str:
 
 
 class Damiao(Servo):
-    """Answers each command once with its state; registers on identifier 7FF; errors stay until cleared."""
+    """Answers each command once with its state; registers on identifier 7FF; errors stay until cleared.
+
+    `answers_refresh` False is a firmware that knows no order CC, `answers_registers` False one that knows no registers; one that is not
+    in `registers` is not answered.
+    """
 
     protocol = "damiao"
 
@@ -33,6 +37,7 @@ class Damiao(Servo):
             1: kt, 2: 90.0, 7: feedback, 8: node, 9: 0, 10: 1, 13: 3, 14: 5015, 15: serial, 16: 14, 20: 40.0, 21: p, 22: v, 23: t,
             35: 4, 36: 2,
         }  # fmt: skip
+        self.answers_refresh = self.answers_registers = True
 
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
         if message.is_extended_id or message.is_remote_frame or message.dlc != 8:
@@ -83,8 +88,8 @@ class Damiao(Servo):
         self.heard(now)
         order, number, raw = int(asked["Order"]), int(asked["Register"]), int(asked["Value"])
         if order == 0xCC:
-            return [self._state()]
-        if order not in (0x33, 0x55) or number not in self.registers:
+            return [self._state()] if self.answers_refresh else []
+        if order not in (0x33, 0x55) or number not in self.registers or not self.answers_registers:
             return []
         kind = "<f" if number in FLOATS else "<I"
         if order == 0x55 and number in WRITABLE:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
+import socket
 import time
 
 import can
@@ -211,3 +212,15 @@ def test_a_serial_frame_is_what_the_adapter_expects(terminal):
     bus.send(can.Message(arbitration_id=0x1100FD7F, data=bytes.fromhex("1E70000000000000"), is_extended_id=True))
     time.sleep(0.05)
     assert os.read(master, 4096) == b"t7FF80100331500000000\rT1100FD7F81E70000000000000\r"
+
+
+def test_a_missing_socketcand_server_is_one_sentence(servo6, tmp_path, caplog, capfd):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    cell = wire_cell("socketcand", tmp_path)
+    bus = {**cell.table.options["bus"], "port": port}
+    cell = dataclasses.replace(cell, table=cell.table.model_copy(update={"options": {**cell.table.options, "bus": bus}}))
+    with pytest.raises(DeviceError, match=f"no server at 127.0.0.1:{port} .*; start socketcand there"):
+        CanServo.from_cell(cell, servo6).connect()
+    assert not caplog.records
+    assert capfd.readouterr() == ("", "")
