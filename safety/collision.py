@@ -84,6 +84,12 @@ class Clearance:
             names.append(shape.name)
             links.append(shape.link)
             reaches.append(joint_reach(arm, shape))
+        if "shapes" in arm.incomplete:
+            bare = [arm.tree.link_names[i] for i in range(arm.n) if i not in links]
+            raise ConfigError(
+                f"{arm.model_path}: collision shapes are missing ({', '.join(bare) or 'see [provenance]'}), so no clearance can be "
+                "proved; add them to the model, or take shapes off incomplete in arm.toml to do without"
+            )
         moving = sum(link >= 0 for link in links)
         if not moving:
             raise ConfigError(

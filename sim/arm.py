@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable
+from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable, TorqueAt
 from sim.errors import ConfigError
 from sim.model import compiled, kinematic_tree
 from sim.model_text import checked_text, urdf_speed_limits
+from sim.prior import stated_prior
 from sim.resources import config_folders, nearest
 from sim.strict import validated
 from sim.tree import KinematicTree
@@ -39,9 +40,9 @@ class Arm:
     """Everything that is known of an arm; SI units, joint side of the gear, arrays read-only in the order of `joint_names`.
 
     q_min q_max (n,) rad, dq_max (n,) rad/s, ddq_max (n,) rad/s^2, jerk_max (n,) rad/s^3, tau_max (n,) N m
-    torque_constant (n,) N m/A at the joint, or None; gravity (3,) m/s^2 in the base frame
+    torque_constant (n,) N m/A at the joint, or None; torque_at: "motor", or "joint" for sensors behind the gear; gravity (3,) m/s^2 in the base frame
     effects are those beyond the rigid bodies; coulomb_friction, viscous_friction and rotor_inertia of the model file stand there too.
-    incomplete names the limits (and "sensors") that nobody has stated of an arm that came from a bare model file.
+    incomplete names the limits (and "sensors", "shapes") that nobody has stated of an arm that came from a bare model file.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Arm:
     model_text: str
     sha256: str
     incomplete: tuple[str, ...] = ()
+    torque_at: TorqueAt = "motor"
 
     @property
     def n(self) -> int:
@@ -150,7 +152,7 @@ def _folder(folder: Path) -> Arm:
         torque_constant=None if constant is None else _row(constant, table.joints, f"{file}: torque_constant"),
         effects=_all_effects(table.effects, tree, file), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
         model_path=model_path, model_text=text, sha256=hashlib.sha256(raw + text.encode()).hexdigest(),
-        incomplete=tuple(table.incomplete),
+        incomplete=tuple(table.incomplete), torque_at=table.torque_at,
     )  # fmt: skip
 
 
@@ -170,7 +172,7 @@ def _stated(key: str, given: bool) -> str:
     return f"missing key {key}; add it: it is never guessed"
 
 
-def model_limits(tree: KinematicTree) -> dict[str, np.ndarray]:
+def model_limits(tree: KinematicTree) -> dict[str, Any]:
     """The limits (n,) that a model file states, NaN where it has none; no model format has acceleration or jerk."""
     nan = np.full(tree.n, np.nan)
     return {
@@ -226,7 +228,7 @@ def _bare(path: Path) -> Arm:
     incomplete = [key for key, value in limits.items() if not np.all(np.isfinite(value))]
     return Arm(
         name=_model_name(text) or path.stem, joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
-        sensors=unknown_sensors(tree.n), prior=PriorTable(), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
+        sensors=unknown_sensors(tree.n), prior=stated_prior(None, tree), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
         model_text=text, sha256=hashlib.sha256(text.encode()).hexdigest(), incomplete=(*incomplete, "sensors"),
     )  # fmt: skip
 
@@ -243,6 +245,15 @@ def require_limits(arm: Arm, *names: str) -> None:
                 f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file lacks it: "
                 + (place if folder else "make an arm folder with `calib arm new`, with the limits of the arm's data sheet")
             )
+
+
+def require_masses(arm: Arm) -> None:
+    """ConfigError where nobody knows the arm's masses: no motion's torque can be predicted then."""
+    if arm.prior.numbers == "unknown":
+        raise ConfigError(
+            f"{arm.model_path}: the arm's masses are unknown, so no motion's torque can be bounded; identify them first from "
+            "recordings that its own controller made (`calib import`, `calib identify`), or make the arm with --numbers"
+        )
 
 
 def model_effects(tree: KinematicTree) -> tuple[ArmEffect, ...]:

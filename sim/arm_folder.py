@@ -160,9 +160,13 @@ def _table(arm: Arm, name: str, provenance: dict[str, str]) -> ArmTable:
     sensors = {} if "sensors" in arm.incomplete else {"sensors": arm.sensors}
     data: dict[str, Any] = {
         "schema": "arm/1", "name": name, "model": "model.xml", "joints": list(arm.joint_names),
-        "incomplete": [key for key in (*rows, "sensors") if key not in given and key not in sensors],
+        "incomplete": [
+            *(key for key in (*rows, "sensors") if key not in given and key not in sensors),
+            *(key for key in ("shapes",) if key in arm.incomplete),
+        ],
         "limits": given, **sensors, "prior": arm.prior, "effects": listed, "provenance": {**arm.provenance, **provenance},
         "torque_constant": None if arm.torque_constant is None else arm.torque_constant.tolist(),
+        "torque_at": arm.torque_at,
     }  # fmt: skip
     return ArmTable.model_validate(data)
 

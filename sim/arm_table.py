@@ -41,12 +41,19 @@ class EffectTable(StrictTable):
     std: dict[str, Finite] = Field(default_factory=dict)
 
 
+Numbers = Literal["measured", "cad", "guessed", "unknown"]
+
+
 class PriorTable(StrictTable):
     """How well the arm's own numbers are known: relative standard deviations.
 
     mass, com (relative to the link's size), inertia, coulomb, viscous, rotor.
+    numbers  where the masses and inertias come from; "unknown": those in the model only stand for the arm's size
+    unknown  what nobody has stated of this arm: a fit leaves it free (sim.prior has its scale), and the relative number does not count
     """
 
+    numbers: Numbers | None = None
+    unknown: list[Literal["coulomb", "viscous", "rotor", "offset"]] = Field(default_factory=list)
     mass: Positive = 0.015
     com: Positive = 0.015
     inertia: Positive = 0.03
@@ -55,14 +62,17 @@ class PriorTable(StrictTable):
     rotor: Positive = 0.1
 
 
-Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max", "sensors"]
+TorqueAt = Literal["motor", "joint"]
+Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max", "sensors", "shapes"]
 
 
 class ArmTable(StrictTable):
     """The schema of arm.toml.
 
+    torque_at: where the torque is measured: at the motor (its current, before the gear), or by a sensor at the joint, behind the gear.
     incomplete: what nobody has stated of this arm, because it was written from a bare model file. Such a limit is read from the
-    model where the model has it; where not, whoever needs it asks for it. An entry leaves the list when its number is written here.
+    model where the model has it; where not, whoever needs it asks for it. "shapes": the files of some collision shapes were not there,
+    and no motion is cleared until they are added to the model, or the entry is removed to do without. An entry leaves the list when its number is written here.
     """
 
     schema_: Literal["arm/1"] = Field(alias="schema")
@@ -73,6 +83,7 @@ class ArmTable(StrictTable):
     limits: LimitsTable = LimitsTable()
     sensors: SensorsTable | None = None
     torque_constant: list[Positive] | None = None
+    torque_at: TorqueAt = "motor"
     prior: PriorTable = PriorTable()
     effects: list[EffectTable] = Field(default_factory=list)
     provenance: dict[str, str]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.errors import ConfigError
 from sim.model_text import asset_files
@@ -50,7 +51,12 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
             if int(model.jnt_type[j]) not in (HINGE, SLIDE):
                 raise ConfigError(f"{name}: joint {names[j]!r} is neither a hinge nor a slide; an arm has only those")
             parent[j] = link_of[up]
-            rotation[j], position[j], axis[j] = r, p + r @ model.jnt_pos[j], model.jnt_axis[j]
+            # the body stands as it is written where the joint reads `ref`; the frame here is that of q = 0
+            ref, along = model.qpos0[model.jnt_qposadr[j]], model.jnt_axis[j]
+            slide = int(model.jnt_type[j]) == SLIDE
+            turn = np.eye(3) if slide or ref == 0 else Rotation.from_rotvec(-ref * along).as_matrix()
+            shift = -ref * along if slide else np.zeros(3)
+            rotation[j], position[j], axis[j] = r @ turn, p + r @ (model.jnt_pos[j] + shift), along
             link_of[b], links[j] = j, _body(model, b)
             to_link[b] = (np.eye(3), -model.jnt_pos[j])
         else:
@@ -62,17 +68,6 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
     for j, bodies in enumerate(bodies_of):
         mass[j], com[j], inertia[j] = _merged(model, bodies, to_link)
     limited = model.jnt_limited.astype(bool)
-    tau_max = np.full(n, np.nan)
-    for j in range(n):
-        if model.jnt_actfrclimited[j]:
-            tau_max[j] = np.abs(model.jnt_actfrcrange[j]).min()
-    for a in range(model.nu):
-        if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT):
-            j, gear = int(model.actuator_trnid[a, 0]), abs(model.actuator_gear[a, 0])
-            if model.actuator_forcelimited[a]:
-                tau_max[j] = np.abs(model.actuator_forcerange[a]).min() * gear
-            elif model.actuator_ctrllimited[a] and int(model.actuator_gaintype[a]) == int(mujoco.mjtGain.mjGAIN_FIXED):
-                tau_max[j] = np.abs(model.actuator_ctrlrange[a]).min() * gear * abs(model.actuator_gainprm[a, 0])
     dof = model.jnt_dofadr
     tree = KinematicTree(
         joint_names=tuple(names), link_names=tuple(links), parent=parent, rotation=rotation, position=position, axis=axis,
@@ -81,10 +76,33 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
         frictionloss=model.dof_frictionloss[dof].copy(), stiffness=model.jnt_stiffness.copy(),
         springref=model.qpos_spring[model.jnt_qposadr].copy(),
         q_min=np.where(limited, model.jnt_range[:, 0], np.nan), q_max=np.where(limited, model.jnt_range[:, 1], np.nan),
-        dq_max=np.full(n, np.nan), tau_max=tau_max, gravity=model.opt.gravity.copy(), shapes=_shapes(model, link_of, to_link),
+        dq_max=np.full(n, np.nan), tau_max=_torque_limits(model), gravity=model.opt.gravity.copy(), shapes=_shapes(model, link_of, to_link),
     )  # fmt: skip
     _check_numbers(tree, name)
     return tree
+
+
+def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
+    """(n,) N m: the smallest limit of force on each joint, NaN where the model has none.
+
+    A limit of force is the joint's actuatorfrcrange, an actuator's forcerange times its gear, and of a motor (force = gain * control,
+    nothing else) its control range times gain and gear. The control range of a position or velocity servo is no torque.
+    """
+    out = np.full(model.njnt, np.inf)
+    for k in np.flatnonzero(model.jnt_actfrclimited):
+        out[k] = np.abs(model.jnt_actfrcrange[k]).min()
+    for a in range(model.nu):
+        if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        j, gear = int(model.actuator_trnid[a, 0]), abs(model.actuator_gear[a, 0])
+        if model.actuator_forcelimited[a]:
+            out[j] = min(out[j], np.abs(model.actuator_forcerange[a]).min() * gear)
+        motor = int(model.actuator_gaintype[a]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+        motor &= int(model.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_NONE)
+        motor &= int(model.actuator_dyntype[a]) == int(mujoco.mjtDyn.mjDYN_NONE)
+        if motor and model.actuator_ctrllimited[a]:
+            out[j] = min(out[j], np.abs(model.actuator_ctrlrange[a]).min() * gear * abs(model.actuator_gainprm[a, 0]))
+    return np.where(np.isfinite(out) & (out > 0), out, np.nan)
 
 
 def _check_numbers(tree: KinematicTree, name: str) -> None:

@@ -1,85 +1,195 @@
-"""From a model file as it is found, with ROS mesh paths and without limits, to an arm that can be worked with."""
+"""From a model file as it is found to an arm that can be worked with: its joints chosen, and everything that it lacks asked for by name."""
 
 from __future__ import annotations
 
-import re
-import shutil
+import fnmatch
 import tempfile
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 
 from sim.arm import Arm, load_arm
-from sim.arm_table import LimitsTable
+from sim.arm_table import LimitsTable, Numbers
+from sim.bench_drive import bench_drive
 from sim.errors import ConfigError
-from sim.model_text import MAX_BYTES
+from sim.locked import locked
+from sim.mjcf_tree import tree_text
+from sim.model import compiled, kinematic_tree
+from sim.model_text import urdf_speed_limits
+from sim.prior import stated_prior
 from sim.resources import nearest
+from sim.ros_urdf import NO_MASS, reduced_urdf
+from sim.size import sized
+from sim.tree import KinematicTree
 
 LIMIT_UNITS = {"q_min": "rad", "q_max": "rad", "dq_max": "rad/s", "ddq_max": "rad/s^2", "jerk_max": "rad/s^3", "tau_max": "N m"}
-MESH_FORMATS = (".stl", ".obj", ".msh")
+# two links of two joints may be a gripper's fingers; a third branch is no arm either
+FINGER = 0.15
 
 
-def read_model(file: Path, staging: Path, root: Path | None = None) -> Arm:
-    """The arm in a model file; a URDF's package:// and file:// meshes are copied to `staging` first.
+@dataclass
+class Choice:
+    """What of a model file is the arm: `joints` are names or patterns of those that move (all, if empty), `lock` of those that
+    stand still and where (rad or m), `tool` a link: the joints between the base and it are the arm's. no_shapes waives shapes whose
+    mesh is not there."""
 
-    package://NAME/PATH is looked for under `root` (the package's folder, or the folder that holds it), else beside and above `file`.
-    Only collision meshes are read, in the formats that MuJoCo has: STL, OBJ, MSH.
+    joints: Sequence[str] = ()
+    lock: Mapping[str, float] = field(default_factory=dict)
+    tool: str | None = None
+    geometry_only: bool = False
+    no_shapes: bool = False
+    numbers: Numbers | None = None
+
+
+def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choice | None = None) -> tuple[Arm, list[str]]:
+    """The arm in a model file, and a sentence for all that was left out, held still or not found.
+
+    A URDF is reduced to links and joints first (sim.ros_urdf), its meshes copied to `staging`. ConfigError names what is missing.
     """
-    if file.suffix.lower() != ".urdf":
-        return load_arm(file)
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise ConfigError(f"{file}: {file.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
-        text = file.read_text(encoding="utf-8")
-        if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
-            raise ConfigError(f"{file}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
-        robot = ElementTree.fromstring(text)
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror}); give a .urdf or .xml file") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; a model file is XML text") from error
-    except ElementTree.ParseError as error:
-        raise ConfigError(
-            f"{file}: not well-formed XML ({error}); a .xacro file must be expanded with `xacro` first"
-        ) from error
-    for link in robot.iter("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
-    for k, mesh in enumerate(robot.iter("mesh")):
-        source = mesh_file(mesh.get("filename", ""), file, root)
-        if source.suffix.lower() not in MESH_FORMATS:
-            raise ConfigError(f"{file}: collision mesh {source.name}: MuJoCo reads {', '.join(MESH_FORMATS)}; convert it")
-        copy = staging / f"{k}_{source.name}"
-        shutil.copyfile(source, copy)
-        mesh.set("filename", copy.name)
-    staged = staging / file.name
-    staged.write_text(ElementTree.tostring(robot, encoding="unicode"), encoding="utf-8")
-    return load_arm(staged)
-
-
-def mesh_file(address: str, model: Path, root: Path | None) -> Path:
-    """The file of a mesh address: package://NAME/PATH, file:///PATH, or a path beside the model; ConfigError says where was looked."""
-    scheme, separator, rest = address.partition("://")
-    if not separator:
-        places = [model.parent / address]
-    elif scheme == "file":
-        places = [Path(rest)]
-    elif scheme == "package":
-        package, _, inside = rest.partition("/")
-        homes = [root] if root else [model.parent, *model.resolve().parents]
-        places = [p for home in homes for p in (home / package / inside, home / inside)]
-        if ".." in Path(rest).parts:
-            raise ConfigError(f"{model}: {address}: leaves its package; give the mesh a path inside it")
+    choice = choice or Choice()
+    notes: list[str] = []
+    shapeless = False
+    if root is not None and not root.is_dir():
+        raise ConfigError(f"--root {root}: there is no such folder; give the folder of the ROS package")
+    if file.suffix.lower() == ".urdf":
+        found = reduced_urdf(file, staging, root)
+        notes += found.notes
+        shapeless = bool(found.without_shape)
+        model = compiled(found.text, staging, str(file))
+        tree = kinematic_tree(model, str(file))
+        tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names))
+        followers = {name: found.followers[name] for name in tree.joint_names if name in found.followers}
+        parents = _urdf_parents(found.text)
+        whole, name = None, _robot_name(found.text)
     else:
-        raise ConfigError(f"{model}: {address}: only package://, file:// and plain paths are read")
-    for place in places:
-        if place.is_file():
-            return place
-    looked = f"under {root}" if root else "beside and above the model"
-    raise ConfigError(f"{model}: mesh {address} was not found {looked}; say with --root where the package is")
+        whole = load_arm(file)
+        tree = whole.tree
+        model = compiled(whole.model_text, file.parent, str(file))
+        followers, parents, name = _followers(model), _body_parents(model), whole.name
+    held = _held(file, tree, choice, followers, parents, notes)
+    kept = locked(tree, held) if held else tree
+    _check_chain(file, kept, choice, notes)
+    massless = [kept.link_names[j] for j in range(kept.n) if kept.mass[j] <= 10 * NO_MASS]
+    if massless and not choice.geometry_only:
+        raise ConfigError(
+            f"{file}: no mass of {', '.join(massless)}; give the links their <inertial>, or say --geometry-only: then only the "
+            "geometry counts, the masses are unknown to every fit, and a motion waits until they are identified"
+        )
+    numbers: Numbers | None = "unknown" if choice.geometry_only else choice.numbers
+    if choice.geometry_only:
+        kept = sized(kept)
+        notes.append("masses and inertias are unknown: those in the model only stand for the arm's size")
+    if whole is None or kept is not whole.tree:
+        staged = staging / "model.xml"
+        staged.write_text(tree_text(kept, name or file.stem), encoding="utf-8")
+        whole = replace(load_arm(staged), dq_max=kept.dq_max)
+    missing = ("shapes",) if shapeless and not choice.no_shapes else ()
+    return replace(whole, prior=stated_prior(numbers, kept), incomplete=(*whole.incomplete, *missing)), notes
+
+
+def drive_arm(name: str, joint: str, load: tuple[float, float] | None, unknown: bool, staging: Path) -> Arm:
+    """One drive on a bench as an arm of one joint (sim.bench_drive); a load that is given counts as measured."""
+    tree = bench_drive(joint, load, unknown)
+    file = staging / "model.xml"
+    file.write_text(tree_text(tree, name), encoding="utf-8")
+    return replace(load_arm(file), prior=stated_prior("measured" if load else "unknown", tree))
+
+
+def _held(
+    file: Path, tree: KinematicTree, choice: Choice, followers: Mapping[str, tuple[str, float, float]],
+    parents: Mapping[str, str], notes: list[str],
+) -> dict[str, float]:  # fmt: skip
+    """joint -> angle of each joint that stands still: those locked by name, those not chosen, and followers of another joint."""
+    held = {joint: value for pattern, value in choice.lock.items() for joint in _matching(file, tree, pattern)}
+    if choice.tool is not None:
+        chain = _chain(file, tree, choice.tool, parents)
+        held |= {joint: held.get(joint, 0.0) for joint in tree.joint_names if joint not in chain}
+    if choice.joints:
+        moving = {joint for pattern in choice.joints for joint in _matching(file, tree, pattern)}
+        held |= {joint: held.get(joint, 0.0) for joint in tree.joint_names if joint not in moving}
+    locked_by_name = {joint for pattern in choice.lock for joint in _matching(file, tree, pattern)}
+    for joint, (driver, multiplier, offset) in followers.items():
+        if joint in locked_by_name:
+            continue
+        held[joint] = multiplier * held.get(driver, 0.0) + offset
+        notes.append(
+            f"joint {joint} follows {driver}: it is held still at {held[joint]:g}"
+            + ("" if driver in held else f", also while {driver} moves; where that moves a large mass the model is wrong by it")
+        )
+    if len(held) == tree.n:
+        raise ConfigError(f"{file}: no joint is left to move; it has {', '.join(tree.joint_names)}")
+    return held
+
+
+def _matching(file: Path, tree: KinematicTree, pattern: str) -> list[str]:
+    found = [name for name in tree.joint_names if fnmatch.fnmatchcase(name, pattern)]
+    if not found:
+        raise ConfigError(f"{file}: has no joint {pattern!r}; {nearest(pattern, tree.joint_names)}")
+    return found
+
+
+def _chain(file: Path, tree: KinematicTree, link: str, parents: Mapping[str, str]) -> set[str]:
+    """Joints between the base and a link; the link may be fixed to a moving one."""
+    if link not in parents and link not in tree.link_names:
+        raise ConfigError(f"{file}: has no link {link!r}; {nearest(link, parents)}")
+    while link not in tree.link_names and link in parents:
+        link = parents[link]
+    chain, j = set(), tree.link_names.index(link) if link in tree.link_names else -1
+    while j >= 0:
+        chain.add(tree.joint_names[j])
+        j = int(tree.parent[j])
+    return chain
+
+
+def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[str]) -> None:
+    """ConfigError where links branch and nobody said that all of them are the arm's; a note where the last joint looks like a finger's."""
+    for link in range(-1, tree.n):
+        branches = [tree.joint_names[k] for k in np.flatnonzero(tree.parent == link)]
+        if len(branches) > 1 and not choice.joints:
+            where = tree.link_names[link] if link >= 0 else "the base"
+            raise ConfigError(
+                f"{file}: joints {' and '.join(branches)} both hang on {where}; an arm is one chain. Say with --tool LINK where it "
+                f"ends, with --joints which move, or with --lock which stand still (all joints: {', '.join(tree.joint_names)})"
+            )
+    last = tree.n - 1
+    if tree.n > 1 and tree.prismatic[last] and not tree.prismatic[:last].any() and tree.q_max[last] - tree.q_min[last] < FINGER:
+        notes.append(f"joint {tree.joint_names[last]} slides at the end of the arm; a gripper's finger is left out with --lock")
+
+
+def _followers(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
+    """Joints that an equality of MJCF ties to another joint, or that are in a loop that one closes."""
+    out = {}
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint_{j}" for j in range(model.njnt)]
+    for e in range(model.neq):
+        if int(model.eq_type[e]) == int(mujoco.mjtEq.mjEQ_JOINT):
+            a, b, terms = int(model.eq_obj1id[e]), int(model.eq_obj2id[e]), model.eq_data[e]
+            out[names[a]] = (names[b] if b >= 0 else "the base", float(terms[1]), float(terms[0]))
+    return out
+
+
+def _body_parents(model: mujoco.MjModel) -> dict[str, str]:
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, b) or f"body_{b}" for b in range(model.nbody)]
+    return {names[b]: names[int(model.body_parentid[b])] for b in range(1, model.nbody)}
+
+
+def _urdf_parents(text: str) -> dict[str, str]:
+    from xml.etree import ElementTree
+
+    out = {}
+    for joint in ElementTree.fromstring(text).iter("joint"):
+        up, down = joint.find("parent"), joint.find("child")
+        if up is not None and down is not None:
+            out[down.get("link", "")] = up.get("link", "")
+    return out
+
+
+def _robot_name(text: str) -> str:
+    from xml.etree import ElementTree
+
+    return ElementTree.fromstring(text).get("name", "")
 
 
 def with_limits(arm: Arm, limits: Mapping[str, list[float]]) -> Arm:

@@ -1,9 +1,11 @@
-"""`calib arm new FILE`: a working arm folder from a model file."""
+"""`calib arm new FILE`: a working arm folder from a model file; `calib arm drive NAME`: one drive on a bench."""
 
 from __future__ import annotations
 
+import enum
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +18,39 @@ if TYPE_CHECKING:
     from sim.arm import Arm
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True)
+
+
+class Numbers(enum.StrEnum):
+    """Where masses and inertias come from."""
+
+    MEASURED = "measured"
+    CAD = "cad"
+    GUESSED = "guessed"
+    UNKNOWN = "unknown"
+
+
+class TorqueAt(enum.StrEnum):
+    """Where torque is measured."""
+
+    MOTOR = "motor"
+    JOINT = "joint"
+
+
+Name = Annotated[str | None, typer.Option(help="Name of the arm; the model's own if not given.")]
+Limit = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=N[,N...]",
+        help="A limit, one number for all joints or one each: q_min q_max (rad) dq_max ddq_max jerk_max tau_max (N m). Repeatable.",
+    ),
+]
+At = Annotated[
+    TorqueAt,
+    typer.Option(
+        help="Where the arm's torque is measured: at the motor (current), before the gear's friction, or at the joint, behind it."
+    ),
+]
+Folder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The arm's folder; configs/arms/NAME if not given.")]
 
 
 @app.callback()
@@ -31,46 +66,122 @@ def command() -> None:
 @app.command()
 def new(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="MJCF (.xml) or URDF (.urdf; expand a .xacro first).")],
-    name: Annotated[str | None, typer.Option(help="Name of the arm; the model's own if not given.")] = None,
-    limit: Annotated[
+    name: Name = None,
+    limit: Limit = None,
+    joints: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="Joints that move, by name or pattern; the others stand still at 0.")
+    ] = None,
+    lock: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=N[,N...]",
-            help="A limit, one number for all joints or one each: q_min q_max (rad) dq_max ddq_max jerk_max tau_max (N m). Repeatable.",
+            metavar="NAME[=N]", help="A joint, or a pattern of joints, that stands still, at N rad (m of a slide). Repeatable."
         ),
     ] = None,
-    root: Annotated[Path | None, typer.Option(help="Folder of the ROS package that package:// mesh paths mean.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="The arm's folder; configs/arms/NAME if not given.")
+    tool: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The arm's last link; joints that are not before it stand still.")
     ] = None,
+    numbers: Annotated[
+        Numbers | None,
+        typer.Option(help="Where the file's masses come from; asked if not given, and guessed if nobody answers."),
+    ] = None,
+    geometry_only: Annotated[
+        bool, typer.Option("--geometry-only", help="Only geometry is known: masses of the file, if any, do not count.")
+    ] = False,
+    no_shapes: Annotated[
+        bool, typer.Option("--no-shapes", help="Do without collision shapes whose mesh is missing; nothing keeps them clear.")
+    ] = False,
+    torque_at: At = TorqueAt.MOTOR,
+    root: Annotated[Path | None, typer.Option(help="Folder of the ROS package that package:// mesh paths mean.")] = None,
+    out: Folder = None,
     json: console.Json = False,
 ) -> None:
     """Make an arm folder from a model file, and ask for each limit that the model does not state.
 
     Nothing is guessed: an empty answer leaves the limit out, and what needs it will ask for it by name. Without a terminal
-    nothing is asked; give --limit instead.
+    nothing is asked; give --limit instead. A gripper's joints are left out with --joints, --lock or --tool.
 
     Example:
 
-        calib arm new my_robot.urdf --root ros/my_robot --limit ddq_max=5 --limit jerk_max=100
+        calib arm new my_robot.urdf --numbers cad --lock 'finger_*' --limit ddq_max=5 --limit jerk_max=100
     """
-    from sim.arm_folder import write_arm
-    from sim.new_arm import LIMIT_UNITS, missing_limits, read_model, staging_folder, with_limits
+    from sim.new_arm import Choice, read_model, staging_folder
 
+    person = sys.stdin.isatty() and not json
+    if numbers is None and not geometry_only and person:
+        answer = console.ask(f"where do its masses come from ({', '.join(Numbers)}; empty: not known): ").strip().lower()
+        if answer not in ("", *Numbers):
+            raise ConfigError(f"{answer!r} is none of {', '.join(Numbers)}")
+        numbers = Numbers(answer) if answer else None
+    choice = Choice(
+        joints=[p.strip() for p in joints.split(",") if p.strip()] if joints else (), lock=dict(_locked(text) for text in lock or []),
+        tool=tool, no_shapes=no_shapes, geometry_only=geometry_only or numbers == Numbers.UNKNOWN, numbers=numbers.value if numbers else None,
+    )  # fmt: skip
     with staging_folder() as staging:
-        arm = with_limits(read_model(file, Path(staging), root), dict(_limit(text) for text in limit or []))
-        if sys.stdin.isatty() and not json:
-            arm = _asked(arm)
-        label = name or arm.name
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", label):
-            raise ConfigError(f"name {label!r}: letters, digits, dot, dash and underscore; give one with --name")
-        folder = out or Path("configs") / "arms" / label
-        if (folder / "arm.toml").exists():
-            raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")
-        told = {"all": f"read from {file.name}", "limits": "the model's own, and those given to `calib arm new`"}
-        written = write_arm(folder, arm, name=label, provenance=told)
+        arm, notes = read_model(file, Path(staging), root, choice)
+        for note in notes:
+            console.warn(note)
+        if arm.prior.numbers is None:
+            console.warn("nobody said where the masses come from: they count as guessed; say with --numbers")
+        _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
+
+
+@app.command()
+def drive(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the arm of one joint.")],
+    load: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KG,M", help="Load and its distance from a level axis, straight down at 0 rad; `unknown`: not weighed."
+        ),
+    ] = None,
+    joint: Annotated[str, typer.Option(help="Name of its joint.")] = "joint1",
+    limit: Limit = None,
+    torque_at: At = TorqueAt.MOTOR,
+    out: Folder = None,
+    json: console.Json = False,
+) -> None:
+    """Make an arm folder of one drive on a bench: a free shaft, or a load on a lever.
+
+    Example:
+
+        calib arm drive xl330 --load 0.49,0.1 --limit tau_max=0.5 --limit dq_max=6
+    """
+    from sim.new_arm import drive_arm, staging_folder
+
+    known = None if load in (None, "unknown") else _limit(f"--load={load}")[1]
+    if known is not None and (len(known) != 2 or not min(known) > 0 or not max(known) < 1e4):
+        raise ConfigError(f"--load {load}: write KG,M, both above zero, or unknown")
+    with staging_folder() as staging:
+        arm = drive_arm(name, joint, None if known is None else (known[0], known[1]), load == "unknown", Path(staging))
+        _finish(arm, name, limit, torque_at, out, json, sys.stdin.isatty() and not json, [], "`calib arm drive`")
+
+
+def _finish(
+    arm: Arm, name: str | None, limit: list[str] | None, torque_at: TorqueAt, out: Path | None, json: bool, person: bool,
+    notes: list[str], source: str,
+) -> None:  # fmt: skip
+    """Give the arm its limits, write its folder and show what is in it."""
+    from sim.arm_folder import write_arm
+    from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
+
+    arm = with_limits(arm, dict(_limit(text) for text in limit or []))
+    if person:
+        arm = _asked(arm)
+    label = name or arm.name
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", label):
+        raise ConfigError(f"name {label!r}: letters, digits, dot, dash and underscore; give one with --name")
+    folder = out or Path("configs") / "arms" / label
+    if (folder / "arm.toml").exists():
+        raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")
+    told = {"all": f"read from {source}", "limits": "the model's own, and those given to `calib arm new`"}
+    if "shapes" in arm.incomplete:
+        console.warn("no motion is cleared until these shapes are in the model; to do without them, say --no-shapes")
+    told |= {"left out": "; ".join(notes)} if notes else {}
+    written = write_arm(folder, replace(arm, torque_at=torque_at.value), name=label, provenance=told)
     if json:
-        console.print_json({"arm": label, "folder": folder, "joints": written.joint_names, "missing": missing_limits(written)})
+        console.print_json(
+            {"arm": label, "folder": folder, "joints": written.joint_names, "missing": missing_limits(written), "notes": notes}
+        )
         return
     rows = zip(written.joint_names, written.tree.mass, *(getattr(written, key) for key in LIMIT_UNITS), strict=True)
     console.table(["joint", "mass kg", *(f"{key} {unit}" for key, unit in LIMIT_UNITS.items())], rows)
@@ -86,6 +197,17 @@ def _limit(text: str) -> tuple[str, list[float]]:
         return key, [float(x) for x in numbers.split(",")]
     except ValueError:
         raise ConfigError(f"--limit {text}: write KEY=N for all joints, or KEY=N,N,... with one number a joint") from None
+
+
+def _locked(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        angle = float(value or 0.0)
+    except ValueError:
+        angle = float("nan")
+    if not abs(angle) < 1e3:
+        raise ConfigError(f"--lock {text}: write NAME, or NAME=N with the angle in rad")
+    return name, angle
 
 
 def _asked(arm: Arm) -> Arm:

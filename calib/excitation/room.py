@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
 from safety.torque import torque_interval
-from sim.arm import Arm, require_limits
+from sim.arm import Arm, require_limits, require_masses
 from sim.cell import BoxObstacle, Cell
 from sim.trajectory import Trajectory
 
@@ -46,6 +46,7 @@ class Room:
     """The limits and the geometry of one arm in one cell."""
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
+        require_masses(arm)
         require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
         self.arm, self.cell = arm, cell
         pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in capsules(s)]

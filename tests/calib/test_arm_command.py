@@ -3,10 +3,16 @@
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from calib.main import main
-from sim.arm import load_arm
+from safety.collision import Clearance
+from sim.arm import load_arm, require_masses
+from sim.cell import load_cell
+from sim.errors import ConfigError
+from sim.prior import spread
+from sim.rigid_body import RigidBody
 
 URDF = """<robot name="two"><link name="w"/><link name="l">
   <inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -36,6 +42,7 @@ def test_a_ros_package_becomes_an_arm_folder(package, tmp_path, capsys, with_roo
     )
     assert json.loads(capsys.readouterr().out)["missing"] == []
     arm = load_arm(tmp_path / "arm")
+    assert (arm.prior.numbers, arm.prior.unknown) == (None, ["coulomb", "viscous", "rotor", "offset"])
     assert (arm.name, arm.joint_names, arm.incomplete) == ("two", ("j",), ("sensors",))
     assert (arm.dq_max.tolist(), arm.tau_max.tolist(), arm.jerk_max.tolist()) == ([2.0], [5.0], [100.0])
     assert [s.kind for s in arm.tree.shapes] == ["mesh"]
@@ -57,7 +64,7 @@ def test_what_nobody_stated_stays_missing_and_is_told(package, tmp_path, capsys)
         (["--limit", "speed=1"], "there is no limit 'speed'"),
         (["--limit", "q_min=2"], "is not below q_max"),
         (["--limit", "ddq_max=fast"], "write KEY=N"),
-        (["--root", "nowhere"], "was not found under nowhere"),
+        (["--root", "nowhere"], "there is no such folder"),
         (["--name", "../up"], "letters, digits"),
     ],
 )
@@ -79,3 +86,147 @@ def test_a_mesh_may_not_leave_its_package(package, tmp_path, capsys):
     file.write_text(URDF.replace("two_description/meshes/part.obj", "two_description/../../secret.obj"))
     assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 2
     assert "leaves its package" in capsys.readouterr().err
+
+
+def test_a_missing_collision_mesh_leaves_the_arm_without_a_cleared_motion_until_waived(package, tmp_path, capsys):
+    (package / "meshes" / "part.obj").unlink()
+    command = ["arm", "new", str(package / "urdf" / "two.urdf"), "--limit", "ddq_max=5", "--limit", "jerk_max=100"]
+    assert main([*command, "--out", str(tmp_path / "arm")]) == 0
+    assert "link l: collision mesh package://two_description/meshes/part.obj was not found" in _err(capsys)
+    arm = load_arm(tmp_path / "arm")
+    assert "shapes" in arm.incomplete
+    with pytest.raises(ConfigError, match=r"collision shapes are missing \(l\)"):
+        Clearance(arm, load_cell("mock-ur10e"))
+    assert main([*command, "--no-shapes", "--out", str(tmp_path / "waived")]) == 0
+    assert "shapes" not in load_arm(tmp_path / "waived").incomplete
+
+
+GRIPPER = """<robot name="grip"><link name="w"/>
+  <transmission name="t"><type>x</type><joint name="a"/><mechanicalReduction>nan</mechanicalReduction></transmission>
+  <gazebo><plugin name="p" filename="libp.so"/></gazebo>
+  {links}
+  <joint name="a" type="revolute"><parent link="w"/><child link="a"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="5" velocity="2"/><dynamics damping="0.1" friction="0.2"/></joint>
+  <joint name="b" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+  <joint name="hand" type="fixed"><parent link="b"/><child link="hand"/><origin xyz="0.2 0 0" rpy="0.3 0 0"/></joint>
+  <joint name="f1" type="prismatic"><parent link="hand"/><child link="f1"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="5" velocity="2"/></joint>
+  <joint name="f2" type="prismatic"><parent link="hand"/><child link="f2"/><axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.04" effort="5" velocity="2"/><mimic joint="f1"/></joint></robot>"""
+BODY = """<link name="{0}"><inertial><origin xyz="0.1 0.02 0.03"/><mass value="{1}"/>
+  <inertia ixx="0.01" iyy="0.02" izz="0.025" ixy="0.001" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><sphere radius="0.02"/></geometry></collision></link>"""
+
+
+@pytest.fixture
+def gripper(tmp_path):
+    file = tmp_path / "grip.urdf"
+    file.write_text(
+        GRIPPER.format(links="".join(BODY.format(name, 1 + k) for k, name in enumerate(["a", "b", "hand", "f1", "f2"])))
+    )
+    return file
+
+
+@pytest.mark.parametrize("choice", [["--lock", "f1=0.02"], ["--lock", "f*=0.02"], ["--joints", "a,b", "--lock", "f1=0.02"]])
+def test_locked_joints_leave_the_dynamics_of_the_others_as_they_were(gripper, tmp_path, choice):
+    assert main(["arm", "new", str(gripper), *choice, "--numbers", "cad", "--out", str(tmp_path / "arm")]) == 0
+    arm = load_arm(tmp_path / "arm")
+    assert (arm.joint_names, len(arm.tree.shapes)) == (("a", "b"), 5)
+    whole = pin.buildModelFromUrdf(str(gripper))
+    rng = np.random.default_rng(1)
+    for q, dq, ddq in rng.normal(size=(5, 3, 2)):
+        fingers = np.array([0.02, 0.02])
+        expected = pin.rnea(whole, whole.createData(), np.r_[q, fingers], np.r_[dq, 0, 0], np.r_[ddq, 0, 0])[:2]
+        assert RigidBody(arm).inverse_dynamics(q[None], dq[None], ddq[None])[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_follower_stands_still_and_a_tool_ends_the_chain(gripper, tmp_path, capsys):
+    assert main(["arm", "new", str(gripper), "--numbers", "cad", "--out", str(tmp_path / "arm")]) == 0
+    assert load_arm(tmp_path / "arm").joint_names == ("a", "b", "f1")
+    said = _err(capsys)
+    assert "joint f2 follows f1: it is held still at 0" in said
+    assert "joint f1 slides at the end of the arm" in said
+    assert main(["arm", "new", str(gripper), "--tool", "hand", "--out", str(tmp_path / "tool")]) == 0
+    assert load_arm(tmp_path / "tool").joint_names == ("a", "b")
+
+
+def test_branches_and_unknown_joints_are_asked_about(gripper, tmp_path, capsys):
+    gripper.write_text(gripper.read_text().replace('<mimic joint="f1"/>', ""))
+    command = ["arm", "new", str(gripper), "--out", str(tmp_path / "arm")]
+    assert main(command) == 2
+    assert "joints f1 and f2 both hang on b; an arm is one chain" in _err(capsys)
+    assert main([*command, "--lock", "g1"]) == 2
+    assert "has no joint 'g1'" in _err(capsys)
+    assert main([*command, "--tool", "handle"]) == 2
+    assert "has no link 'handle'; did you mean 'hand'" in _err(capsys)
+    assert main([*command, "--lock", "*"]) == 2
+    assert "no joint is left to move" in _err(capsys)
+
+
+def test_masses_that_nobody_knows_are_unknown_to_every_fit(gripper, tmp_path, capsys):
+    gripper.write_text(gripper.read_text().replace('<mass value="1"/>', '<mass value="0"/>'))
+    command = ["arm", "new", str(gripper), "--tool", "hand"]
+    assert main([*command, "--out", str(tmp_path / "no")]) == 2
+    assert "no mass of a; give the links their <inertial>, or say --geometry-only" in _err(capsys)
+    assert main([*command, "--geometry-only", "--torque-at", "joint", "--out", str(tmp_path / "arm")]) == 0
+    arm = load_arm(tmp_path / "arm")
+    assert (arm.prior.numbers, arm.torque_at) == ("unknown", "joint")
+    assert arm.prior.mass >= 1
+    assert arm.tree.mass.min() > 0.1
+    with pytest.raises(ConfigError, match="masses are unknown"):
+        require_masses(arm)
+
+
+def test_friction_is_free_where_nobody_measured_it_and_relative_where_somebody_did(gripper, tmp_path):
+    assert main(["arm", "new", str(gripper), "--tool", "hand", "--numbers", "cad", "--out", str(tmp_path / "cad")]) == 0
+    assert main(["arm", "new", str(gripper), "--tool", "hand", "--numbers", "measured", "--out", str(tmp_path / "known")]) == 0
+    free, known = spread(load_arm(tmp_path / "cad")), spread(load_arm(tmp_path / "known"))
+    assert free["coulomb"].tolist() == pytest.approx([0.5, 0.5])
+    assert free["viscous"].tolist() == pytest.approx([0.25, 0.25])
+    assert known["coulomb"].tolist() == pytest.approx([0.04 * 0.2, 0.5]), "a zero states nothing"
+    assert known["viscous"].tolist() == pytest.approx([0.04 * 0.1, 0.25])
+    assert (known["rotor"] > 0.01).all()
+
+
+def test_a_drive_on_a_bench_is_an_arm_of_one_joint(tmp_path):
+    limits = ["--limit", "tau_max=2", "--limit", "dq_max=6"]
+    assert main(["arm", "drive", "pendulum", "--load", "0.49,0.1", *limits, "--out", str(tmp_path / "p")]) == 0
+    arm = load_arm(tmp_path / "p")
+    hanging, level = RigidBody(arm).inverse_dynamics(np.array([[0.0], [np.pi / 2]]), np.zeros((2, 1)), np.zeros((2, 1)))[:, 0]
+    assert (hanging, abs(level)) == pytest.approx((0.0, 0.49 * 0.1 * 9.81), abs=1e-12)
+    assert arm.prior.numbers == "measured"
+    assert main(["arm", "drive", "free", *limits, "--joint", "m1", "--out", str(tmp_path / "f")]) == 0
+    arm = load_arm(tmp_path / "f")
+    assert (arm.joint_names, arm.prior.numbers) == (("m1",), "unknown")
+    assert RigidBody(arm).inverse_dynamics(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0, 0] == pytest.approx(
+        0.0, abs=1e-12
+    )
+
+
+SERVOS = """<mujoco><worldbody><body><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><joint name="j" range="-3 3" {joint}/>
+  </body></worldbody><actuator>{actuator}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator", "torque"),
+    [
+        ("", '<position joint="j" kp="2000" ctrlrange="-2.9 2.9"/>', None),
+        ("", '<position joint="j" kp="2000" ctrlrange="-2.9 2.9" forcerange="-320 300"/>', 300.0),
+        ('actuatorfrcrange="-50 50"', '<position joint="j" kp="2000" ctrlrange="-2.9 2.9" forcerange="-320 320"/>', 50.0),
+        ("", '<velocity joint="j" kv="10" ctrlrange="-3 3"/>', None),
+        ("", '<motor joint="j" gear="100" ctrlrange="-0.5 0.4"/>', 40.0),
+        ("", '<general joint="j" gainprm="7" gear="2" ctrlrange="-1 1"/>', 14.0),
+        ("", '<general joint="j" gainprm="4500" biastype="affine" biasprm="0 -4500 -450" ctrlrange="-3 3"/>', None),
+        ("", '<motor joint="j"/>', None),
+    ],
+)
+def test_only_a_limit_of_force_is_a_limit_of_torque(tmp_path, joint, actuator, torque):
+    file = tmp_path / "servo.xml"
+    file.write_text(SERVOS.format(joint=joint, actuator=actuator))
+    found = load_arm(file).tau_max[0]
+    assert np.isnan(found) if torque is None else found == pytest.approx(torque)
+
+
+def _err(capsys):
+    return " ".join(capsys.readouterr().err.split())

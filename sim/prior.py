@@ -1,0 +1,100 @@
+"""How far the numbers of an arm may be off before any data: from where they come, and from the arm's size where nobody stated them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.arm_table import Numbers, PriorTable
+from sim.tree import KinematicTree
+
+if TYPE_CHECKING:
+    from sim.arm import Arm
+
+# relative standard deviations of mass, centre of mass (of the link's size) and inertia
+WIDTHS: dict[Numbers, tuple[float, float, float]] = {
+    "measured": (0.01, 0.01, 0.05),
+    "cad": (0.05, 0.03, 0.15),
+    "guessed": (0.5, 0.3, 1.0),
+    "unknown": (3.0, 1.0, 3.0),
+}
+# share of the largest torque that dry friction, viscous friction at full speed, and an offset of the reading take in an ordinary drive
+FRICTION_SHARE = 0.1
+STATED = {"coulomb": "frictionloss", "viscous": "damping", "rotor": "armature"}
+
+
+def stated_prior(numbers: Numbers | None, tree: KinematicTree) -> PriorTable:
+    """The prior of an arm that is new, from the answer to "where do its numbers come from?"; without an answer they count as guessed.
+
+    What the model has no number for (zero at every joint) is unknown, and so is every friction that was not measured: those of
+    model files steady a simulation. Offsets of readings are unknown: no model file states them.
+    """
+    mass, com, inertia = WIDTHS[numbers or "guessed"]
+    unknown = [key for key, row in STATED.items() if not np.any(getattr(tree, row))]
+    if numbers != "measured":
+        unknown = [key for key in STATED if key != "rotor" or numbers == "unknown" or key in unknown]
+    return PriorTable.model_validate(
+        {"numbers": numbers, "unknown": [*unknown, "offset"], "mass": mass, "com": com, "inertia": inertia}
+    )
+
+
+def torque_scale(arm: Arm) -> np.ndarray:
+    """(n,) N m: the arm's tau_max, or where nobody stated it the weight of the links behind the joint at full reach."""
+    tree, out = arm.tree, arm.tau_max.copy()
+    for j in range(arm.n):
+        if not np.isfinite(out[j]):
+            out[j] = 9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3)
+    return out
+
+
+def spread(arm: Arm) -> dict[str, np.ndarray]:
+    """Absolute standard deviations (n,) of coulomb N m, viscous N m s/rad, rotor kg m^2 and offset N m before any data.
+
+    Relative to the arm's own number where that is stated: not listed in prior.unknown, and not zero (a zero without a standard
+    deviation of its own states nothing). Else as wide as an ordinary drive can be: a tenth of the largest torque, at full speed
+    for viscous friction; for a rotor what that torque accelerates at ddq_max, or the inertia of the links behind it.
+    """
+    scale, prior, n = torque_scale(arm), arm.prior, arm.n
+    speed = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
+    carried = np.array([_carried(arm.tree, j) for j in range(n)])
+    wide = {
+        "coulomb": FRICTION_SHARE * scale,
+        "viscous": FRICTION_SHARE * scale / speed,
+        "rotor": np.where(np.isfinite(arm.ddq_max), scale / np.where(np.isfinite(arm.ddq_max), arm.ddq_max, 1.0), carried),
+        "offset": FRICTION_SHARE * scale,
+    }
+    effects = {
+        "coulomb": ("coulomb_friction", "coulomb", prior.coulomb),
+        "viscous": ("viscous_friction", "viscous", prior.viscous),
+        "rotor": ("rotor_inertia", "inertia", prior.rotor),
+    }
+    for key, (effect, parameter, relative) in effects.items():
+        if key in prior.unknown:
+            continue
+        for j, joint in enumerate(arm.joint_names):
+            own = arm.effect(effect, joint)
+            if own and own.parameters[parameter] != 0:
+                wide[key][j] = relative * abs(own.parameters[parameter])
+            elif own and own.std.get(parameter):
+                wide[key][j] = own.std[parameter]
+    return wide
+
+
+def _behind(tree: KinematicTree, joint: int) -> list[int]:
+    """Links that a joint moves, in order."""
+    found = [joint]
+    for i in range(joint + 1, tree.n):
+        if tree.parent[i] in found:
+            found.append(i)
+    return found
+
+
+def _carried(tree: KinematicTree, joint: int) -> float:
+    """Inertia kg m^2 of the links behind a joint about its origin, as if all hung straight."""
+    reach, total = {joint: 0.0}, 0.0
+    for i in _behind(tree, joint):
+        if i != joint:
+            reach[i] = reach[int(tree.parent[i])] + float(np.linalg.norm(tree.position[i]))
+        total += tree.mass[i] * (reach[i] + np.linalg.norm(tree.com[i])) ** 2 + np.trace(tree.inertia[i]) / 2
+    return float(total)

@@ -1,0 +1,140 @@
+"""A URDF as ROS packages have it, reduced to what an arm is: links with inertias and collision shapes, and joints."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+from sim.errors import ConfigError
+from sim.meshes import as_stl
+from sim.model_text import MAX_BYTES
+
+Element = ElementTree.Element
+# a moving body without a mass is no model for MuJoCo; what stands here is below every real link and is found again by it
+NO_MASS = 1e-9
+
+
+@dataclass
+class Urdf:
+    """Text with meshes beside it in `folder`, what was left out, the joints that follow another one, and links without their shape."""
+
+    text: str
+    folder: Path
+    notes: list[str] = field(default_factory=list)
+    followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    without_shape: list[str] = field(default_factory=list)
+
+
+def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
+    """The URDF without what no arm needs (visuals, Gazebo, transmissions, plug-ins), its collision meshes as STL in `staging`.
+
+    A joint that mimics another is listed in `followers` (joint -> driver, multiplier, offset). A floating or planar joint becomes
+    fixed. A collision mesh that is not there leaves its link in `without_shape`. ConfigError where the file is no readable XML.
+    """
+    robot = _parsed(file)
+    out = Urdf("", staging)
+    for element in list(robot):
+        if element.tag not in ("link", "joint", "mujoco"):
+            robot.remove(element)
+    for link in robot.iter("link"):
+        for child in list(link):
+            if child.tag not in ("inertial", "collision"):
+                link.remove(child)
+        _set_mass(link)
+        _set_meshes(link, file, root, out)
+    for joint in robot.iter("joint"):
+        name = joint.get("name", "")
+        for child in list(joint):
+            if child.tag == "mimic":
+                out.followers[name] = (
+                    child.get("joint", ""), float(child.get("multiplier", "1")), float(child.get("offset", "0")),
+                )  # fmt: skip
+            if child.tag not in ("origin", "parent", "child", "axis", "limit", "dynamics"):
+                joint.remove(child)
+        if joint.get("type") in ("floating", "planar"):
+            out.notes.append(f"joint {name} is {joint.get('type')}: it stands still here")
+            joint.set("type", "fixed")
+    out.text = ElementTree.tostring(robot, encoding="unicode")
+    return out
+
+
+def _parsed(file: Path) -> Element:
+    try:
+        if file.stat().st_size > MAX_BYTES:
+            raise ConfigError(f"{file}: {file.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
+        text = file.read_text(encoding="utf-8")
+        if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
+            raise ConfigError(f"{file}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
+        robot = ElementTree.fromstring(text)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror}); give a .urdf or .xml file") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; a model file is XML text") from error
+    except ElementTree.ParseError as error:
+        raise ConfigError(
+            f"{file}: not well-formed XML ({error}); a .xacro file must be expanded with `xacro` first"
+        ) from error
+    if any("xacro" in element.tag for element in robot.iter()):
+        raise ConfigError(f"{file}: holds xacro commands; expand it with `xacro` first")
+    return robot
+
+
+def _set_mass(link: Element) -> None:
+    """Mark a link without a mass by NO_MASS, so that no density is assumed of its shapes."""
+    inertial = link.find("inertial")
+    mass = inertial.find("mass") if inertial is not None else None
+    if mass is not None and mass.get("value", "0").strip() not in ("0", "0.0", "0."):
+        return
+    if inertial is not None:
+        link.remove(inertial)
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "mass", value=repr(NO_MASS))
+    tiny = repr(NO_MASS**1.5)
+    ElementTree.SubElement(inertial, "inertia", ixx=tiny, iyy=tiny, izz=tiny, ixy="0", ixz="0", iyz="0")
+
+
+def _set_meshes(link: Element, file: Path, root: Path | None, out: Urdf) -> None:
+    """Copy the link's collision meshes to the staging folder; a shape whose mesh is not there is left out and noted."""
+    for collision in link.findall("collision"):
+        for mesh in collision.iter("mesh"):
+            address = mesh.get("filename", "")
+            source = mesh_file(address, file, root)
+            if source is None:
+                link.remove(collision)
+                out.without_shape.append(link.get("name", ""))
+                out.notes.append(
+                    f"link {link.get('name')}: collision mesh {address} was not found {_looked(root)}: the link has no shape "
+                    "until one is given; say with --root where the package is"
+                )
+                break
+            copy = out.folder / f"mesh_{len(list(out.folder.glob('mesh_*')))}.stl"
+            as_stl(source, copy)
+            mesh.set("filename", copy.name)
+
+
+def mesh_file(address: str, model: Path, root: Path | None) -> Path | None:
+    """The file of a mesh address: package://NAME/PATH, file:///PATH, or a path beside the model; None where there is none.
+
+    package://NAME/PATH is looked for under `root` (the package's folder, or the folder that holds it), else beside and above `model`.
+    ConfigError where an address is of another kind, or leaves its package.
+    """
+    scheme, separator, rest = address.partition("://")
+    if not separator:
+        places = [model.parent / address]
+    elif scheme == "file":
+        places = [Path(rest)]
+    elif scheme in ("package", "model"):
+        package, _, inside = rest.partition("/")
+        homes = [root, root.parent] if root else [model.parent, *model.resolve().parents]
+        places = [p for home in homes for p in (home / package / inside, home / inside)]
+        if ".." in Path(rest).parts:
+            raise ConfigError(f"{model}: {address}: leaves its package; give the mesh a path inside it")
+    else:
+        raise ConfigError(f"{model}: {address}: only package://, file:// and plain paths are read")
+    return next((place for place in places if place.is_file()), None)
+
+
+def _looked(root: Path | None) -> str:
+    return f"under {root}" if root else "beside and above the model"
