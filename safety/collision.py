@@ -9,35 +9,30 @@ Pairs: every two shapes on different links, except links that share a joint (the
 moving link against every obstacle. Links two joints apart are built close together, so their enclosing shapes must not overlap but
 need no margin beyond that. Meshes are taken as their convex hulls, which are never smaller.
 
-This file and sim.rigid_body are the only ones that call Pinocchio.
+Beside `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
-import coal
-import mujoco
 import numpy as np
 import pinocchio as pin
 
 from safety.reach import joint_reach
+from safety.shapes import Obstacle, link_body, obstacle_body
 from sim.arm import Arm
-from sim.cell import BoxObstacle, Cell, MeshObstacle, PlaneObstacle
+from sim.cell import Cell, PlaneObstacle
 from sim.errors import ConfigError, SafetyStop
 from sim.finite import is_finite
 from sim.rigid_body import RigidBody
 from sim.tree import Shape
 
-LARGEST = 10.0
-FARTHEST = 100.0
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
 LOOKS = 400
-Obstacle = BoxObstacle | PlaneObstacle | MeshObstacle
 EXACT = 1e-9
 
 
@@ -79,7 +74,7 @@ class Clearance:
         names, links, reaches = [], [], []
         for shape in arm.tree.shapes:
             placement = pin.SE3(shape.rotation, shape.position)
-            body = _shape(shape, str(arm.model_path))
+            body = link_body(shape, str(arm.model_path))
             self._geometry.addGeometryObject(pin.GeometryObject(shape.name, shape.link + 1, 0, placement, body))
             names.append(shape.name)
             links.append(shape.link)
@@ -98,7 +93,7 @@ class Clearance:
         count = len(names)
         for obstacle in cell.table.obstacles:
             where = f"{cell.path}: obstacle {obstacle.name}"
-            body, placement = _obstacle(obstacle, cell.path.parent, where)
+            body, placement = obstacle_body(obstacle, cell.path.parent, where)
             self._geometry.addGeometryObject(pin.GeometryObject(obstacle.name, 0, 0, placement, body))
             names.append(obstacle.name)
         pairs, reach, margin = [], [], []
@@ -246,88 +241,3 @@ class Clearance:
         rows = np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int))
         found = [self.nearest(q[k], float(t[k])) for k in rows]
         return min(found, key=lambda near: near.distance - near.margin)
-
-
-def _shape(shape: Shape, where: str) -> coal.CollisionGeometry:
-    size = shape.size
-    counts = {"capsule": 2, "cylinder": 2, "sphere": 1, "box": 3, "mesh": 0}
-    used = np.array(size[: counts[shape.kind]])
-    _check_sizes(used, f"{where}: shape {shape.name}")
-    if not (np.all(np.isfinite(shape.rotation)) and np.all(np.isfinite(shape.position))):
-        raise ConfigError(f"{where}: shape {shape.name} stands at a place that is not finite; correct its pos and quat")
-    if shape.kind == "capsule":
-        return coal.Capsule(size[0], 2 * size[1])
-    if shape.kind == "cylinder":
-        return coal.Cylinder(size[0], 2 * size[1])
-    if shape.kind == "sphere":
-        return coal.Sphere(size[0])
-    if shape.kind == "box":
-        return coal.Box(*(2 * used))
-    assert shape.vertices is not None
-    return hull(shape.vertices, f"{where}: mesh of shape {shape.name}")
-
-
-def _obstacle(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
-    position = np.array(obstacle.position, dtype=float)
-    if not np.all(np.abs(position) <= FARTHEST):
-        raise ConfigError(f"{where}: stands at {position.tolist()} m, farther than {FARTHEST:g} m (millimetres?)")
-    if isinstance(obstacle, PlaneObstacle):
-        normal = np.array(obstacle.normal, dtype=float)
-        length = float(np.linalg.norm(normal))
-        if not (np.isfinite(length) and length > 1e-6):
-            raise ConfigError(f"{where}: normal {normal.tolist()} has no direction; give the outward normal, such as [0, 0, 1]")
-        normal = normal / length
-        return coal.Halfspace(normal, float(normal @ position)), pin.SE3.Identity()
-    placement = pin.SE3(pin.rpy.rpyToMatrix(*obstacle.rpy), position)
-    if isinstance(obstacle, BoxObstacle):
-        size = np.array(obstacle.size, dtype=float)
-        _check_sizes(size, where)
-        return coal.Box(*size), placement
-    file = (folder / obstacle.file).resolve()
-    if not file.is_relative_to(folder.resolve()):
-        raise ConfigError(f"{where}: {file} leaves the cell file's folder; copy the mesh into it")
-    return hull(mesh_vertices(file, where), f"{where}: {file.name}"), placement
-
-
-def _check_sizes(size: np.ndarray, where: str) -> None:
-    if not np.all((size > 0) & (size <= LARGEST)):
-        raise ConfigError(
-            f"{where}: size {size.tolist()} m; every size must be above 0 and at most {LARGEST:g} m (millimetres?)"
-        )
-
-
-def mesh_vertices(file: Path, where: str) -> np.ndarray:
-    """(V, 3) m of an STL or OBJ file, read by MuJoCo's own readers."""
-    spec = mujoco.MjSpec()
-    spec.add_mesh(name="mesh", file=file.name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
-    try:
-        spec.assets = {file.name: file.read_bytes()}
-        model = spec.compile()
-    except OSError as error:
-        raise ConfigError(f"{where}: {file} cannot be read ({error.strerror})") from error
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigError(f"{where}: {file.name} is not a mesh that MuJoCo reads: {str(error).strip()}") from error
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, model.mesh_quat[0])
-    return np.asarray(model.mesh_vert, dtype=float) @ rotation.reshape(3, 3).T + model.mesh_pos[0]
-
-
-def hull(vertices: np.ndarray, where: str) -> coal.CollisionGeometry:
-    """The convex hull of (V, 3) points, after refusing points that are not finite, flat or not in metres."""
-    if not (vertices.ndim == 2 and vertices.shape[1] == 3 and len(vertices) >= 4 and np.all(np.isfinite(vertices))):
-        raise ConfigError(
-            f"{where}: {vertices.shape} points, all finite: {bool(np.all(np.isfinite(vertices)))}; at least 4 are needed"
-        )
-    extent = np.ptp(vertices, axis=0)
-    if not (np.all(extent <= LARGEST) and np.all(extent > 0)):
-        raise ConfigError(
-            f"{where}: extends over {extent.tolist()} m; a body has three dimensions, at most {LARGEST:g} m (millimetres?)"
-        )
-    thickness = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[-1]
-    if not thickness > 1e-9:
-        raise ConfigError(f"{where}: all points lie in one plane; a body has a volume")
-    points = coal.StdVec_Vec3s()
-    for vertex in vertices:
-        points.append(vertex)
-    return coal.Convex.convexHull(points, False, "Qt")

@@ -1,7 +1,7 @@
 """tau = Y(q, dq, ddq) pi: rigid-body dynamics of an arm, and the base parameters that any motion can show.
 
 Pinocchio serves single configurations (mass matrix, forward dynamics, distances); long motions go through `sim._kernels`, which
-a test holds equal to Pinocchio. This file and `safety.collision` are the only ones that call Pinocchio.
+a test holds equal to Pinocchio. Beside it only `safety.collision` and `safety.shapes` call Pinocchio.
 """
 
 from __future__ import annotations

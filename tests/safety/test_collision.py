@@ -13,8 +13,9 @@ import pytest
 
 from drivers.driver import DeviceStop
 from safety.braking import DeviceStops, PathSheet
-from safety.collision import Clearance, hull
+from safety.collision import Clearance
 from safety.reach import joint_reach, spine
+from safety.shapes import hull
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError, SafetyStop

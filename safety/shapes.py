@@ -1,0 +1,105 @@
+"""Bodies for distances: the shapes of links, and obstacles. Meshes are taken as their convex hulls, which are never smaller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.errors import ConfigError
+from sim.tree import Shape
+
+LARGEST = 10.0
+FARTHEST = 100.0
+Obstacle = BoxObstacle | PlaneObstacle | MeshObstacle
+
+
+def link_body(shape: Shape, where: str) -> coal.CollisionGeometry:
+    """The body of a shape of a link; ConfigError where a size or a place is none."""
+    size = shape.size
+    counts = {"capsule": 2, "cylinder": 2, "sphere": 1, "box": 3, "mesh": 0}
+    used = np.array(size[: counts[shape.kind]])
+    _check_sizes(used, f"{where}: shape {shape.name}")
+    if not (np.all(np.isfinite(shape.rotation)) and np.all(np.isfinite(shape.position))):
+        raise ConfigError(f"{where}: shape {shape.name} stands at a place that is not finite; correct its pos and quat")
+    if shape.kind == "capsule":
+        return coal.Capsule(size[0], 2 * size[1])
+    if shape.kind == "cylinder":
+        return coal.Cylinder(size[0], 2 * size[1])
+    if shape.kind == "sphere":
+        return coal.Sphere(size[0])
+    if shape.kind == "box":
+        return coal.Box(*(2 * used))
+    assert shape.vertices is not None
+    return hull(shape.vertices, f"{where}: mesh of shape {shape.name}")
+
+
+def obstacle_body(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
+    """The body of an obstacle and where it stands; ConfigError where a size, a place or a mesh is none."""
+    position = np.array(obstacle.position, dtype=float)
+    if not np.all(np.abs(position) <= FARTHEST):
+        raise ConfigError(f"{where}: stands at {position.tolist()} m, farther than {FARTHEST:g} m (millimetres?)")
+    if isinstance(obstacle, PlaneObstacle):
+        normal = np.array(obstacle.normal, dtype=float)
+        length = float(np.linalg.norm(normal))
+        if not (np.isfinite(length) and length > 1e-6):
+            raise ConfigError(f"{where}: normal {normal.tolist()} has no direction; give the outward normal, such as [0, 0, 1]")
+        normal = normal / length
+        return coal.Halfspace(normal, float(normal @ position)), pin.SE3.Identity()
+    placement = pin.SE3(pin.rpy.rpyToMatrix(*obstacle.rpy), position)
+    if isinstance(obstacle, BoxObstacle):
+        size = np.array(obstacle.size, dtype=float)
+        _check_sizes(size, where)
+        return coal.Box(*size), placement
+    file = (folder / obstacle.file).resolve()
+    if not file.is_relative_to(folder.resolve()):
+        raise ConfigError(f"{where}: {file} leaves the cell file's folder; copy the mesh into it")
+    return hull(mesh_vertices(file, where), f"{where}: {file.name}"), placement
+
+
+def _check_sizes(size: np.ndarray, where: str) -> None:
+    if not np.all((size > 0) & (size <= LARGEST)):
+        raise ConfigError(
+            f"{where}: size {size.tolist()} m; every size must be above 0 and at most {LARGEST:g} m (millimetres?)"
+        )
+
+
+def mesh_vertices(file: Path, where: str) -> np.ndarray:
+    """(V, 3) m of an STL or OBJ file, read by MuJoCo's own readers."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=file.name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        spec.assets = {file.name: file.read_bytes()}
+        model = spec.compile()
+    except OSError as error:
+        raise ConfigError(f"{where}: {file} cannot be read ({error.strerror})") from error
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigError(f"{where}: {file.name} is not a mesh that MuJoCo reads: {str(error).strip()}") from error
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.mesh_quat[0])
+    return np.asarray(model.mesh_vert, dtype=float) @ rotation.reshape(3, 3).T + model.mesh_pos[0]
+
+
+def hull(vertices: np.ndarray, where: str) -> coal.CollisionGeometry:
+    """The convex hull of (V, 3) points, after refusing points that are not finite, flat or not in metres."""
+    if not (vertices.ndim == 2 and vertices.shape[1] == 3 and len(vertices) >= 4 and np.all(np.isfinite(vertices))):
+        raise ConfigError(
+            f"{where}: {vertices.shape} points, all finite: {bool(np.all(np.isfinite(vertices)))}; at least 4 are needed"
+        )
+    extent = np.ptp(vertices, axis=0)
+    if not (np.all(extent <= LARGEST) and np.all(extent > 0)):
+        raise ConfigError(
+            f"{where}: extends over {extent.tolist()} m; a body has three dimensions, at most {LARGEST:g} m (millimetres?)"
+        )
+    thickness = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[-1]
+    if not thickness > 1e-9:
+        raise ConfigError(f"{where}: all points lie in one plane; a body has a volume")
+    points = coal.StdVec_Vec3s()
+    for vertex in vertices:
+        points.append(vertex)
+    return coal.Convex.convexHull(points, False, "Qt")
