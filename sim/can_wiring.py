@@ -33,10 +33,13 @@ class ServoTable(StrictTable):
     """One drive: joint it moves, its identifiers, its serial number, and its stiffness.
 
     q_joint = direction * q_drive + zero; kp N m/rad and kd N m s/rad of an impedance drive. `feedback` is the identifier
-    of its answers (Damiao MST_ID, CubeMars), `gear` motor revolutions per joint revolution (ODrive).
+    of its answers (Damiao MST_ID, CubeMars), `gear` motor revolutions per joint revolution (ODrive). protocol and fd (CAN FD frames with
+    the data bit rate) are those of the bus where they are not given.
     """
 
     joint: str
+    protocol: ProtocolName | None = None
+    fd: bool | None = None
     node: Annotated[int, Field(ge=0, le=0x7FF)]
     feedback: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
     serial: str | None = None
@@ -52,7 +55,8 @@ class ServoTable(StrictTable):
 class CanOptions(StrictTable):
     """A bus and its drives.
 
-    interface, channel, bitrate and `bus` go to python-can; rate Hz is the control rate. watchdog s is the silence after
+    interface, channel, bitrate and `bus` go to python-can; data_bitrate makes it a CAN FD bus, whose Damiao drives speak FD unless their
+    servo says otherwise. protocol is that of every drive whose servo names no other. rate Hz is the control rate. watchdog s is the silence after
     which a drive switches itself off. brakes says that the joints hold without torque. bus_load_max is the largest part of
     the bit rate that the planned traffic may take in the worst case. `assume` is the cell's (sim.assumptions).
     """
@@ -60,8 +64,9 @@ class CanOptions(StrictTable):
     interface: str
     channel: str
     bitrate: Literal[1_000_000, 500_000, 250_000, 125_000] = 1_000_000
+    data_bitrate: Literal[2_000_000, 4_000_000, 5_000_000, 8_000_000] | None = None
     bus: dict[str, str | int | float | bool] = Field(default_factory=dict)
-    protocol: ProtocolName
+    protocol: ProtocolName | None = None
     rate: Positive
     watchdog: Annotated[Finite, Field(gt=0, le=0.5)] = 0.1
     brakes: bool
@@ -77,11 +82,17 @@ class CanOptions(StrictTable):
     @model_validator(mode="after")
     def _distinct(self) -> CanOptions:
         for key in ("joint", "node", "serial"):
-            values = [v for s in self.servos if (v := getattr(s, key)) is not None]
-            twice = sorted({str(v) for v in values if values.count(v) > 1})
+            values = [(wide, v) for s in self.servos if (v := getattr(s, key)) is not None
+                      for wide in [key == "node" and (s.protocol or self.protocol) == "robstride"]]  # fmt: skip
+            twice = sorted({str(v) for _, v in values if values.count((_, v)) > 1})
             if twice:
                 raise ValueError(f"{key} {', '.join(twice)} stands twice in servos; each drive has its own")
         return self
+
+    @property
+    def protocols(self) -> str:
+        """The protocols on this bus, as part of a sentence."""
+        return " and ".join(sorted({s.protocol or self.protocol or "" for s in self.servos}))
 
 
 def can_options(cell: Cell, arm: Arm) -> CanOptions:
@@ -98,18 +109,31 @@ def can_options(cell: Cell, arm: Arm) -> CanOptions:
         raise ConfigError(
             f"{cell.path}: options.servos has no drive for {', '.join(missing)}; add one for each joint of {arm.name}"
         )
-    for servo in options.servos:
-        needs = {
-            "damiao": ("feedback",), "cubemars": ("feedback", "ranges"), "robstride": ("ranges",), "odrive": (),
-        }[options.protocol]  # fmt: skip
-        for key in needs:
-            if getattr(servo, key) is None:
-                raise ConfigError(
-                    f"{cell.path}: servo of {servo.joint} lacks {key}; a {options.protocol} drive cannot do without it"
-                )
-        if options.protocol != "odrive" and not (servo.kp > 0 and servo.kd > 0):
-            raise ConfigError(f"{cell.path}: servo of {servo.joint} needs kp and kd above zero; without them its joint falls")
-    return options.model_copy(update={"servos": [by_joint[name] for name in arm.joint_names]})
+    whole = {name: _whole(by_joint[name], options, cell) for name in arm.joint_names}
+    return options.model_copy(update={"servos": list(whole.values())})
+
+
+NEEDS: dict[ProtocolName, tuple[str, ...]] = {
+    "damiao": ("feedback",), "cubemars": ("feedback", "ranges"), "robstride": ("ranges",), "odrive": (),
+}  # fmt: skip
+
+
+def _whole(servo: ServoTable, options: CanOptions, cell: Cell) -> ServoTable:
+    """A servo with the bus's protocol and frame format filled in; ConfigError for what its drive cannot do without, or cannot do."""
+    where, protocol = f"{cell.path}: servo of {servo.joint}", servo.protocol or options.protocol
+    if protocol is None:
+        raise ConfigError(f"{where} has no protocol; write protocol = one of {', '.join(NEEDS)} to it or to [options]")
+    for key in NEEDS[protocol]:
+        if getattr(servo, key) is None:
+            raise ConfigError(f"{where} lacks {key}; a {protocol} drive cannot do without it")
+    if protocol != "odrive" and not (servo.kp > 0 and servo.kd > 0):
+        raise ConfigError(f"{where} needs kp and kd above zero; without them its joint falls")
+    fd = protocol == "damiao" and options.data_bitrate is not None if servo.fd is None else servo.fd
+    if fd and (protocol != "damiao" or options.data_bitrate is None):
+        raise ConfigError(
+            f"{where} has fd = true; that needs data_bitrate in [options] and a damiao drive, here it is {protocol}"
+        )
+    return servo.model_copy(update={"protocol": protocol, "fd": fd})
 
 
 def pose(values: list[float] | None, arm: Arm, what: str, cell: Cell) -> list[float]:

@@ -10,7 +10,7 @@ import can
 
 from drivers.can_servo.cubemars import CubeMars
 from drivers.can_servo.damiao import Damiao
-from drivers.can_servo.drive import Drive, Identity, NoAnswer
+from drivers.can_servo.drive import Drive, Identity, NoAnswer, Senders
 from drivers.can_servo.link import Link
 from drivers.can_servo.odrive import ODrive
 from drivers.can_servo.robstride import RobStride
@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 def make_drives(options: CanOptions) -> list[Drive]:
     """The drives of a cell, not yet asked."""
-    return [PROTOCOLS[options.protocol](servo, options) for servo in options.servos]
+    return [PROTOCOLS[servo.protocol or ""](servo, options) for servo in options.servos]
 
 
 class Enquiry:
@@ -45,6 +45,7 @@ class Enquiry:
 
     def ask(self, message: can.Message, answers: Callable[[can.Message], T | None], what: str) -> T:
         """The first answer that `answers` understands; NoAnswer where none comes, DeviceError where two do."""
+        errors = self.link.error_frames
         for _ in range(TRIES):
             self.link.send([message])
             end = self.clock.now() + ANSWER_TIME
@@ -62,16 +63,20 @@ class Enquiry:
             if found:
                 return found[0]
         raise NoAnswer(
-            f"{what}: no answer on {self.link.where} in {TRIES} tries of {ANSWER_TIME:g} s; check supply, cable, termination, "
-            "bit rate, and the node and feedback identifiers in the cell file"
+            f"{what}: no answer on {self.link.where} in {TRIES} tries of {ANSWER_TIME:g} s{_instead(self.link.error_frames - errors)}; check "
+            "supply, cable, termination, bit rate, and the node and feedback identifiers in the cell file"
         )
+
+
+def _instead(errors: int) -> str:
+    return f", {errors} error frames instead (a drive that speaks CAN FD, or another bit rate)" if errors else ""
 
 
 def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[int]) -> None:
     """DeviceError where somebody talks who should not: another host, or an identifier that the cell file does not know."""
     end = clock.now() + QUIET_TIME
     strangers: dict[int, int] = {}
-    keys = {drive.key for drive in drives}
+    sender = Senders(drives)
     while (message := link.receive(end)) is not None:
         if message.arbitration_id in ignore:
             continue
@@ -79,7 +84,8 @@ def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[i
             raise DeviceError(
                 f"{link.where}: identifier {message.arbitration_id:#x}: another host commands these drives; end the other program first"
             )
-        if drives[0].key_of(message) not in keys or not drives[0].pushes:
+        j = sender(message)
+        if j is None or not drives[j].pushes:
             strangers[message.arbitration_id] = strangers.get(message.arbitration_id, 0) + 1
     if strangers:
         seen = ", ".join(f"{i:#x} ({n} frames)" for i, n in sorted(strangers.items()))

@@ -1,4 +1,4 @@
-"""Does the planned traffic fit on the wire? Worst-case bits of every frame, stuffing included, against the bit rate."""
+"""Does the planned traffic fit on the wire? Worst-case time of every frame, stuffing included, against all the time there is."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from drivers.can_servo.drive import Drive
+from sim.can_wiring import CanOptions
 from sim.errors import ConfigError
 
 INTERFRAME = 3
+# CAN FD, ISO 11898-1: SOF, identifier, RRS, IDE, FDF, res, BRS before the switch (the extended head has SRR and 18 bits more); after it ESI, DLC,
+# data, stuff count, checksum of 17 (up to 16 bytes) or 21 with a fixed stuffed bit each 4; then delimiters, acknowledgement, end of frame
+FD_HEAD, FD_HEAD_EXTENDED, FD_TAIL = 17, 36, 10 + INTERFRAME
 
 
 def frame_bits(extended: bool, data_bytes: int) -> tuple[int, int]:
@@ -23,9 +27,21 @@ def frame_bits(extended: bool, data_bytes: int) -> tuple[int, int]:
     return plain, plain + (stuffable - 1) // 4
 
 
+def frame_time(extended: bool, data_bytes: int, bitrate: int, data_bitrate: int | None) -> tuple[float, float]:
+    """(shortest, longest) time of a frame on the wire, s; a CAN FD frame that switches to `data_bitrate` where that is given."""
+    if data_bitrate is None:
+        fewest, most = frame_bits(extended, data_bytes)
+        return fewest / bitrate, most / bitrate
+    head, fast = FD_HEAD_EXTENDED if extended else FD_HEAD, 5 + 8 * data_bytes
+    check = 4 + (17 if data_bytes <= 16 else 21)
+    check += math.ceil(check / 4)
+    shortest = (head + FD_TAIL) / bitrate + (fast + check) / data_bitrate
+    return shortest, shortest + (head - 1) // 4 / bitrate + math.ceil(fast / 4) / data_bitrate
+
+
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Load of a bus: frames a second, parts of the bit rate without and with worst stuffing, and the highest rate that fits, Hz."""
+    """Load of a bus: frames a second, parts of its time without and with worst stuffing, and the highest rate that fits, Hz."""
 
     frames_per_second: float
     load: float
@@ -33,26 +49,36 @@ class Budget:
     rate_max: float
 
 
-def bus_budget(drives: Iterable[Drive], rate: float, bitrate: int, load_max: float) -> Budget:
+def bus_budget(drives: Iterable[Drive], rate: float, options: CanOptions) -> Budget:
     """The load of one control cycle of all drives at `rate` Hz, and of their unasked frames."""
+
+    def times(drive: Drive, extended: bool, data_bytes: int) -> tuple[float, float]:
+        return frame_time(extended, data_bytes, options.bitrate, options.data_bitrate if drive.servo.fd else None)
+
     drives = list(drives)
-    sizes = [frame_bits(*frame) for drive in drives for frame in drive.cycle]
-    beats = [(drive.beats, frame_bits(drive.extended, 8)) for drive in drives]
-    plain, worst = (sum(s[i] for s in sizes) for i in (0, 1))
-    other_plain, other_worst = (sum(b * s[i] for b, s in beats) for i in (0, 1))
+    cycle = [times(drive, *frame) for drive in drives for frame in drive.cycle]
+    beats = [(drive.beats, times(drive, drive.extended, 8)) for drive in drives]
+    plain, worst = (sum(t[i] for t in cycle) for i in (0, 1))
+    other_plain, other_worst = (sum(b * t[i] for b, t in beats) for i in (0, 1))
     return Budget(
-        rate * len(sizes) + sum(b for b, _ in beats), (rate * plain + other_plain) / bitrate, (rate * worst + other_worst) / bitrate,
-        (load_max * bitrate - other_worst) / worst,
+        rate * len(cycle) + sum(b for b, _ in beats), rate * plain + other_plain, rate * worst + other_worst,
+        (options.bus_load_max - other_worst) / worst,
     )  # fmt: skip
 
 
-def require_budget(drives: Iterable[Drive], rate: float, bitrate: int, load_max: float, where: str) -> Budget:
+def require_budget(drives: Iterable[Drive], rate: float, options: CanOptions, where: str) -> Budget:
     """The budget, or a ConfigError that names the highest rate that fits."""
-    budget = bus_budget(drives, rate, bitrate, load_max)
-    if not budget.load_worst <= load_max:
+    budget = bus_budget(drives, rate, options)
+    if not budget.load_worst <= options.bus_load_max:
         raise ConfigError(
             f"{where}: rate = {rate:g} Hz needs {budget.frames_per_second:.0f} frames a second, {100 * budget.load_worst:.0f} % of "
-            f"{bitrate} bit/s in the worst case; at most {100 * load_max:.0f} % may be planned: use {math.floor(budget.rate_max)} Hz or less, "
-            "a second bus, or a higher bit rate"
+            f"{bit_rates(options)} in the worst case; at most {100 * options.bus_load_max:.0f} % may be planned: use "
+            f"{math.floor(budget.rate_max)} Hz or less, a second bus, or a higher bit rate"
         )
     return budget
+
+
+def bit_rates(options: CanOptions) -> str:
+    """The bit rates of a bus, as part of a sentence."""
+    fast = f", data at {options.data_bitrate}" if options.data_bitrate else ""
+    return f"{options.bitrate}{fast} bit/s"

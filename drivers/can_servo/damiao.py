@@ -49,12 +49,12 @@ class Damiao(Drive):
     def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
         raw_q, raw_dq, raw_tau = self.raw_target(q, dq, tau)
         data = frames.mit_command(raw_q, raw_dq, self.kp_raw, self.kd_raw, raw_tau)
-        return data_frame(self.servo.node, data), self.joint_side(self.q_field.value(raw_q))
+        return self._frame(self.servo.node, data), self.joint_side(self.q_field.value(raw_q))
 
     def refresh(self) -> list[can.Message]:
         if not self.answers_refresh:
             return [self.disable()]  # answered like any order, and off is what the drive is
-        return [data_frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
+        return [self._frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
     def decode(self, message: can.Message) -> Reading | None:
         data = bytes(message.data)
@@ -110,16 +110,16 @@ class Damiao(Drive):
         return self._read(ask, TIMEOUT) * TICK
 
     def enable(self) -> can.Message:
-        return data_frame(self.servo.node, frames.special(0xFC))
+        return self._frame(self.servo.node, frames.special(0xFC))
 
     def disable(self) -> can.Message:
-        return data_frame(self.servo.node, frames.special(0xFD))
+        return self._frame(self.servo.node, frames.special(0xFD))
 
     def zero(self) -> can.Message:
-        return data_frame(self.servo.node, frames.special(0xFE))
+        return self._frame(self.servo.node, frames.special(0xFE))
 
     def clear(self) -> can.Message:
-        return data_frame(self.servo.node, frames.special(0xFB))
+        return self._frame(self.servo.node, frames.special(0xFB))
 
     def _without_registers(self, ask: Ask) -> Identity:
         """A firmware that knows no registers: it is there, and says nothing of itself."""
@@ -136,6 +136,9 @@ class Damiao(Drive):
             ask(self.refresh()[0], lambda m: self.key_of(m) == self.key or None, f"{self.name}: state")
         except NoAnswer:
             self.answers_refresh = False
+
+    def _frame(self, identifier: int, data: bytes) -> can.Message:
+        return data_frame(identifier, data, fd=bool(self.servo.fd))
 
     def _told(self, ask: Ask, number: int) -> int | None:
         """A register, or None for a firmware that does not have it."""
@@ -158,7 +161,7 @@ class Damiao(Drive):
             return raw if (told, what, register) == (node, order, number) else None
 
         answer = ask(
-            data_frame(REGISTERS, frames.register(node, order, number, value)), reply, f"{self.name}: register {number}"
+            self._frame(REGISTERS, frames.register(node, order, number, value)), reply, f"{self.name}: register {number}"
         )
         assert isinstance(answer, int)
         return answer

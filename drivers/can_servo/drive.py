@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 import can
@@ -161,6 +161,22 @@ class Drive(ABC):
         return self.servo.ranges
 
 
-def data_frame(identifier: int, data: bytes, extended: bool = False) -> can.Message:
-    """A data frame."""
-    return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, check=False)
+class Senders:
+    """Which drive of an arm sent a frame; drives of several protocols may share a bus."""
+
+    def __init__(self, drives: Sequence[Drive]) -> None:
+        self._kinds = list(dict.fromkeys(type(d) for d in drives))
+        self._joints: dict[tuple[type[Drive], Hashable], int] = {(type(d), d.key): j for j, d in enumerate(drives)}
+
+    def __call__(self, message: can.Message) -> int | None:
+        """The joint's index; None for a frame that no drive of this arm sends."""
+        for kind in self._kinds:
+            key = kind.key_of(message)
+            if key is not None and (j := self._joints.get((kind, key))) is not None:
+                return j
+        return None
+
+
+def data_frame(identifier: int, data: bytes, extended: bool = False, fd: bool = False) -> can.Message:
+    """A data frame; with `fd` a CAN FD frame whose data go at the data bit rate."""
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd, bitrate_switch=fd, check=False)

@@ -71,9 +71,7 @@ class CanServo(Driver):
         """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque."""
         with self._lock:
             self.drives: list[Drive] = make_drives(self.options)
-            self.budget = require_budget(
-                self.drives, self.rate, self.options.bitrate, self.options.bus_load_max, f"{self.arm.name} on {self.options.channel}"
-            )  # fmt: skip
+            self.budget = require_budget(self.drives, self.rate, self.options, f"{self.arm.name} on {self.options.channel}")
             self._link, self._fault = self._open_link(), None
             self._on = self._asked = False
             try:
@@ -86,7 +84,7 @@ class CanServo(Driver):
                 self.windows = [window_for(q, dq, self.rate) for q, dq in steps]
                 self._speed = [Differentiator(w, step) if w else None for w, (step, _) in zip(self.windows, steps, strict=True)]
                 # A drive that sends by its own clock is waited for; one that answers is asked again at the next instant.
-                self._patience = (PERIODS_MAX if self.drives[0].pushes else 0) / self.rate
+                self._patience = PERIODS_MAX / self.rate
                 self._next = self.clock.now()
                 self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
                 stands = self.read().q
@@ -97,7 +95,7 @@ class CanServo(Driver):
                 self._link = self._fault = None
                 raise
         return DeviceInfo(
-            model=f"{self.arm.n} {self.options.protocol} drives",
+            model=f"{self.arm.n} {self.options.protocols} drives",
             serial=", ".join(i.serial for i in self.identities if i.serial),
             firmware=", ".join(sorted({i.firmware for i in self.identities})),
             rate=self.rate,
@@ -115,7 +113,7 @@ class CanServo(Driver):
             self.close()
             raise
         where = self._listener.link.where
-        return DeviceInfo(f"{self.arm.n} {self.options.protocol} drives", "", "not asked", self.rate, extra={"bus": where})
+        return DeviceInfo(f"{self.arm.n} {self.options.protocols} drives", "", "not asked", self.rate, extra={"bus": where})
 
     def read(self) -> JointState:
         """All joints' answers to the last command; without one, the drives are asked at the next instant of the schedule.
@@ -130,8 +128,11 @@ class CanServo(Driver):
                 if not self._asked:
                     self._transmit(range(self.arm.n))
                 while True:
-                    self.joints.collect(self._next + self._patience)
+                    self.joints.collect(self._next)
                     missing = self.joints.missing()
+                    if missing and all(self.drives[j].pushes for j in missing):
+                        self.joints.collect(self._next + self._patience)
+                        missing = self.joints.missing()
                     if not missing:
                         break
                     self.joints.lost += len(missing)

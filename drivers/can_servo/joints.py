@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, Reading
+from drivers.can_servo.drive import Drive, Reading, Senders
 from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
@@ -29,7 +29,7 @@ class Joints:
 
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float, ignore: Sequence[int]) -> None:
         self.drives, self.link, self.clock, self.period = drives, link, clock, 1.0 / rate
-        self.by_key: dict[Hashable, int] = {d.key: j for j, d in enumerate(drives)}
+        self._sender = Senders(drives)
         self.readings: list[Reading | None] = [None] * len(drives)
         self.fresh = [True] * len(drives)
         self.lost = 0
@@ -68,8 +68,7 @@ class Joints:
 
     def take(self, message: can.Message) -> None:
         """Sort one frame in; DeviceError for a second host, two drives with one identifier, a babbling node, damaged frames."""
-        key = self.drives[0].key_of(message)
-        j = self.by_key.get(key) if key is not None else None
+        j = self._sender(message)
         if j is None:
             self._stranger(message)
             return

@@ -11,10 +11,13 @@ from typing import Any
 import can
 from can.bus import BusState
 from can.interfaces.slcan import slcanBus
+from can.util import CAN_FD_DLC
 
 # F command: can232 manual, LAWICEL AB. Bus-off has no bit of its own: passive, warning and bus error together.
 PASSIVE, BUS_OFF = 0x20, 0xA4
 TRANSMIT_FULL = 0x02
+# the letters of frames, and whether their identifier has 29 bits: data, remote, CAN FD without and with a data bit rate
+WIDE_OF = {b"t": False, b"T": True, b"r": False, b"R": True, b"d": False, b"D": True, b"b": False, b"B": True}
 
 
 class LawicelBus(slcanBus):
@@ -23,11 +26,14 @@ class LawicelBus(slcanBus):
     Bytes are read in blocks and written at once: the parent reads one byte a call and waits until each frame has drained.
     """
 
-    def __init__(self, channel: str, **arguments: Any) -> None:
+    def __init__(self, channel: str, bitrate: int, data_bitrate: int | None = None, **arguments: Any) -> None:
         self.refused = 0
         self._flags = 0
         self._block = bytearray()
-        super().__init__(channel=channel, **arguments)
+        super().__init__(channel=channel, bitrate=bitrate, **arguments)
+        if data_bitrate is not None:  # CAN FD as the firmware of CANable 2 has it: Y2, Y5; frames d, D, b, B
+            self.set_bitrate(bitrate, data_bitrate)
+            self._can_protocol = can.CanProtocol.CAN_FD
 
     @property
     def state(self) -> BusState:
@@ -99,16 +105,17 @@ class LawicelBus(slcanBus):
             elif line[:1] == b"F" and len(line) == 3:
                 with contextlib.suppress(ValueError):
                     self._flags = int(line[1:], 16)
-            elif line[:1] in (b"t", b"T", b"r", b"R") and _whole(line):
+            elif line[:1] in WIDE_OF and _whole(line):
                 return line.decode("ascii") + "\r"
 
 
 def _whole(line: bytes) -> bool:
     """Whether a line is a frame of the length that it states; bytes get lost on serial lines."""
-    head = 4 if line[:1] in (b"t", b"r") else 9
-    if len(line) <= head or not line[head : head + 1].isdigit():
+    kind = line[:1]
+    head = 9 if WIDE_OF[kind] else 4
+    if len(line) <= head or any(c not in b"0123456789abcdefABCDEF" for c in line[1:]):
         return False
-    length = int(line[head : head + 1])
-    data = 0 if line[:1] in (b"r", b"R") else 2 * length
-    digits = line[1:head] + line[head + 1 :]
-    return length <= 8 and len(line) == head + 1 + data and all(c in b"0123456789abcdefABCDEF" for c in digits)
+    code = int(line[head : head + 1], 16)
+    if kind in b"tTrR" and code > 8:
+        return False
+    return len(line) == head + 1 + (0 if kind in b"rR" else 2 * CAN_FD_DLC[code])

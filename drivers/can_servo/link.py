@@ -24,6 +24,9 @@ ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more in this time, s, is a bu
 SERVER_TIME = 2.0  # s in which a socketcand server takes a connection
 STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
 SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
+SETS_NO_FD = ("socketcand",)  # python-can's client of it knows classical frames only
+FD_PROTOCOLS = (can.CanProtocol.CAN_FD, can.CanProtocol.CAN_FD_NON_ISO)
+PCAN_CLOCK = 80_000_000  # Hz, of PEAK's CAN FD adapters
 CAN_ERR_BUSOFF, CAN_ERR_CRTL, PASSIVE_BITS = 0x40, 0x04, 0x30  # linux/can/error.h
 
 
@@ -46,19 +49,18 @@ class Link:
         if options.interface == "socketcand":
             _require_server(options)
         try:
-            if options.interface == "slcan":
-                serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
-                bus: can.BusABC = LawicelBus(options.channel, bitrate=options.bitrate, **serial)
-            else:
-                arguments: dict[str, Any] = {"channel": options.channel, "ignore_config": True, **options.bus}
-                if options.interface not in SETS_NO_BITRATE:
-                    arguments["bitrate"] = options.bitrate
-                bus = can.Bus(interface=options.interface, **arguments)
+            bus = _opened(options)
         except (can.CanError, OSError, ValueError, TypeError, TimeoutError) as error:
             raise DeviceError(
                 f"{where}: cannot be opened ({error}); plug the adapter in, bring its interface up, and check interface, channel "
                 "and bus in the cell file"
             ) from error
+        if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:
+            bus.shutdown()
+            raise DeviceError(
+                f"{where}: this interface does not carry CAN FD; use one that does (socketcan, pcan, kvaser, an slcan adapter with CANable 2 "
+                "firmware), or set the drives to classical CAN and leave data_bitrate out"
+            )
         return cls(bus, clock, where)
 
     def send(self, messages: Iterable[can.Message]) -> list[can.Message]:
@@ -173,6 +175,26 @@ class Link:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         with contextlib.suppress(can.CanError, OSError):
             bus.shutdown()
+
+
+def _opened(options: CanOptions) -> can.BusABC:
+    """python-can's bus, or one of our own where python-can has none or one that waits."""
+    if options.interface == "slcan":
+        serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
+        return LawicelBus(options.channel, options.bitrate, options.data_bitrate, **serial)
+    arguments: dict[str, Any] = {"channel": options.channel, "ignore_config": True}
+    if options.interface == "virtual":
+        arguments["protocol"] = can.CanProtocol.CAN_20 if options.data_bitrate is None else can.CanProtocol.CAN_FD
+    elif options.interface == "pcan" and options.data_bitrate is not None:
+        arguments["timing"] = can.BitTimingFd.from_sample_point(PCAN_CLOCK, options.bitrate, 80.0, options.data_bitrate, 80.0)
+    else:
+        if options.interface not in SETS_NO_BITRATE:
+            arguments["bitrate"] = options.bitrate
+        if options.data_bitrate is not None and options.interface not in SETS_NO_FD:
+            arguments["fd"] = True
+            if options.interface not in SETS_NO_BITRATE:
+                arguments["data_bitrate"] = options.data_bitrate
+    return can.Bus(interface=options.interface, **(arguments | options.bus))
 
 
 def _require_server(options: CanOptions) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, Reading
+from drivers.can_servo.drive import Drive, Reading, Senders
 from drivers.can_servo.link import Link
 from drivers.can_servo.speed import Differentiator, window_for
 from sim.can_wiring import CanOptions
@@ -30,7 +30,7 @@ class Listener:
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float) -> None:
         self.drives, self.link, self.clock = drives, link, clock
         self.lost = 0
-        self._by_key: dict[Hashable, int] = {d.key: j for j, d in enumerate(drives)}
+        self._sender = Senders(drives)
         windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
         self._speed = [Differentiator(w, d.q_step) if w else None for w, d in zip(windows, drives, strict=True)]
         self._round: dict[int, Reading] = {}
@@ -50,8 +50,7 @@ class Listener:
 
     def _take(self, message: can.Message) -> bool:
         """Whether the frame is an answer of a drive that is on."""
-        key = self.drives[0].key_of(message)
-        j = self._by_key.get(key) if key is not None else None
+        j = self._sender(message)
         if j is None:
             return False
         reading = self.drives[j].decode(message)
@@ -87,7 +86,7 @@ def require_audible(options: CanOptions) -> None:
             f"{options.interface} {options.channel}: this adapter belongs to the program that opened it, nobody can listen beside it; reach "
             "the bus through socketcan or socketcand (a serial adapter through slcand), or record a log and watch the log"
         )
-    silent = [s.joint for s in options.servos if s.ranges is None and options.protocol != "odrive"]
+    silent = [s.joint for s in options.servos if s.ranges is None and s.protocol != "odrive"]
     if silent:
         raise ConfigError(
             f"{', '.join(silent)}: who only listens cannot ask a drive for its ranges; state them in its servo, as `calib servo "

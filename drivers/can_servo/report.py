@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from drivers.can_servo.bus_budget import bit_rates
 from drivers.driver import Check
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def preflight_checks(driver: CanServo) -> list[Check]:
 def _load(driver: CanServo) -> Check:
     b = driver.budget
     detail = (
-        f"{b.frames_per_second:.0f} frames a second, {100 * b.load:.0f} to {100 * b.load_worst:.0f} % of {driver.options.bitrate} bit/s; "
+        f"{b.frames_per_second:.0f} frames a second, {100 * b.load:.0f} to {100 * b.load_worst:.0f} % of {bit_rates(driver.options)}; "
         f"{b.rate_max:.0f} Hz would still fit"
     )
     return Check("bus load", True, detail)
@@ -55,7 +56,7 @@ def _losses(driver: CanServo) -> Check:
     link, joints = driver._link, driver.joints
     assert link is not None
     # drives that answer, answer each frame once; from those that send by their own clock only what was missed is known
-    lost = joints.lost if driver.drives[0].pushes else max(0, link.sent - link.received)
+    lost = joints.lost if any(d.pushes for d in driver.drives) else max(0, link.sent - link.received)
     late = joints.lost - min(lost, joints.lost)
     detail = (
         f"{link.sent} frames sent, {link.received} received, {lost} answers lost, {late} later than a period, {joints.rejected} damaged, "

@@ -75,7 +75,7 @@ class CanEmulator:
     def instructions(self) -> list[str]:
         """Where the bus is reached and what can go wrong on it."""
         return [
-            f"{len(self.bus.servos)} {self.bus.servos[0].protocol} drives at {self.where}; in a second terminal: calib check with the same cell",
+            f"{len(self.bus.servos)} {' and '.join(sorted({s.protocol for s in self.bus.servos}))} drives at {self.where}; in a second terminal: calib check with the same cell",
             "faults: " + ", ".join(f for f in self.faults if ":" not in f)
             + "; with a joint: " + ", ".join(sorted({f.partition(":")[0] for f in self.faults if ":" in f})),
             "Ctrl-C ends it",

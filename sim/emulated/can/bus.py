@@ -32,11 +32,19 @@ class EmulatedBus:
     """Frames in, frames out: `send` takes a frame of the host, `poll` gives what the host hears up to an instant.
 
     Frames take their bits' time on the wire, one after another, so answers come late when the bus is full. `state` is what
-    the host's controller knows of itself: "active", "passive" or "off".
+    the host's controller knows of itself: "active", "passive" or "off". Without a data_bitrate that controller knows classical CAN only.
     """
 
-    def __init__(self, servos: list[Servo], body: Body, joint_names: tuple[str, ...], bitrate: int, seed: int = 0) -> None:
-        self.servos, self.body, self.joint_names, self.bitrate = servos, body, joint_names, bitrate
+    def __init__(
+        self, servos: list[Servo], body: Body, joint_names: tuple[str, ...], bitrate: int, seed: int = 0, data_bitrate: int | None = None
+    ) -> None:  # fmt: skip
+        self.servos, self.body, self.joint_names, self.bitrate, self.data_bitrate = (
+            servos,
+            body,
+            joint_names,
+            bitrate,
+            data_bitrate,
+        )
         self.faults = tuple(f"{kind}:{name}" for kind in JOINT_FAULTS for name in joint_names) + BUS_FAULTS
         self.state = "active"
         self.active: set[str] = set()
@@ -77,7 +85,7 @@ class EmulatedBus:
         self.heard += 1
         self.advance(arrival)
         for servo in self.servos:
-            if not servo.deaf:
+            if not servo.deaf and (servo.fd or not message.is_fd):
                 self._answer(servo, servo.receive(message, arrival), arrival)
         return True
 
@@ -132,6 +140,10 @@ class EmulatedBus:
     def _answer(self, servo: Servo, answers: list[can.Message], now: float) -> None:
         name = self.joint_names[servo.joint]
         for message in answers:
+            if servo.fd and not message.is_remote_frame:
+                message.is_fd = message.bitrate_switch = True
+            if servo.fd and self.data_bitrate is None:
+                message = can.Message(is_error_frame=True, arbitration_id=0x88, data=bytes(8))
             if "lost-frames" in self.active and self._rng.random() < 0.02:
                 continue
             if f"short-frames:{name}" in self.active:
@@ -149,8 +161,10 @@ class EmulatedBus:
         self._out.append((max([arrival, *(t for t, _ in self._out[-1:])]), message))
 
     def _occupy(self, message: can.Message, now: float) -> float:
-        bits = (67 if message.is_extended_id else 47) + 8 * message.dlc
-        self._free = max(self._free, now) + bits / self.bitrate
+        slow, fast = (67 if message.is_extended_id else 47) + 8 * message.dlc, 0
+        if message.is_fd and message.bitrate_switch:
+            slow, fast = (49 if message.is_extended_id else 30), 32 + 8 * message.dlc
+        self._free = max(self._free, now) + slow / self.bitrate + fast / (self.data_bitrate or self.bitrate)
         return self._free
 
 
@@ -161,7 +175,7 @@ def build_bus(cell: Cell, arm: Arm, options: CanOptions, rest: list[float]) -> E
         truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
     body = Body(Plant(truth, drive=arm, seed=cell.table.emulation.seed), np.array(rest))
     servos = [_servo(options, body, j) for j in range(arm.n)]
-    return EmulatedBus(servos, body, arm.joint_names, options.bitrate, cell.table.emulation.seed)
+    return EmulatedBus(servos, body, arm.joint_names, options.bitrate, cell.table.emulation.seed, options.data_bitrate)
 
 
 def _servo(options: CanOptions, body: Body, j: int) -> Servo:
@@ -169,15 +183,15 @@ def _servo(options: CanOptions, body: Body, j: int) -> Servo:
     serial = int(table.serial) if table.serial and table.serial.isdigit() else 1000 + j
     r = table.ranges
     servo: Servo
-    if options.protocol == "damiao":
+    if table.protocol == "damiao":
         servo = Damiao(body, j, table.node, serial, table.feedback or 0)
-    elif options.protocol == "odrive":
+    elif table.protocol == "odrive":
         servo = ODrive(body, j, table.node, serial, table.gear, 1 / options.rate)
-    elif options.protocol == "cubemars" and r is not None:
+    elif table.protocol == "cubemars" and r is not None:
         servo = CubeMars(body, j, table.node, serial, table.feedback or 0, (r.q, r.dq, r.tau))
-    elif options.protocol == "robstride" and r is not None:
+    elif table.protocol == "robstride" and r is not None:
         servo = RobStride(body, j, table.node, serial, (r.q, r.dq, r.tau, r.kp, r.kd))
     else:
-        raise ConfigError(f"servo of {table.joint} lacks ranges; a {options.protocol} drive cannot be emulated without them")
-    servo.direction, servo.zero = table.direction, table.zero
+        raise ConfigError(f"servo of {table.joint} lacks ranges; a {table.protocol} drive cannot be emulated without them")
+    servo.direction, servo.zero, servo.fd = table.direction, table.zero, bool(table.fd)
     return servo

@@ -68,7 +68,8 @@ class Body:
 class Servo(ABC):
     """A drive on the bus: `receive` answers a frame that is for it, `spontaneous` is what it sends unasked.
 
-    watchdog s is the silence after which it switches off, 0 for never. `deaf` is a drive whose cable is off.
+    watchdog s is the silence after which it switches off, 0 for never. `deaf` is a drive whose cable is off. An `fd` drive takes classical
+    frames too and answers with CAN FD frames; the others pass over CAN FD frames (a controller that does not know them would destroy them).
     """
 
     protocol: str
@@ -79,7 +80,7 @@ class Servo(ABC):
         self.watchdog = 0.0
         self.on = False
         self.error = 0
-        self.deaf = False
+        self.deaf = self.fd = False
         self.frozen: tuple[float, float, float, float] | None = None
         self.heat = 0.0
         self.temperature_max = 90.0

@@ -1,5 +1,7 @@
 """A serial CAN adapter behind a pseudo-terminal: the bytes of the Lawicel protocol, as CANable and CANUSB speak it.
 
+CAN FD as CANable 2 does: Y sets the data bit rate, frames are d, D, b and B with a hexadecimal length code (python-can's slcan documentation).
+
 Status bits of F: can232 manual, LAWICEL AB: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data overrun,
 5 error passive, 6 arbitration lost, 7 bus error. Bus-off is not among them: 2, 5 and 7 together stand for it here.
 """
@@ -13,6 +15,7 @@ import tty
 from pathlib import Path
 
 import can
+from can.util import CAN_FD_DLC, len2dlc
 
 from sim.emulated.can.port import Port
 from sim.errors import DeviceError
@@ -29,7 +32,7 @@ class SlcanPort(Port):
         self._master: int | None = None
         self._slave: int | None = None
         self._buffer = b""
-        self._open = False
+        self._open = self._fd = False
 
     def open(self) -> None:
         if self.path.is_symlink():
@@ -44,7 +47,7 @@ class SlcanPort(Port):
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path.symlink_to(os.ttyname(self._slave))
-        self._open = False
+        self._open = self._fd = False
 
     def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
         if self._master is None:
@@ -68,8 +71,11 @@ class SlcanPort(Port):
         for m in messages:
             if m.is_error_frame:
                 continue
-            head = f"T{m.arbitration_id:08X}" if m.is_extended_id else f"t{m.arbitration_id:03X}"
-            self._write(f"{head}{m.dlc:d}{m.data.hex().upper()}\r".encode())
+            if m.is_fd and not self._fd:
+                continue  # a controller that only knows classical CAN sees an error, which this protocol does not tell
+            wide, narrow = ("Bb" if m.bitrate_switch else "Dd") if m.is_fd else "Tt"
+            head = f"{wide}{m.arbitration_id:08X}" if m.is_extended_id else f"{narrow}{m.arbitration_id:03X}"
+            self._write(f"{head}{len2dlc(m.dlc):X}{m.data.hex().upper()}\r".encode())
 
     def unplug(self) -> None:
         for fd in (self._master, self._slave):
@@ -85,17 +91,17 @@ class SlcanPort(Port):
         if not line:
             return None
         kind = line[0]
-        if kind in "tTrR" and self._open:
+        if kind in ("tTrRdDbB" if self._fd else "tTrR") and self._open:
             with contextlib.suppress(ValueError, IndexError):
-                wide = kind in "TR"
+                wide = kind in "TRDB"
                 end = 9 if wide else 4
-                length = int(line[end])
+                length = CAN_FD_DLC[int(line[end], 16)]
                 data = bytes.fromhex(line[end + 1 : end + 1 + 2 * length])
-                remote = kind in "rR"
-                if length <= 8 and (remote or len(data) == length):
+                remote, fd = kind in "rR", kind in "dDbB"
+                if (fd or length <= 8) and (remote or len(data) == length):
                     return can.Message(
                         arbitration_id=int(line[1:end], 16), is_extended_id=wide, is_remote_frame=remote, dlc=length,
-                        data=None if remote else data,
+                        data=None if remote else data, is_fd=fd, bitrate_switch=kind in "bB",
                     )  # fmt: skip
             self._write(BELL)
         elif kind in "OL":
@@ -106,7 +112,10 @@ class SlcanPort(Port):
             self._write(OK)
         elif kind == "F":
             self._write(f"F{FLAGS[state]:02X}\r".encode())
-        elif kind in "SsYZM":
+        elif kind == "Y":
+            self._fd = True
+            self._write(OK)
+        elif kind in "SsZM":
             self._write(OK)
         elif kind == "V":
             self._write(b"V1013\r")

@@ -15,7 +15,7 @@ class VirtualPort(Port):
         self._bus: can.BusABC | None = None
 
     def open(self) -> None:
-        self._bus = can.Bus(interface="virtual", channel=self.channel, ignore_config=True)
+        self._bus = can.Bus(interface="virtual", channel=self.channel, ignore_config=True, protocol=can.CanProtocol.CAN_FD)
 
     def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
         if self._bus is None or stalled:

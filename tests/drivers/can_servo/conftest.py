@@ -58,17 +58,22 @@ def cell_of(protocol: str, **changes) -> Cell:
     servos = []
     for j, servo in enumerate(options["servos"]):
         servo = dict(servo)
-        if protocol == "cubemars":
+        kind = protocol
+        if protocol == "mixed":
+            kind = servo["protocol"] = ("damiao", "robstride", "odrive")[j // 2]
+        if kind == "cubemars":
             servo.update(ranges=WIDE, feedback=servo["node"])
             servo.pop("serial")
-        elif protocol == "robstride":
+        elif kind == "robstride":
             servo.update(ranges=WIDE)
             servo.pop("feedback")
-        elif protocol == "odrive":
+        elif kind == "odrive":
             servo.pop("feedback")
             servo.update(serial=f"{410001 + j:012X}", gear=8.0, watchdog_endpoint=401)
         servos.append(servo)
     options["servos"] = servos
+    if protocol == "mixed":
+        options["protocol"] = "damiao"
     if protocol == "cubemars":
         changes = {"assume": ["watchdog-works"], **changes}
     table = cell.table.model_copy(update={"options": options, **changes})
@@ -90,8 +95,8 @@ def bench(servo6: Arm) -> Callable[..., Bench]:
         options: CanOptions = can_options(cell, servo6)
         rest = np.array(cell.table.rest)
         bus, clock = build_bus(cell, servo6, options, list(rest)), SimulatedClock()
-        if protocol == "odrive":
-            for servo, table in zip(bus.servos, options.servos, strict=True):
+        for servo, table in zip(bus.servos, options.servos, strict=True):
+            if servo.protocol == "odrive":
                 servo.serial = int(table.serial or "0", 16)
                 servo.watchdog = 0.1
         driver = CanServo(

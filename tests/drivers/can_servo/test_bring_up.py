@@ -129,7 +129,7 @@ def test_traffic_that_does_not_fit_is_refused_before_anything_is_sent(bench, ser
         b.driver.connect()
     assert b.bus.heard == 0
     drives = make_drives(can_options(b.cell, servo6))
-    budget = bus_budget(drives, 200.0, 1_000_000, 0.75)
+    budget = bus_budget(drives, 200.0, b.driver.options)
     assert budget.load == pytest.approx(12 * 111 * 200 / 1e6)
     assert budget.load_worst == pytest.approx(12 * 135 * 200 / 1e6)
 
