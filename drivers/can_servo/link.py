@@ -13,6 +13,7 @@ from typing import Any
 import can
 from can.bus import BusState
 
+from drivers.can_servo.damiao_box import DamiaoBox
 from drivers.can_servo.lawicel import LawicelBus
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
@@ -182,6 +183,8 @@ def _opened(options: CanOptions) -> can.BusABC:
     if options.interface == "slcan":
         serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
         return LawicelBus(options.channel, options.bitrate, options.data_bitrate, **serial)
+    if options.interface == "damiao":
+        return DamiaoBox(options.channel, options.bitrate, **options.bus)
     arguments: dict[str, Any] = {"channel": options.channel, "ignore_config": True}
     if options.interface == "virtual":
         arguments["protocol"] = can.CanProtocol.CAN_20 if options.data_bitrate is None else can.CanProtocol.CAN_FD

@@ -11,6 +11,7 @@ import can
 from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options, pose
 from sim.cell import Cell
+from sim.emulated.can.box import BoxPort
 from sim.emulated.can.bus import EmulatedBus, build_bus
 from sim.emulated.can.port import Port
 from sim.emulated.can.slcan import SlcanPort
@@ -125,6 +126,8 @@ def emulator(cell: Cell, arm: Arm) -> CanEmulator:
 def _port(cell: Cell, options: CanOptions) -> tuple[Port, str]:
     if options.interface == "slcan":
         return SlcanPort(options.channel), options.channel
+    if options.interface == "damiao":
+        return BoxPort(options.channel), options.channel
     if options.interface == "socketcand":
         host, port = str(options.bus.get("host", "127.0.0.1")), options.bus.get("port", 29536)
         if not isinstance(port, int) or isinstance(port, bool):
@@ -133,5 +136,5 @@ def _port(cell: Cell, options: CanOptions) -> tuple[Port, str]:
     if options.interface == "virtual":
         return VirtualPort(options.channel), f"virtual channel {options.channel}"
     raise ConfigError(
-        f"{cell.path}: interface {options.interface!r} has no emulated adapter; slcan, socketcand and virtual have"
+        f"{cell.path}: interface {options.interface!r} has no emulated adapter; slcan, damiao, socketcand and virtual have"
     )

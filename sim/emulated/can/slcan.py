@@ -9,61 +9,29 @@ Status bits of F: can232 manual, LAWICEL AB: 0 receive queue full, 1 transmit qu
 from __future__ import annotations
 
 import contextlib
-import os
-import select
-import tty
-from pathlib import Path
 
 import can
 from can.util import CAN_FD_DLC, len2dlc
 
-from sim.emulated.can.port import Port
-from sim.errors import DeviceError
+from sim.emulated.can.terminal import TerminalPort
 
 OK, BELL = b"\r", b"\a"
 FLAGS = {"active": 0x00, "passive": 0x20, "off": 0xA4}
 
 
-class SlcanPort(Port):
-    """A link at `path` leads to the terminal's other end."""
-
-    def __init__(self, path: str) -> None:
-        self.path = Path(path)
-        self._master: int | None = None
-        self._slave: int | None = None
-        self._buffer = b""
-        self._open = self._fd = False
+class SlcanPort(TerminalPort):
+    """Lines of text, each ended by a carriage return."""
 
     def open(self) -> None:
-        if self.path.is_symlink():
-            self.path.unlink()
-        elif self.path.exists():
-            raise DeviceError(
-                f"{self.path} is a file, not a link of an earlier emulator; choose another channel in the cell file"
-            )
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._master)
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path.symlink_to(os.ttyname(self._slave))
+        super().open()
         self._open = self._fd = False
 
-    def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
-        if self._master is None:
-            select.select([], [], [], timeout)
-            return []
-        if stalled or not select.select([self._master], [], [], timeout)[0]:
-            if stalled:
-                select.select([], [], [], timeout)
-            return []
-        self._buffer += os.read(self._master, 65536)
-        *lines, self._buffer = self._buffer.split(OK)
-        frames = [f for line in lines if (f := self._line(line.decode("ascii", "replace"), state)) is not None]
-        return frames
+    def parse(self, data: bytes, state: str) -> tuple[list[can.Message], bytes]:
+        *lines, rest = data.split(OK)
+        return [f for line in lines if (f := self._line(line.decode("ascii", "replace"), state)) is not None], rest
 
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
-        self._write((b"Z\r" if message.is_extended_id else b"z\r") if accepted else BELL)
+        self.write((b"Z\r" if message.is_extended_id else b"z\r") if accepted else BELL)
 
     def deliver(self, messages: list[can.Message]) -> None:
         if not self._open:
@@ -75,17 +43,7 @@ class SlcanPort(Port):
                 continue  # a controller that only knows classical CAN sees an error, which this protocol does not tell
             wide, narrow = ("Bb" if m.bitrate_switch else "Dd") if m.is_fd else "Tt"
             head = f"{wide}{m.arbitration_id:08X}" if m.is_extended_id else f"{narrow}{m.arbitration_id:03X}"
-            self._write(f"{head}{len2dlc(m.dlc):X}{m.data.hex().upper()}\r".encode())
-
-    def unplug(self) -> None:
-        for fd in (self._master, self._slave):
-            if fd is not None:
-                os.close(fd)
-        self._master = self._slave = None
-        self.path.unlink(missing_ok=True)
-
-    def close(self) -> None:
-        self.unplug()
+            self.write(f"{head}{len2dlc(m.dlc):X}{m.data.hex().upper()}\r".encode())
 
     def _line(self, line: str, state: str) -> can.Message | None:
         if not line:
@@ -103,29 +61,24 @@ class SlcanPort(Port):
                         arbitration_id=int(line[1:end], 16), is_extended_id=wide, is_remote_frame=remote, dlc=length,
                         data=None if remote else data, is_fd=fd, bitrate_switch=kind in "bB",
                     )  # fmt: skip
-            self._write(BELL)
+            self.write(BELL)
         elif kind in "OL":
             self._open = True
-            self._write(OK)
+            self.write(OK)
         elif kind == "C":
             self._open = False
-            self._write(OK)
+            self.write(OK)
         elif kind == "F":
-            self._write(f"F{FLAGS[state]:02X}\r".encode())
+            self.write(f"F{FLAGS[state]:02X}\r".encode())
         elif kind == "Y":
             self._fd = True
-            self._write(OK)
+            self.write(OK)
         elif kind in "SsZM":
-            self._write(OK)
+            self.write(OK)
         elif kind == "V":
-            self._write(b"V1013\r")
+            self.write(b"V1013\r")
         elif kind == "N":
-            self._write(b"NE001\r")
+            self.write(b"NE001\r")
         else:
-            self._write(BELL)
+            self.write(BELL)
         return None
-
-    def _write(self, data: bytes) -> None:
-        if self._master is not None:
-            with contextlib.suppress(BlockingIOError):
-                os.write(self._master, data)

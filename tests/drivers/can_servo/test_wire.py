@@ -29,6 +29,7 @@ def wire_cell(interface, tmp_path):
     cell = load_cell("emulated-servo6")
     where = {
         "slcan": {"interface": "slcan", "channel": str(tmp_path / "adapter.tty")},
+        "damiao": {"interface": "damiao", "channel": str(tmp_path / "box.tty")},
         "socketcand": {"interface": "socketcand", "channel": "can0", "bus": {"host": "127.0.0.1", "port": 0, "tcp_tune": True}},
         "virtual": {"interface": "virtual", "channel": f"servo6-{os.getpid()}-{time.monotonic_ns()}"},
     }[interface]
@@ -46,7 +47,7 @@ def started(cell, arm):
     return emulator, cell
 
 
-@pytest.fixture(params=["slcan", "socketcand", "virtual"])
+@pytest.fixture(params=["slcan", "damiao", "socketcand", "virtual"])
 def wire(request, tmp_path, servo6):
     emulator, cell = started(wire_cell(request.param, tmp_path), servo6)
     driver = CanServo.from_cell(cell, servo6)
@@ -78,6 +79,8 @@ def test_the_arm_swings_over_the_wire_and_is_let_go_at_rest(wire):
     ("slcan", "bus-off", "bus-off"),
     ("slcan", "tx-full", "queue is full"),
     ("slcan", "unplugged", "unplugged|sending failed"),
+    ("damiao", "unplugged", "unplugged|sending failed"),
+    ("damiao", "silent:elbow_joint", "elbow_joint.*silent"),
     ("socketcand", "error-frames", "error frames"),
     ("socketcand", "tx-full", "silent"),
 ])  # fmt: skip
