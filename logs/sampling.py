@@ -1,0 +1,287 @@
+"""When were the samples of a recording really taken? Found from the position against the speed, not from the stamps alone.
+
+Between two samples the position moves by dq (t1 - t0), whatever the stamps say: with n joints in motion, `d` = sum w dq Dq / sum w dq^2 is
+the time that really passed, w the inverse variance of each joint's Dq - dq d. Where d and the difference of the stamps disagree by more than
+the readings allow, the stamps carry jitter; where the position stands although the arm moves, a sample was sent twice; where d is a
+multiple of the period, samples were lost. Nothing is repaired silently: `findings` says what was found and what was done, every bridged
+value is marked, and its standard deviation is measured by bridging samples that were not lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from logs.bridging import bridge, bridging_error
+from logs.sampling_clock import rebuilt_clock
+
+SHARE_OF_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
+LEAST_SAMPLES = 32
+REACH = 5  # samples before and after, over which a joint must move through for an unchanged position to be a repeated sample
+COUNTS = 3.0  # encoder steps a sample: below, an unchanged position is no wonder
+TRUST = 0.1  # dq is the derivative of q within this share, in the median
+FAST_SHARE = 0.15  # of a period: time is told by samples whose motion resolves it this well
+LEAST_TELLING = 100
+MATTERS = 0.03  # of a period: less jitter than this is left alone
+MOST_BRIDGED = 8  # samples in a row
+GAP_STEPS, GAP_STEPS_REGULAR = 2.5, 1.5
+STEADY_SHARE, STEADY_WITHIN = 0.95, 0.1
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """M samples at the instants at which they were taken, and what the stamps and the samples were like.
+
+    t           (M,) s, increasing
+    source      (M,) row of the recording, -1 for a sample that was bridged
+    channels    name -> (M, n); as recorded but for what `bridged` marks
+    bridged     name -> (M,) bool, values that were not measured
+    std         name -> (M, n) standard deviation of the bridged values, 0 where measured
+    period      s, between samples: the device's where its clock was rebuilt, else the median of the stamps' steps
+    jitter      s, standard deviation of the stamps about the instants; NaN where the motion does not tell
+    jitter_seen s, the least that this motion and resolution would have shown
+    rebuilt     whether `t` is another than the stamps; `left` s is then what remains between d and the steps of t
+    repeated, missing   samples sent twice (left out), and samples lost; as counted
+    dq_scale    (n,) dq over the derivative of q, NaN where a joint does not move; 1 but for a wrong unit, sign or clock
+    findings    sentences
+    """
+
+    t: np.ndarray
+    source: np.ndarray
+    channels: dict[str, np.ndarray]
+    bridged: dict[str, np.ndarray]
+    std: dict[str, np.ndarray]
+    period: float
+    jitter: float
+    jitter_seen: float
+    rebuilt: bool
+    left: float
+    repeated: int
+    missing: int
+    dq_scale: np.ndarray
+    findings: tuple[str, ...]
+
+
+def examine(
+    t: np.ndarray, q: np.ndarray, dq: np.ndarray | None = None, others: Mapping[str, np.ndarray] | None = None,
+    *, bridging: bool = True,
+) -> Sampling:  # fmt: skip
+    """The sampling of stamps t (N,) s, which must not decrease, positions q (N, n) rad, speeds dq (N, n) rad/s and other channels (N, n).
+
+    Without `bridging` no value is added: samples sent twice are left out, and the clock is rebuilt where it can be. ValueError where the
+    shapes differ, t decreases or q is not finite.
+    """
+    others = dict(others or {})
+    nothing = np.full(q.shape, np.nan)
+    dq = nothing if dq is None else dq
+    _check(t, q, {"dq": dq, **others})
+    if len(t) < LEAST_SAMPLES:
+        channels = {"q": q, "dq": dq, **others}
+        said = (f"{len(t)} samples are too few to tell how they were taken",)
+        return _as_recorded(t, channels, said)
+    held = _held(q)
+    stale = held & ~_same(others)
+    first = np.r_[True, np.diff(t) > 0]
+    fresh = np.flatnonzero(~held & first)
+    if len(fresh) < LEAST_SAMPLES:
+        return _as_recorded(
+            t, {"q": q, "dq": dq, **others}, ("nearly every sample repeats the one before: nothing can be told",)
+        )
+    tf, qf, vf = t[fresh], q[fresh], dq[fresh]
+    steps = np.diff(tf)
+    period = float(np.median(steps))
+    elapsed, error, scale = _elapsed(steps, qf, vf)
+    telling = error < FAST_SHARE * period
+    jitter, seen, rebuilt, left = math.nan, math.nan, False, math.nan
+    clock = tf
+    findings = _repeats(held, stale, first, len(t))
+    if telling.sum() >= LEAST_TELLING:
+        off = elapsed[telling] - steps[telling]
+        seen = float(np.median(error[telling]))
+        left = SHARE_OF_SIGMA * float(np.median(np.abs(off - np.median(off))))
+        excess = math.sqrt(max(left**2 - seen**2, 0.0))
+        jitter = excess / math.sqrt(2) if excess > seen else 0.0
+        if excess > 2 * seen and excess > MATTERS * period:
+            made = rebuilt_clock(tf, elapsed, np.where(telling, error, np.inf), excess)
+            if made is not None:
+                clock, rebuilt, period = made.t, True, made.period
+                jitter = SHARE_OF_SIGMA * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
+                left = SHARE_OF_SIGMA * float(np.median(np.abs(elapsed - np.diff(clock))[telling]))
+        findings.append(_of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
+    else:
+        findings.append(
+            "jitter of the stamps cannot be told: no dq that is the derivative of q, or no motion that is fast for its resolution"
+        )
+    findings += _of_speed(scale)
+    count = _missing(np.diff(clock), period, rebuilt, telling)
+    missing = int(count.sum())
+    wide = int(count.max(initial=0))
+    if missing:
+        findings.append(
+            f"{missing} samples are missing in {int((count > 0).sum())} places, at most {wide} in a row"
+            + (f"; gaps of up to {MOST_BRIDGED} are bridged and marked" if bridging else "")
+        )
+    keep = np.sort(np.concatenate([fresh, np.flatnonzero(stale & first)]))
+    at = np.interp(t[keep], tf, clock) if len(keep) > len(fresh) else clock
+    channels = {"q": q[keep], "dq": dq[keep], **{name: x[keep] for name, x in others.items()}}
+    old = {name: (stale[keep] if name in ("q", "dq") else np.zeros(len(keep), dtype=bool)) for name in channels}
+    if not bridging:
+        zero = {name: np.zeros_like(x) for name, x in channels.items()}
+        return Sampling(
+            at, keep, channels, old, zero, period, jitter, seen, rebuilt, left, int(held.sum()), missing, scale, tuple(findings)
+        )
+    derived = bool(np.all(np.isnan(scale) | (np.abs(scale - 1) < TRUST)) and np.isfinite(dq).all())
+    errors = bridging_error(at, channels, old["q"], MOST_BRIDGED, derived)
+    grid = bridge(at, channels, old, _counts_between(at, clock, count), MOST_BRIDGED, errors, derived)
+    source = np.where(grid.row >= 0, keep[np.maximum(grid.row, 0)], -1)
+    worst = {name: x.max(initial=0.0) for name, x in grid.std.items()}
+    if (source < 0).any() or stale.any():
+        findings.append(
+            f"{int(grid.bridged['q'].sum())} positions were bridged, with a standard deviation of at most {worst['q']:.2g} rad, "
+            "measured by bridging samples that were there"
+        )
+    return Sampling(
+        grid.t, source, grid.channels, grid.bridged, grid.std, period, jitter, seen, rebuilt, left, int(held.sum()), missing, scale,
+        tuple(findings),
+    )  # fmt: skip
+
+
+def _check(t: np.ndarray, q: np.ndarray, others: Mapping[str, np.ndarray]) -> None:
+    if t.ndim != 1 or q.ndim != 2 or len(q) != len(t):
+        raise ValueError(f"t (N,) and q (N, n) are needed, got {t.shape} and {q.shape}")
+    for name, x in others.items():
+        if x.shape != q.shape:
+            raise ValueError(f"{name} must be {q.shape} like q, got {x.shape}")
+    if not (np.isfinite(t).all() and np.isfinite(q).all()):
+        raise ValueError("t and q must be finite; leave out the samples in which they are not")
+    if np.any(np.diff(t) < 0):
+        raise ValueError(f"t decreases at sample {int(np.argmax(np.diff(t) < 0)) + 1}")
+
+
+def _as_recorded(t: np.ndarray, channels: dict[str, np.ndarray], findings: tuple[str, ...]) -> Sampling:
+    none = {name: np.zeros(len(t), dtype=bool) for name in channels}
+    zero = {name: np.zeros_like(x) for name, x in channels.items()}
+    period = float(np.median(np.diff(t))) if len(t) > 1 else math.nan
+    unknown = np.full(channels["q"].shape[1], np.nan)
+    return Sampling(
+        t, np.arange(len(t)), channels, none, zero, period, math.nan, math.nan, False, math.nan, 0, 0, unknown, findings
+    )
+
+
+def _held(q: np.ndarray) -> np.ndarray:
+    """(N,) bool: no joint's position changed although one of them moves through, several encoder steps a sample on both sides."""
+    change = np.diff(q, axis=0)
+    size = np.abs(change)
+    resolution = np.array([np.quantile(x[x > 0], 0.01) if (x > 0).any() else np.inf for x in size.T])
+    ahead, behind = np.zeros_like(change), np.zeros_like(change)
+    ahead[: -REACH + 1] = (q[REACH:] - q[:-REACH]) / REACH
+    behind[REACH - 1 :] = (q[REACH:] - q[:-REACH]) / REACH
+    through = (np.minimum(np.abs(ahead), np.abs(behind)) >= COUNTS * resolution) & (ahead * behind > 0)
+    return np.r_[False, (change == 0).all(axis=1) & through.any(axis=1)]
+
+
+def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(N,) bool: no other channel changed either (readings that are not there do not change)."""
+    same: np.ndarray = np.array(True)
+    for x in others.values():
+        equal = (np.diff(x, axis=0) == 0) | np.isnan(x[1:])
+        same = same & np.r_[False, equal.all(axis=1)]
+    return same
+
+
+def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time that passed between samples (K,), its standard deviation (K,), infinite where nothing tells, and dq over dq/dt of q (n,)."""
+    moved, speed = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    scale = np.full(q.shape[1], np.nan)
+    weight = np.zeros(q.shape[1])
+    for j in range(q.shape[1]):
+        v, x = speed[:, j], moved[:, j]
+        ok = np.isfinite(v)
+        fast = ok & (np.abs(x) > 0.3 * np.quantile(np.abs(x), 0.95)) & (np.abs(x) > 0)
+        if fast.sum() < LEAST_TELLING or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
+            continue
+        ratio = v[fast] * steps[fast] / x[fast]
+        scale[j] = np.median(ratio)
+        if abs(scale[j] - 1) > TRUST or np.median(np.abs(ratio - scale[j])) > 0.5:
+            continue
+        slow = ok & (np.abs(v) <= np.quantile(np.abs(v[ok]), 0.3))
+        noise = SHARE_OF_SIGMA * np.median(np.abs(x - v * steps)[slow])
+        quantum = np.quantile(np.abs(x[x != 0]), 0.01) * math.sqrt(1 / 6)
+        weight[j] = max(float(noise), float(quantum), 1e-12) ** -2.0
+    used = weight > 0
+    if not used.any():
+        return steps, np.full(len(steps), np.inf), scale
+    v, x, w = np.nan_to_num(speed[:, used]), moved[:, used], weight[used]
+    for _ in range(2):
+        share = w * v**2
+        total = share.sum(axis=1)
+        elapsed = (w * v * x).sum(axis=1) / np.maximum(total, 1e-300)
+        if used.sum() < 2:
+            break
+        # what a joint leaves of its own displacement is its noise, but for the part that it drew the mean to itself
+        drawn = np.median(1 - share / np.maximum(total, 1e-300)[:, None], axis=0)
+        rest = SHARE_OF_SIGMA * np.median(np.abs(x - v * elapsed[:, None]), axis=0) / np.sqrt(np.maximum(drawn, 0.1))
+        w = np.maximum(rest, 0.1 / np.sqrt(w)) ** -2.0
+    total = (w * v**2).sum(axis=1)
+    return elapsed, 1 / np.sqrt(np.maximum(total, 1e-300)), scale
+
+
+def _missing(steps: np.ndarray, period: float, rebuilt: bool, telling: np.ndarray) -> np.ndarray:
+    """(K,) samples lost between neighbours: half a period more is a lost one where the clock is even, else it takes a longer gap."""
+    of = steps / period
+    even = rebuilt or np.mean(np.abs(of - np.rint(of)) < STEADY_WITHIN) > STEADY_SHARE
+    lost = of > np.where(telling | (not rebuilt), GAP_STEPS_REGULAR if even else GAP_STEPS, GAP_STEPS)
+    return np.where(lost, np.rint(of) - 1, 0).astype(int)
+
+
+def _counts_between(at: np.ndarray, clock: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """The counts of lost samples, moved to the steps of `at`, of which `clock` is a part; none where a stale sample stands between."""
+    if len(at) == len(clock):
+        return count
+    out = np.zeros(len(at) - 1, dtype=int)
+    place = np.searchsorted(at, clock[:-1])
+    alone = np.searchsorted(at, clock[1:]) == place + 1
+    out[place[alone]] = count[alone]
+    return out
+
+
+def _repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> list[str]:
+    out = []
+    twice = int((held & ~stale).sum())
+    if twice:
+        out.append(
+            f"{twice} of {n} samples repeat the one before while the arm moves (one in {n / twice:.1f}); they are left out"
+        )
+    if stale.any():
+        out.append(
+            f"in {int(stale.sum())} of {n} samples the position is that of the sample before while other channels are new"
+        )
+    if not first.all():
+        out.append(f"{int((~first).sum())} samples carry the stamp of the sample before and are left out")
+    return out
+
+
+def _of_jitter(
+    jitter: float, seen: float, rebuilt: bool, left: float, period: float, stamps: np.ndarray, clock: np.ndarray
+) -> str:
+    said = f"the stamps jitter by {1e3 * jitter:.3g} ms about the instants of sampling (standard deviation, from q against dq)"
+    if rebuilt:
+        most = float(np.quantile(np.abs(stamps - clock), 0.99))
+        return (
+            f"{said}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
+            f"{1e3 * left:.2g} ms are left between q and dq"
+        )
+    if jitter > 2 * seen and jitter > MATTERS * period:
+        return f"{said}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
+    return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings tell {1e3 * seen:.2g} ms"
+
+
+def _of_speed(scale: np.ndarray) -> list[str]:
+    odd = np.flatnonzero(np.abs(scale - 1) > TRUST)
+    if not len(odd):
+        return []
+    values = ", ".join(f"{scale[j]:.3g} (joint {j + 1})" for j in odd)
+    return [f"dq is not the derivative of q, but this much times it: {values}; it was not used there"]
