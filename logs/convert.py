@@ -1,4 +1,4 @@
-"""Any recording becomes a finished file of our own: importing ur_rtde CSV and rosbag2, recovering open and damaged files."""
+"""Any recording becomes a finished file of our own: importing ur_rtde CSV, ROS bags and tables, recovering open and damaged files."""
 
 from __future__ import annotations
 
@@ -10,50 +10,109 @@ import numpy as np
 from mcap.writer import Writer
 
 from logs.clock_fit import fit_clocks
+from logs.column_map import ColumnMap, log_of_table
+from logs.damage import Damage
 from logs.encode import JointEncoder, log_body
 from logs.finish import add_clock_fit, finish, put_in_place, write_file
 from logs.log import Log, State
 from logs.mcap_records import is_journal
 from logs.read import read_log
+from logs.sampling import Sampling, examine
 from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, TOPICS
+from logs.tables import FORMATS, Table, read_table
 from sim.errors import DeviceError
 from sim.version import software_version
+
+ARRAYS = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
 
 
 @dataclass(frozen=True)
 class Imported:
-    """The finished file, the log in it, how the source had ended, and sentences about what did not survive."""
+    """The finished file, the log in it, how the source had ended, how it was sampled, and sentences about what did not survive."""
 
     source: Path
     path: Path
     log: Log
     ended: State
     left_out: tuple[str, ...]
+    sampling: Sampling
 
 
-def import_recording(source: str | Path, target: str | Path) -> Imported:
+def table_of(source: Path) -> Table | None:
+    """The columns of a file whose meaning must be said, or None for a recording that says it itself."""
+    from logs.mcap_records import MAGIC
+    from logs.ur_rtde_csv import looks_like_csv
+
+    if source.is_file():
+        with source.open("rb") as file:
+            head = file.read(1024)
+        if head.startswith((MAGIC, b"SQLite format 3", b"#ROSBAG")) or looks_like_csv(head):
+            return None
+    damage = Damage(source, accept_partial=True)
+    known = any(form.recognises(head if source.is_file() else None, source) for form in FORMATS)
+    return read_table(source, FORMATS, damage) if known else None
+
+
+def import_recording(source: str | Path, target: str | Path, columns: ColumnMap | None = None) -> Imported:
     """Write what survives of `source` to the new file `target`; BadLog where nothing does.
 
     The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless told not to. A journal is
-    copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again.
+    copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
+    needs the meaning of its `columns`. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
+    stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are said.
     """
     source, target = Path(source), Path(target)
     if target.exists():
         raise DeviceError(f"{target}: exists already; recordings are never overwritten, give another folder with --out")
     target.parent.mkdir(parents=True, exist_ok=True)
-    log = read_log(source, accept_partial=True)
+    if columns is None:
+        log = read_log(source, accept_partial=True)
+    else:
+        damage = Damage(source, accept_partial=True)
+        log = log_of_table(read_table(source, FORMATS, damage), columns, source, damage)
     whole = log.state in (State.CLEAN, State.UNSTATED)
     state = "clean" if whole else "aborted"
-    reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {log.state.value}")
+    ended = log.state
+    reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
+    journal = source.is_file() and is_journal(source)
+    log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(log))
     words = {"end_reason": reason, "imported_from": source.name, "imported_by": software_version()}
+    words["sampling"] = json.dumps(list(sampling.findings), ensure_ascii=False)
     if log.findings:
         words["findings"] = json.dumps(log.findings, ensure_ascii=False)
-    if source.is_file() and is_journal(source):
+    if journal:
         finish(source, state, words, target)
     else:
-        log = _without_duplicates(log)
         write_log(log, target, state, words)
-    return Imported(source, target, read_log(target, log.joint_names, accept_partial=True), log.state, log.findings)
+    return Imported(source, target, read_log(target, log.joint_names, accept_partial=True), ended, log.findings, sampling)
+
+
+def sampling_of(log: Log) -> Sampling:
+    """How the samples of a log were taken; nothing is added."""
+    if np.any(np.diff(log.t) < 0) or not np.isfinite(log.q).all():
+        log = _part(log, np.isfinite(log.q).all(axis=1))
+    others = {name: getattr(log, name) for name in ("tau", "current") if np.isfinite(getattr(log, name)).any()}
+    return examine(log.t, log.q, log.dq, others, bridging=False)
+
+
+def _resampled(log: Log) -> tuple[Log, Sampling]:
+    """The log at the instants of sampling and without repeated samples; as it is where another clock is recorded beside."""
+    found = sampling_of(log)
+    alone = not np.isfinite(log.t_host).any() and np.isfinite(log.q).all()
+    if not alone or (not found.rebuilt and len(found.source) == len(log)):
+        return log, found
+    kept = _part(log, found.source)
+    if not found.rebuilt:
+        return kept, found
+    shift = round(float(found.t[0]) * 1e9)
+    return replace(
+        kept, t=found.t - found.t[0], t_host=kept.t - kept.t[0], t_origin=max(log.t_origin + shift, 0),
+        t_host_origin=log.t_origin + round(float(kept.t[0]) * 1e9),
+    ), found  # fmt: skip
+
+
+def _part(log: Log, rows: np.ndarray) -> Log:
+    return replace(log, **{name: getattr(log, name)[rows] for name in ARRAYS})
 
 
 def _without_duplicates(log: Log) -> Log:
@@ -61,9 +120,8 @@ def _without_duplicates(log: Log) -> Log:
     keep = np.r_[True, np.diff(log.t) > 0]
     if keep.all():
         return log
-    names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
     told = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
-    return replace(log, findings=(*log.findings, told), **{name: getattr(log, name)[keep] for name in names})
+    return replace(_part(log, keep), findings=(*log.findings, told))
 
 
 def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:

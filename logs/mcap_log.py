@@ -32,7 +32,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
             with path.open("rb") as file:
                 stream = McapStream(file, path.stat().st_size, damage)
                 for batch in stream.batches():
-                    _take(batch, stream.channels, topics, events, joint_names, damage)
+                    take(batch, stream.channels, topics, events, joint_names, damage)
         except OSError as error:
             raise damage.refuse("file", f"cannot be read ({error.strerror})", "give a readable recording") from error
         metadata |= stream.metadata
@@ -44,7 +44,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
     state = recording_state(metadata.get(RECORDING, {}), ended, journal, damage)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
-    return _assembled(topics, events, metadata, state, joint_names, damage)
+    return assembled(topics, events, metadata, state, joint_names, damage)
 
 
 def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
@@ -79,7 +79,7 @@ def recording_state(recording: dict[str, str], ended: bool, journal: bool, damag
     return state
 
 
-def _take(
+def take(
     batch: Batch, channels: dict[int, Channel], topics: dict[str, JointTopic], events: list[tuple[int, int, str, str]],
     joint_names: tuple[str, ...] | None, damage: Damage,
 ) -> None:  # fmt: skip
@@ -143,7 +143,7 @@ def _chosen(topics: dict[str, JointTopic], name: str, damage: Damage) -> JointTo
     return topics[under[0]] if under else None
 
 
-def _assembled(
+def assembled(
     topics: dict[str, JointTopic], events: list[tuple[int, int, str, str]], metadata: dict[str, dict[str, str]], state: State,
     joint_names: tuple[str, ...] | None, damage: Damage,
 ) -> Log:  # fmt: skip

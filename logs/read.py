@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from logs.bags import ROSBAG1, SQLITE, is_sqlite_bag, read_bag
 from logs.damage import Damage
 from logs.log import Log
 from logs.mcap_log import read_mcap
@@ -16,7 +17,7 @@ from sim.resources import nearest
 
 
 def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:
-    """The recording at `path`: our MCAP, a rosbag2 MCAP file or folder, or a ur_rtde CSV file.
+    """The recording at `path`: our MCAP, a ROS 2 bag (MCAP or SQLite, file or folder), a ROS 1 bag, or a ur_rtde CSV file.
 
     Joints are matched by name: `joint_names` asks for these joints in this order; without it the order is the recording's.
     BadLog for damage, an end that was not clean, time that runs backwards, and values that no arm has; with `accept_partial`
@@ -27,6 +28,8 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
     wanted = tuple(joint_names) if joint_names is not None else None
     if wanted is not None and (not wanted or len(set(wanted)) != len(wanted)):
         raise ValueError(f"joint_names must be different names, got {wanted}")
+    if is_sqlite_bag(path):
+        return read_bag(path, wanted, damage)
     if path.is_dir():
         return read_mcap(bag_parts(path, damage), wanted, damage)
     try:
@@ -42,14 +45,13 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
         return read_mcap([path], wanted, damage)
     if looks_like_csv(head):
         return _reordered(read_csv(path, accept_partial), wanted, damage)
-    kind = (
-        "an SQLite bag; convert it with `ros2 bag convert` to MCAP"
-        if head.startswith(b"SQLite format 3")
-        else "none that is read"
-    )
+    if head.startswith((SQLITE, ROSBAG1)):
+        return read_bag(path, wanted, damage)
     raise damage.refuse(
-        "byte 0", f"its format is {kind}", "MCAP with ROS 2 messages and ur_rtde CSV (timestamp,actual_q_0,...) are"
-    )
+        "byte 0", "its format is none that is read",
+        "MCAP with ROS 2 messages, ROS bags and ur_rtde CSV (timestamp,actual_q_0,...) are; other CSV, NPZ, MAT and Parquet files "
+        "become logs with `calib import`, which asks what their columns mean",
+    )  # fmt: skip
 
 
 def _reordered(log: Log, wanted: tuple[str, ...] | None, damage: Damage) -> Log:

@@ -1,4 +1,4 @@
-"""rosbag2 folders: metadata.yaml beside one or more MCAP files (rosbag2_storage_mcap)."""
+"""rosbag2 folders: metadata.yaml beside one or more MCAP files (rosbag2_storage_mcap); those in SQLite are read by logs.bags."""
 
 from __future__ import annotations
 
@@ -14,10 +14,7 @@ def bag_parts(folder: Path, damage: Damage) -> list[Path]:
     """The MCAP files of the bag in the order of recording: rosbag2 numbers them name_0.mcap, name_1.mcap, ..."""
     parts = sorted(folder.glob("*.mcap"), key=_order)
     if not parts:
-        kinds = "an SQLite bag; convert it to MCAP" if any(folder.glob("*.db3")) else "no .mcap file"
-        raise damage.refuse(
-            "folder", f"it holds {kinds}", "give a rosbag2 folder with MCAP storage (`ros2 bag convert` makes one)"
-        )
+        raise damage.refuse("folder", "it holds no .mcap file and no .db3 file", "give a rosbag2 folder")
     if len(parts) > MAX_PARTS:
         raise damage.refuse("folder", f"{len(parts)} parts, at most {MAX_PARTS} are read", "give one recording")
     if len(parts) > 1 and not (folder / "metadata.yaml").is_file():

@@ -131,7 +131,20 @@ def examine(
     if not bridging:
         zero = {name: np.zeros_like(x) for name, x in channels.items()}
         return Sampling(
-            at, keep, channels, old, zero, period, jitter, seen, rebuilt, left, int(held.sum()), missing, scale, tuple(findings)
+            at,
+            keep,
+            channels,
+            old,
+            zero,
+            period,
+            jitter,
+            seen,
+            rebuilt,
+            left,
+            int((held & ~stale).sum()),
+            missing,
+            scale,
+            tuple(findings),
         )
     derived = bool(np.all(np.isnan(scale) | (np.abs(scale - 1) < TRUST)) and np.isfinite(dq).all())
     errors = bridging_error(at, channels, old["q"], MOST_BRIDGED, derived)
@@ -144,7 +157,7 @@ def examine(
             "measured by bridging samples that were there"
         )
     return Sampling(
-        grid.t, source, grid.channels, grid.bridged, grid.std, period, jitter, seen, rebuilt, left, int(held.sum()), missing, scale,
+        grid.t, source, grid.channels, grid.bridged, grid.std, period, jitter, seen, rebuilt, left, int((held & ~stale).sum()), missing, scale,
         tuple(findings),
     )  # fmt: skip
 
@@ -200,12 +213,14 @@ def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarr
     for j in range(q.shape[1]):
         v, x = speed[:, j], moved[:, j]
         ok = np.isfinite(v)
-        fast = ok & (np.abs(x) > 0.3 * np.quantile(np.abs(x), 0.95)) & (np.abs(x) > 0)
+        fast = ok & (np.abs(v) > 0.3 * np.quantile(np.abs(v[ok]), 0.95)) & (np.abs(v) > 0) if ok.any() else ok
         if fast.sum() < LEAST_TELLING or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
             continue
-        ratio = v[fast] * steps[fast] / x[fast]
-        scale[j] = np.median(ratio)
-        if abs(scale[j] - 1) > TRUST or np.median(np.abs(ratio - scale[j])) > 0.5:
+        # of the two it is the difference of positions that is coarse: it is never what rows are chosen by, or divided by
+        ratio = x[fast] / (v[fast] * steps[fast])
+        middle = float(np.median(ratio))
+        scale[j] = 1 / middle if middle != 0 else np.inf
+        if abs(scale[j] - 1) > TRUST or np.median(np.abs(ratio - middle)) > 0.5:
             continue
         slow = ok & (np.abs(v) <= np.quantile(np.abs(v[ok]), 0.3))
         noise = SHARE_OF_SIGMA * np.median(np.abs(x - v * steps)[slow])

@@ -10,14 +10,21 @@ import typer
 from calib import console
 from calib.run_folder import new_run
 
+MAP = "map.toml"
+
 if TYPE_CHECKING:
     from calib.torque_delay import TorqueDelay
+    from logs.column_map import ColumnMap
     from logs.convert import Imported
 
 
 def command(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="ur_rtde .csv, rosbag2 folder or .mcap, or a recording cut short.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="ur_rtde .csv, ROS bag (file or folder), .mcap, a recording cut short, or a table: CSV, NPZ, MAT, Parquet, LeRobot.",
+        ),
     ],
     arm: Annotated[
         str | None,
@@ -28,6 +35,24 @@ def command(
             autocompletion=console.arm_names,
         ),
     ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="TOML", help="What a table's columns mean, as an earlier import kept it.")
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column", metavar="CHANNEL=NAMES:UNIT", help="Columns of a channel: time=stamp:ms, q=p1,p2:deg, tau=..."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", help="Samples a second, where a table has no column of times.")
+    ] = None,
+    joints: Annotated[
+        str | None, typer.Option("--joints", metavar="NAMES", help="Names of a table's joints; the arm's if not given.")
+    ] = None,
+    episode: Annotated[int | None, typer.Option("--episode", help="Which episode of a LeRobot data set.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Accept the guess of what the columns mean without being asked.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -35,27 +60,47 @@ def command(
     """Make a finished log of a recording: of another program's, or of one whose program was killed.
 
     Says what survived and what did not. The log is marked clean if the source was whole and aborted otherwise; identification refuses
-    an aborted log unless it is told not to.
+    an aborted log unless it is told not to. The columns of a table are guessed from their names, shown, and kept in map.toml once they
+    are confirmed. Jittered stamps, repeated and lost samples are found from the position against the speed.
 
     Examples:
 
         calib import recorded.csv --arm ur10e
 
+        calib import measured.mat --column time=t:ms --column q=q1,q2,q3:deg --report
+
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
+    from calib.column_choice import chosen_map, confirm
     from calib.recordings import require
     from calib.torque_delay import torque_delay
     from logs import read_log
-    from logs.convert import import_recording
+    from logs.convert import import_recording, table_of
     from sim.arm import load_arm
+    from sim.errors import ConfigError
 
     require(file)
     model = load_arm(arm, configs) if arm else None
-    if model is not None:
+    table = table_of(file)
+    if table is None and (map_file or columns or rate is not None or joints or episode is not None):
+        raise ConfigError(
+            f"{file}: says itself what it holds; --map, --column, --rate, --joints and --episode are for tables: CSV, NPZ, MAT, Parquet"
+        )
+    chosen: ColumnMap | None = None
+    doubts: list[str] = []
+    said = True
+    if table is not None:
+        names = model.joint_names if model else None
+        chosen, doubts, said = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
+    elif model is not None:
         read_log(file, model.joint_names, accept_partial=True)
     folder = new_run(model or "log", "import", out)
+    if table is not None and chosen is not None:
+        (folder / MAP).write_text(chosen.text(), encoding="utf-8")
+        if not said and not yes:
+            confirm(chosen, doubts, table, folder / MAP)
     with console.progress(f"import {file.name}"):
-        done = import_recording(file, folder / f"{file.stem}.mcap")
+        done = import_recording(file, folder / f"{file.stem}.mcap", chosen)
         delay = torque_delay(read_log(done.path, model.joint_names, accept_partial=True), model) if model else None
     if as_json:
         console.print_json(_plain(done, delay))
@@ -63,7 +108,37 @@ def command(
     console.table(["", ""], _rows(done, delay))
     for sentence in done.left_out:
         console.say(f"  {sentence}")
+    for sentence in done.sampling.findings:
+        console.say(f"  sampling: {sentence}")
+    if report:
+        _report(done)
+    if chosen is not None:
+        console.say(f"the meaning of the columns is kept in {folder / MAP}")
     console.say(f"{done.path}")
+
+
+def _report(done: Imported) -> None:
+    """How the samples were taken: the clock, and by joint the speed against the position and what bridging a lost sample costs."""
+    from logs.sampling import examine
+
+    log, found = done.log, done.sampling
+    others = {"tau": log.tau} if log.tau.strides[0] else {"tau": log.current}
+    whole = examine(log.t, log.q, log.dq, others)
+    rows: list[list[Any]] = [
+        ["period", f"{1e3 * found.period:.6g} ms"],
+        ["jitter of the stamps", f"{1e3 * found.jitter:.3g} ms" if found.jitter == found.jitter else None],
+        ["least that would show", f"{1e3 * found.jitter_seen:.3g} ms" if found.jitter_seen == found.jitter_seen else None],
+        ["clock", "rebuilt" if found.rebuilt else "as stamped"],
+        ["left between q and dq", f"{1e3 * found.left:.2g} ms" if found.left == found.left else None],
+        ["samples repeated", found.repeated],
+        ["samples missing", found.missing],
+    ]
+    console.table(["sampling", ""], rows)
+    parts = [
+        [name, float(found.dq_scale[j]), float(whole.std["q"][:, j].max()), float(whole.std["tau"][:, j].max())]
+        for j, name in enumerate(log.joint_names)
+    ]
+    console.table(["joint", "dq over dq/dt of q", "q bridged, std rad", "torque bridged, std"], parts)
 
 
 def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
@@ -112,5 +187,16 @@ def _plain(done: Imported, delay: TorqueDelay | None) -> dict[str, Any]:
         "clock": log.clock,
         "torque_delay": delay,
         "left_out": done.left_out,
+        "sampling": {
+            "period": done.sampling.period,
+            "jitter": done.sampling.jitter,
+            "jitter_seen": done.sampling.jitter_seen,
+            "rebuilt": done.sampling.rebuilt,
+            "left": done.sampling.left,
+            "repeated": done.sampling.repeated,
+            "missing": done.sampling.missing,
+            "dq_scale": done.sampling.dq_scale,
+            "findings": done.sampling.findings,
+        },
         "events": log.events,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -57,3 +58,95 @@ def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: 
     monkeypatch.chdir(tmp_path)
     assert main(["import", "nothing.mcap"]) == 2
     assert "nothing.mcap" in capsys.readouterr().err
+
+
+@pytest.fixture
+def table_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A CSV file of some other program: degrees, milliseconds, two joints, a column of words."""
+    monkeypatch.chdir(tmp_path)
+    t = 0.002 * np.arange(1500)
+    q = 0.6 * np.sin(np.outer(t, [2.0, 3.1]))
+    dq = 0.6 * np.array([2.0, 3.1]) * np.cos(np.outer(t, [2.0, 3.1]))
+    lines = ["stamp_ms,pos_deg_1,pos_deg_2,dq1,dq2,tau1,tau2,phase"]
+    for k in range(len(t)):
+        row = [1e3 * t[k], *np.degrees(q[k]), *dq[k], *(4 * q[k])]
+        lines.append(",".join([*(f"{value:.6f}" for value in row), "moving"]))
+    file = tmp_path / "bench.csv"
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def test_a_guess_is_shown_and_wants_a_yes(table_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(["import", str(table_file), "--out", "first"]) == 2
+    said = capsys.readouterr().err
+    assert "pos_deg_1, pos_deg_2  [deg]" in said
+    assert "not used     phase" in said
+    assert "--map first/map.toml" in said
+    assert not list(Path("first").glob("*.mcap"))
+    assert main(["import", str(table_file), "--map", "first/map.toml", "--out", "second"]) == 0
+    log = read_log("second/bench.mcap")
+    np.testing.assert_allclose(log.q[:, 0], 0.6 * np.sin(2.0 * log.t), atol=1e-6)
+    assert log.metadata["column_map"] == Path("second/map.toml").read_text()
+
+
+def test_a_yes_on_a_terminal(table_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    class Person:
+        def __init__(self, answer: str) -> None:
+            self.answer = answer
+
+        def isatty(self) -> bool:
+            return True
+
+        def readline(self) -> str:
+            return self.answer + "\n"
+
+    monkeypatch.setattr("sys.stdin", Person("n"))
+    assert main(["import", str(table_file)]) == 2
+    assert "nothing was imported" in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", Person("y"))
+    assert main(["import", str(table_file)]) == 0
+
+
+def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--column", "time=stamp_ms:ms", "--column", "q=pos_deg_2,pos_deg_1:deg", "--joints", "b,a"]
+    assert main(["import", str(table_file), *options, "--out", "here"]) == 0
+    log = read_log("here/bench.mcap")
+    assert log.joint_names == ("b", "a")
+    np.testing.assert_allclose(log.q[:, 1], 0.6 * np.sin(2.0 * log.t), atol=1e-6)
+    assert not np.isfinite(log.tau).any()
+    for wrong, words in (
+        (["--column", "torque=tau1"], "write CHANNEL=NAME"),
+        (["--column", "q=pos_deg_1,pos_deg_2:grad"], "pos_deg_2:grad"),
+        (["--rate", "0"], "between 0 and"),
+        (["--joints", "a,b,c", "--yes"], "positions of 2 joints"),
+    ):
+        assert main(["import", str(table_file), *wrong]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_options_for_tables_are_refused_elsewhere(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(csv_file), "--rate", "100"]) == 2
+    assert "says itself what it holds" in capsys.readouterr().err
+
+
+def test_jitter_is_told_and_the_stamps_are_kept(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(4)
+    lines = table_file.read_text().splitlines()
+    t = 0.002 * np.arange(len(lines) - 1)
+    stamps = np.sort(1e3 * (t + 3e-4 * rng.standard_normal(len(t))))
+    cells = [line.split(",") for line in lines]
+    for row, stamp in zip(cells[1:], stamps, strict=True):
+        row[0] = f"{stamp:.6f}"
+    table_file.write_text("\n".join(map(",".join, cells)) + "\n")
+    assert main(["import", str(table_file), "--yes", "--out", "here", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["sampling"]
+    assert told["rebuilt"]
+    assert told["jitter"] == pytest.approx(3e-4, rel=0.1)
+    log = read_log("here/bench.mcap")
+    assert np.std(np.diff(log.t)) < 1e-8
+    np.testing.assert_allclose(log.t_host, (stamps - stamps[0]) * 1e-3, atol=2e-9)
+    assert main(["import", str(table_file), "--yes", "--report"]) == 0
+    out = capsys.readouterr().out
+    assert "rebuilt" in out
+    assert "dq over dq/dt of q" in out

@@ -58,7 +58,7 @@ def test_bridged_samples_are_marked_and_as_wrong_as_stated() -> None:
     assert new.sum() == pytest.approx(found.missing, abs=5)
     offset = np.median(found.t[~new] - stamps[found.source[~new]])
     truth = dict(zip(("q", "dq", "tau"), motion(found.t - offset), strict=True))
-    for name, x in found.channels.items():
+    for name in found.channels:
         assert found.bridged[name][new].all()
         assert not found.bridged[name][~new].any()
         assert (found.std[name][~new] == 0).all()

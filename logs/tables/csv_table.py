@@ -1,0 +1,155 @@
+"""CSV: a row of names, then a row a sample; separated by comma, semicolon, tab or blanks, with a point or a comma in the numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+
+from logs.damage import Damage
+from logs.tables.table import MAX_COLUMNS, Format, Table, number
+
+SEPARATORS = (",", ";", "\t", " ")
+MAX_HEADER = 1 << 18
+MOST_WORDS = 0.5  # a column with more cells that are no numbers is one of words
+
+
+def _recognises(head: bytes | None, path: Path) -> bool:
+    """Text whose first line holds names or numbers; what a file of bytes begins with is no text."""
+    if head is None or b"\0" in head:
+        return False
+    try:
+        text = head.decode("utf-8", errors="strict" if len(head) < 4096 else "ignore").removeprefix("\ufeff")
+    except UnicodeDecodeError:
+        return False
+    return path.suffix.lower() in (".csv", ".tsv", ".txt", ".dat", ".log", ".asc") and any(map(_separator, text.splitlines()))
+
+
+def _separator(line: str) -> str:
+    """The separator that makes most fields of a line, "" where none makes two."""
+    line = line.lstrip("#% ").strip()
+    counts = {sep: len(line.split(sep if sep != " " else None)) for sep in SEPARATORS}
+    best = max(SEPARATORS[:3], key=lambda sep: counts[sep])
+    best = best if counts[best] > 1 else " "
+    return best if counts[best] > 1 else ""
+
+
+def _read(path: Path, damage: Damage) -> Table:
+    text = path.read_bytes().decode("utf-8", errors="replace").removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    skipped, head, rest = _header(text, damage)
+    separator = _separator(head)
+    names = _names(head, separator)
+    if all(np.isfinite(number(name)) for name in names):
+        names, rest, skipped = [f"column {k + 1}" for k in range(len(names))], f"{head}\n{rest}", skipped - 1
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise damage.refuse(
+            f"row {skipped + 1}", f"column {repeated[0]!r} stands {names.count(repeated[0])} times", "keep one of them"
+        )
+    if len(names) > MAX_COLUMNS:
+        raise damage.refuse(f"row {skipped + 1}", f"{len(names)} columns, at most {MAX_COLUMNS} are read", "leave columns out")
+    if not rest.strip():
+        raise damage.refuse(f"row {skipped + 2}", "the file has a header and no samples", "record it again")
+    cells, rows = _cells(rest, separator, names, skipped + 2, damage)
+    columns, words = {}, []
+    for name, column in zip(names, cells, strict=True):
+        values = _numbers(column)
+        if values is None:
+            words.append(name)
+        else:
+            columns[name] = values
+    return Table(columns, rows, tuple(words), (), "CSV")
+
+
+def _header(text: str, damage: Damage) -> tuple[int, str, str]:
+    """Lines before the header, the header, what follows; lines of comment may stand before, and the header may be the last of them."""
+    comment, skipped = "", 0
+    while True:
+        line, end, rest = text.partition("\n")
+        if len(line) > MAX_HEADER or (not end and not line):
+            raise damage.refuse("row 1", "no row with the names of columns", "give a CSV file with a header row")
+        if line.strip() and not line.lstrip().startswith(("#", "%")):
+            break
+        comment, skipped, text = (line if line.strip() else comment), skipped + 1, rest
+    if comment and np.isfinite(number(_names(line, _separator(line) or ",")[0])):
+        inside = comment.lstrip("#% ")
+        if len(_names(inside, _separator(inside) or ",")) == len(_names(line, _separator(line) or ",")):
+            return skipped - 1, inside, text
+    return skipped, line, rest
+
+
+def _names(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return [name.strip() for name in next(csv.reader([line], delimiter=separator or ","), [])]
+
+
+def _cells(rest: str, separator: str, names: list[str], first: int, damage: Damage) -> tuple[list[pa.Array], np.ndarray]:
+    """The columns as Arrow read them and the row of the file of each sample; rows of another width are damage."""
+    if separator == " ":
+        rest, separator = re.sub(r"(?m)^[ \t]+|[ \t]+$", "", rest), "\t"
+        rest = re.sub(r"[ \t]+", "\t", rest)
+    wrong: list[tuple[int, int]] = []
+
+    def skip(row: arrow_csv.InvalidRow) -> str:  # what is raised in here does not reach the caller
+        wrong.append((row.number - 1, row.actual_columns))
+        return "skip"
+
+    options = arrow_csv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 30)
+    parse = arrow_csv.ParseOptions(delimiter=separator, invalid_row_handler=skip, newlines_in_values=False)
+    convert = arrow_csv.ConvertOptions(
+        null_values=["", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "-"], strings_can_be_null=True,
+        decimal_point="," if separator != "," and re.search(r"\d,\d", rest[:4096]) else ".",
+    )  # fmt: skip
+    whole = rest if rest.endswith("\n") else _without_the_last(rest, first, separator, len(names), damage)
+    try:
+        table = arrow_csv.read_csv(io.BytesIO(whole.encode()), options, parse, convert)
+    except pa.ArrowInvalid as error:
+        raise damage.refuse(
+            "rows", f"they are no table ({str(error).splitlines()[0][:120]})", "give a CSV file with a header"
+        ) from error
+    for number_of_row, count in wrong:
+        damage.report(f"row {first + number_of_row}", f"{count} values where the header has {len(names)} columns")
+    bad = [k for k, _ in wrong]
+    blank = [k for k, line in enumerate(whole.split("\n")) if not line] if "\n\n" in whole or whole.startswith("\n") else []
+    rows = np.setdiff1d(np.arange(table.num_rows + len(bad) + len(blank)), np.array(bad + blank, dtype=int))[: table.num_rows]
+    return [column.combine_chunks() for column in table.columns], rows + first
+
+
+def _without_the_last(rest: str, first: int, separator: str, width: int, damage: Damage) -> str:
+    """A file that ends inside a row: the last number may be cut short, unless the program just writes no last line end."""
+    body, _, last = rest.rpartition("\n")
+    if last.count(separator) == width - 1 and body:
+        lengths = [len(line.rpartition(separator)[2]) for line in body.rsplit("\n", 20)[-20:]]
+        if len(last.rpartition(separator)[2]) >= min(lengths):
+            return rest + "\n"
+    damage.report(f"row {first + rest.count(chr(10))}", "the file ends inside this row: the last number may be cut short")
+    return body + "\n"
+
+
+def _numbers(column: pa.Array) -> np.ndarray | None:
+    """A column as float64, as int64 ns where it holds instants of a calendar, None where it holds words."""
+    kind = column.type
+    if pa.types.is_timestamp(kind):
+        return (
+            column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False) if not column.null_count else None
+        )
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    if pa.types.is_boolean(kind):
+        return column.cast(pa.uint8()).cast(pa.float64()).to_numpy(zero_copy_only=False)
+    if pa.types.is_null(kind):
+        return np.full(len(column), np.nan)
+    words = column.to_pylist()
+    values = np.array([np.nan if word is None else number(word) for word in words])
+    told = sum(word is not None for word in words)
+    return values if told and np.isfinite(values).sum() >= MOST_WORDS * told else None
+
+
+CSV = Format("CSV", _recognises, _read)

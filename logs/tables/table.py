@@ -1,0 +1,103 @@
+"""A table: N rows of named columns, as they stand in the file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from logs.damage import Damage
+
+MAX_BYTES = 2 << 30
+MAX_COLUMNS = 4096
+MAX_CELLS = 1 << 28
+
+
+@dataclass(frozen=True)
+class Table:
+    """columns: name -> (N,) float64, or int64 ns for instants of a calendar; rows: the place in the file of each, for messages.
+
+    text columns are named in `words` and not kept; `left_out` says what else of the file is no column.
+    """
+
+    columns: dict[str, np.ndarray]
+    rows: np.ndarray
+    words: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    about: str = ""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: how it is recognised by the first bytes (None for a folder) and the path, and how it is read."""
+
+    name: str
+    recognises: Callable[[bytes | None, Path], bool]
+    read: Callable[[Path, Damage], Table]
+
+
+def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table:
+    """The table in `path`; BadLog where no format recognises it or it is no table."""
+    head = None
+    if path.is_file():
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise damage.refuse("file", f"{size} bytes, more than {MAX_BYTES}", "split the recording into shorter ones")
+        with path.open("rb") as file:
+            head = file.read(4096)
+        if not head:
+            raise damage.refuse("file", "it is empty", "record it again")
+    for form in formats:
+        if form.recognises(head, path):
+            table = form.read(path, damage)
+            if not len(table):
+                raise damage.refuse("rows", "the file has columns and no samples", "record it again")
+            return table
+    known = ", ".join(form.name for form in formats)
+    raise damage.refuse("byte 0", "its format is none that is read", f"give MCAP, a ROS bag, or a table: {known}")
+
+
+def of_arrays(arrays: Mapping[str, np.ndarray], damage: Damage, about: str = "") -> Table:
+    """Arrays of numbers as columns: those as long as the longest, matrices as name[0], name[1], ..., standing or lying.
+
+    The length is that of the array with the most samples; others are named in `left_out`.
+    """
+    sound = {name: np.asarray(x) for name, x in arrays.items()}
+    kept = {name: np.squeeze(x) for name, x in sound.items() if x.dtype.kind in "fiub" and 1 <= np.squeeze(x).ndim <= 2}
+    vectors = [len(x) for x in kept.values() if x.ndim == 1]
+    matrices = [max(x.shape) for x in kept.values() if x.ndim == 2]
+    if not vectors and not matrices:
+        raise damage.refuse(
+            "arrays", f"it holds no array of samples ({', '.join(sound) or 'nothing'})", "save t, q, ... as arrays"
+        )
+    length = max(matrices or vectors)
+    if vectors and max(vectors) in [k for x in kept.values() if x.ndim == 2 for k in x.shape]:
+        length = max(vectors)
+    columns: dict[str, np.ndarray] = {}
+    left = [f"{name}: not an array of numbers" for name in sound if name not in kept]
+    for name, x in kept.items():
+        if x.ndim == 1 and len(x) == length:
+            columns[name] = x.astype(float)
+        elif x.ndim == 2 and length in x.shape and min(x.shape) <= MAX_COLUMNS:
+            rows = x if x.shape[0] == length else x.T
+            columns |= {f"{name}[{k}]": rows[:, k].astype(float) for k in range(rows.shape[1])}
+        else:
+            left.append(f"{name}: {' x '.join(map(str, x.shape))} where the samples are {length}")
+    if len(columns) > MAX_COLUMNS or len(columns) * length > MAX_CELLS:
+        raise damage.refuse("arrays", f"{len(columns)} columns of {length}", f"save at most {MAX_COLUMNS} columns")
+    return Table(columns, np.arange(length), (), tuple(left), about)
+
+
+def number(cell: object) -> float:
+    """A cell of text as a number, NaN where it is none; a comma may be the decimal sign."""
+    try:
+        text = str(cell).strip()
+        return float(text.replace(",", ".")) if text and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
