@@ -1,19 +1,45 @@
-"""`calib servo CELL`: the drives of a CAN arm one by one, without moving them."""
+"""`calib servo CELL`: the drives of a CAN arm one by one, without moving them; `calib servo scan`: find them on a bus."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from calib import console
-from sim.errors import AnswerIsNo, ConfigError
+from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:
+    from drivers.can_servo.by_hand import ByHand
+    from drivers.can_servo.scan import Found
     from drivers.can_servo.service import Look
+    from sim.arm import Arm
 
 
-def command(
+class CellOrVerb(TyperGroup):
+    """A first word that is no subcommand is a cell to look at."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["look", *args])
+
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True, cls=CellOrVerb)
+
+
+@app.callback()
+def command() -> None:
+    """Look at the drives of a servo arm, set one of them (calib servo CELL ...), or find them on a bus (calib servo scan).
+
+    Example:
+
+        calib servo emulated-servo6 elbow_joint
+    """
+
+
+@app.command()
+def look(
     cell: console.CellArgument,
     joint: Annotated[str | None, typer.Argument(metavar="JOINT", help="one joint; all of them if not given")] = None,
     clear: Annotated[bool, typer.Option(help="clear the latched error of this joint's drive")] = False,
@@ -64,6 +90,156 @@ def command(
     bad = [f"{k.joint}: {k.reading.error or k.serial_problem}" for k in looks if k.reading.error or k.serial_problem]
     if bad:
         raise AnswerIsNo("; ".join(bad))
+
+
+@app.command()
+def scan(
+    interface: Annotated[
+        str, typer.Option(help="python-can's: socketcan, slcan, socketcand, pcan, ...; damiao is Damiao's USB box.")
+    ],
+    channel: Annotated[str, typer.Option(help="can0, /dev/serial/by-id/..., as the interface has it.")],
+    bitrate: Annotated[int, typer.Option(help="bit/s")] = 1_000_000,
+    data_bitrate: Annotated[
+        int | None,
+        typer.Option(
+            help="bit/s of CAN FD data, often 5000000; asks classical and CAN FD drives. Classical alone if not given."
+        ),
+    ] = None,
+    bus: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="More for python-can, such as host=127.0.0.1 and port=29536. Repeatable."),
+    ] = None,
+    supported: Annotated[
+        bool, typer.Option(help="The arm is carried: also ask with the order off, which CubeMars drives need.")
+    ] = False,
+    arm: Annotated[
+        str | None, typer.Option(metavar="ARM", help="Arm whose joints are then turned by hand, one by one.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Cell file to write, with --arm.")] = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Find the drives on a bus: makers, identifiers, serial numbers, firmware, ranges, classical and CAN FD. No torque goes on.
+
+    With --arm each joint is turned by hand, which shows its drive and direction, and --out writes the cell. Exit code 1 where a drive must be set
+    before it can be used.
+
+    Example:
+
+        calib servo scan --interface socketcan --channel can0 --data-bitrate 5000000
+    """
+    from drivers.can_servo.by_hand import ByHand
+    from drivers.can_servo.link import Link
+    from drivers.can_servo.new_cell import cell_text
+    from drivers.can_servo.scan import scan as scanned
+    from sim.arm import load_arm
+    from sim.can_wiring import CanOptions
+    from sim.clock import MonotonicClock
+    from sim.strict import validated
+
+    model = load_arm(arm, configs) if arm else None
+    if (model is None) != (out is None):
+        raise ConfigError(
+            "--arm and --out belong together: a cell names its arm and joints; give both, or neither to look only"
+        )
+    if out is not None and (out.exists() or out.suffix != ".toml"):
+        raise ConfigError(f"{out}: it is there already, or does not end in .toml; name a new .toml file")
+    told = {
+        "interface": interface, "channel": channel, "bitrate": bitrate, "data_bitrate": data_bitrate, "bus": _pairs(bus or []),
+        "rate": 200.0, "brakes": False, "servos": [],
+    }  # fmt: skip
+    options, clock = validated(CanOptions, told, Path("calib servo scan")), MonotonicClock()
+    link = Link.open(options, clock)
+    try:
+        with console.progress(f"asking everybody on {interface} {channel}"):
+            result = scanned(link, clock, options, supported)
+        found = result.found
+        if not as_json:
+            console.table(
+                ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad rad/s N*m"],
+                [[f.name, "FD" if f.fd else "classical", f.told.serial or "not told", f.told.firmware, _on(f), f.told.q,
+                  1e3 * f.told.watchdog, _ranges(f)] for f in found],
+            )  # fmt: skip
+            for note in result.notes:
+                console.say(note)
+        if not found:
+            raise DeviceError(
+                f"{interface} {channel}: no drive answered at {bitrate} bit/s; check supply, cable, termination and bit rate, and ask again with "
+                "--data-bitrate 5000000 for CAN FD drives, --supported for CubeMars"
+            )
+        if model is not None and out is not None:
+            joints = _by_hand(model, found, ByHand([f.drive for f in found], link, clock))
+            text = cell_text(out.stem, model, options, joints)
+            with out.open("x", encoding="utf-8") as file:
+                file.write(text)
+    finally:
+        link.close()
+    if as_json:
+        console.print_json({
+            "schema": "scan/1", "drives": [_described(f) for f in found], "notes": result.notes, "cell": out,
+        })  # fmt: skip
+    elif out is not None:
+        console.say(f"{out}: written; fill in its lines with TODO, then: calib check {out}")
+    problems = [problem for f in found for problem in f.told.problems]
+    if problems:
+        raise AnswerIsNo("; ".join(problems))
+
+
+def _by_hand(arm: Arm, found: tuple[Found, ...], hands: ByHand) -> dict[str, tuple[Found, int]]:
+    """The drive and the sign of each joint, as somebody turns one after the other."""
+    if len(found) != arm.n:
+        raise AnswerIsNo(
+            f"{len(found)} drives answered and {arm.name} has {arm.n} joints; find the missing ones or take the others off the bus"
+        )
+    joints: dict[str, tuple[Found, int]] = {}
+    for joint in arm.joint_names:
+        while joint not in joints:
+            console.warn(
+                f"hold the arm still; then turn {joint} alone by 10 degrees or more to its positive side (right hand: thumb along its axis, "
+                "fingers point there)"
+            )
+            try:
+                which, sign = hands.turned()
+            except DeviceError as error:
+                if "moved together" not in str(error):
+                    raise
+                console.warn(str(error))
+                continue
+            owner = next((name for name, (drive, _) in joints.items() if drive is found[which]), None)
+            if owner is not None:
+                console.warn(f"that was {found[which].name}, which is {owner}")
+                continue
+            joints[joint] = (found[which], sign)
+            console.warn(f"{joint} is {found[which].name}, direction {sign:+d}")
+    return joints
+
+
+def _pairs(words: list[str]) -> dict[str, str | int]:
+    """`KEY=VALUE` words; whole numbers as such."""
+    pairs: dict[str, str | int] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not (key and equals):
+            raise ConfigError(f"--bus {word}: it has no KEY=VALUE form; write for example --bus port=29536")
+        pairs[key] = int(value) if value.isdecimal() and len(value) < 10 else value
+    return pairs
+
+
+def _on(found: Found) -> str:
+    return {True: "on", False: "off", None: "not told"}[found.told.on]
+
+
+def _ranges(found: Found) -> str:
+    r = found.told.ranges
+    return "not told" if r is None else f"{r.q:g} {r.dq:g} {r.tau:g}"
+
+
+def _described(found: Found) -> dict[str, object]:
+    t = found.told
+    return {
+        "protocol": found.protocol, "node": found.node, "feedback": found.feedback, "fd": found.fd, "serial": t.serial, "firmware": t.firmware,
+        "watchdog": t.watchdog, "ranges": t.ranges.model_dump() if t.ranges else None, "on": t.on, "q": t.q, "problems": t.problems,
+    }  # fmt: skip
 
 
 def _state(look: Look) -> str:

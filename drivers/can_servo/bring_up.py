@@ -38,17 +38,17 @@ def make_drives(options: CanOptions) -> list[Drive]:
 
 
 class Enquiry:
-    """Questions to drives, one at a time: an answer comes once, within 0.1 s, or the drive is not what the cell file says."""
+    """Questions to drives, one at a time: an answer comes once, within `patience` s, or the drive is not what the cell file says."""
 
-    def __init__(self, link: Link, clock: Clock) -> None:
-        self.link, self.clock = link, clock
+    def __init__(self, link: Link, clock: Clock, patience: float = ANSWER_TIME, tries: int = TRIES) -> None:
+        self.link, self.clock, self.patience, self.tries = link, clock, patience, tries
 
     def ask(self, message: can.Message, answers: Callable[[can.Message], T | None], what: str) -> T:
         """The first answer that `answers` understands; NoAnswer where none comes, DeviceError where two do."""
         errors = self.link.error_frames
-        for _ in range(TRIES):
+        for _ in range(self.tries):
             self.link.send([message])
-            end = self.clock.now() + ANSWER_TIME
+            end = self.clock.now() + self.patience
             found: list[T] = []
             while (heard := self.link.receive(end)) is not None:
                 answer = answers(heard)
@@ -63,7 +63,7 @@ class Enquiry:
             if found:
                 return found[0]
         raise NoAnswer(
-            f"{what}: no answer on {self.link.where} in {TRIES} tries of {ANSWER_TIME:g} s{_instead(self.link.error_frames - errors)}; check "
+            f"{what}: no answer on {self.link.where} in {self.tries} tries of {self.patience:g} s{_instead(self.link.error_frames - errors)}; check "
             "supply, cable, termination, bit rate, and the node and feedback identifiers in the cell file"
         )
 

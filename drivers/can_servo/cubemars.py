@@ -8,13 +8,14 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
 
 
 class CubeMars(Drive):
     """One answer for each frame with its identifier; whether it is on cannot be read."""
 
     protocol = "cubemars"
+    question_switches_off = True
 
     @property
     def key(self) -> Hashable:
@@ -51,6 +52,23 @@ class CubeMars(Drive):
     def identify(self, ask: Ask) -> Identity:
         ask(self.disable(), self._reply, f"{self.name}: first answer")
         return Identity("", "unknown", math.nan, self.stated_ranges())
+
+    @staticmethod
+    def question(node: int) -> can.Message:
+        return data_frame(node, frames.special(0xFD))
+
+    @staticmethod
+    def answering(message: can.Message) -> tuple[int, int] | None:
+        if message.is_extended_id or message.is_remote_frame or message.dlc not in (6, 8):
+            return None
+        return message.data[0], message.arbitration_id
+
+    def tell(self, ask: Ask) -> Told:
+        return Told(
+            problems=(
+                f"{self.name}: it tells nothing of itself; ranges stand in its manual, and so does how its timeout is set",
+            )
+        )
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         return math.nan

@@ -9,13 +9,13 @@ import can
 from pydantic import ValidationError
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
 REGISTERS = 0x7FF
 READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
-TIMEOUT, MODE, SOFTWARE, SERIAL, PMAX, VMAX, TMAX = 9, 10, 14, 15, 21, 22, 23
+ESC_ID, TIMEOUT, MODE, SOFTWARE, SERIAL, PMAX, VMAX, TMAX = 8, 9, 10, 14, 15, 21, 22, 23
 MIT_MODE = 1
 TICK = 50e-6  # s, the unit of register 9
 ERRORS = {
@@ -70,19 +70,8 @@ class Damiao(Drive):
         mode = self._told(ask, MODE)
         if mode is None:
             return self._without_registers(ask)
-        if mode != MIT_MODE:
-            raise DeviceError(
-                f"{self.name}: control mode {mode} is set, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool"
-            )
-        spans = [frames.as_float(self._read(ask, number)) for number in (PMAX, VMAX, TMAX)]
-        try:
-            ranges = RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
-        except ValidationError as error:
-            said = ", ".join(f"{x:g}" for x in spans)
-            raise DeviceError(
-                f"{self.name}: PMAX, VMAX, TMAX read as {said}; no drive spans that (0.1 to 10000 rad and rad/s, 0.01 to 10000 N m): set them "
-                "with the maker's tool"
-            ) from error
+        self._require_mit(mode)
+        ranges = self._spans(ask)
         stated = self.servo.ranges
         if stated is not None and not all(
             math.isclose(a, b, rel_tol=1e-3)
@@ -98,6 +87,39 @@ class Damiao(Drive):
         return Identity(
             "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
             math.nan if timeout is None else timeout * TICK, ranges,
+        )  # fmt: skip
+
+    @staticmethod
+    def question(node: int) -> can.Message:
+        return data_frame(REGISTERS, frames.register(node, READ, ESC_ID))
+
+    @staticmethod
+    def answering(message: can.Message) -> tuple[int, int] | None:
+        if message.is_extended_id or message.dlc != 8:
+            return None
+        node, what, register, raw = frames.register_reply(bytes(message.data))
+        return (node, message.arbitration_id) if (what, register, raw) == (READ, ESC_ID, node) else None
+
+    def tell(self, ask: Ask) -> Told:
+        problems, ranges, reading = [], None, None
+        mode, serial, firmware, timeout = (self._told(ask, number) for number in (MODE, SERIAL, SOFTWARE, TIMEOUT))
+        try:
+            self._require_mit(mode)
+        except DeviceError as error:
+            problems.append(str(error))
+        try:
+            ranges = self._spans(ask)
+            self.set_ranges(ranges)
+            self._find_how_to_ask(ask)
+            if self.answers_refresh:
+                reading = ask(self.refresh()[0], lambda m: self.decode(m) if self.key_of(m) == self.key else None, self.name)
+        except DeviceError as error:
+            problems.append(str(error))
+        assert reading is None or isinstance(reading, Reading)
+        return Told(
+            "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
+            math.nan if timeout is None else timeout * TICK, ranges, reading.on if reading else None, reading.q if reading else math.nan,
+            (*problems, reading.error) if reading and reading.error else tuple(problems),
         )  # fmt: skip
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
@@ -120,6 +142,23 @@ class Damiao(Drive):
 
     def clear(self) -> can.Message:
         return self._frame(self.servo.node, frames.special(0xFB))
+
+    def _require_mit(self, mode: int | None) -> None:
+        if mode != MIT_MODE:
+            raise DeviceError(
+                f"{self.name}: control mode {mode} is set, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool"
+            )
+
+    def _spans(self, ask: Ask) -> RangeTable:
+        spans = [frames.as_float(self._read(ask, number)) for number in (PMAX, VMAX, TMAX)]
+        try:
+            return RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
+        except ValidationError as error:
+            said = ", ".join(f"{x:g}" for x in spans)
+            raise DeviceError(
+                f"{self.name}: PMAX, VMAX, TMAX read as {said}; no drive spans that (0.1 to 10000 rad and rad/s, 0.01 to 10000 N m): set them "
+                "with the maker's tool"
+            ) from error
 
     def _without_registers(self, ask: Ask) -> Identity:
         """A firmware that knows no registers: it is there, and says nothing of itself."""

@@ -26,7 +26,8 @@ Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], obj
 class Reading:
     """What one feedback frame says, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
 
-    q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol does not tell; error is empty or the drive's complaint.
+    q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol
+    does not tell; error is empty or the drive's complaint.
     """
 
     q: float
@@ -47,16 +48,35 @@ class Identity:
     ranges: RangeTable
 
 
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a drive that nobody has described says of itself; what it does not tell is empty, None or NaN.
+
+    ranges as in the cell file, watchdog s, q rad on the drive's side; problems are sentences about what must be set before it can be used.
+    """
+
+    serial: str = ""
+    firmware: str = "unknown"
+    watchdog: float = math.nan
+    ranges: RangeTable | None = None
+    on: bool | None = None
+    q: float = math.nan
+    problems: tuple[str, ...] = ()
+
+
 class Drive(ABC):
     """Encodes commands and decodes answers of one drive; knows nothing of time or of other drives.
 
     Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes` marks a protocol whose drives send unasked;
+    hand_turn rad on the drive's side tells that somebody turns the joint by hand.
     `cycle` lists (extended, data bytes) of the frames of one control cycle, `beats` frames a second beside them.
     """
 
     protocol: str
     extended = False
     pushes = False
+    question_switches_off = False
+    hand_turn = 0.15
     cycle: tuple[tuple[bool, int], ...] = ((False, 8), (False, 8))
     beats = 0.0
 
@@ -135,6 +155,29 @@ class Drive(ABC):
     @abstractmethod
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         """Set the silence after which the drive switches off, and return what it reads back, s; NaN where it cannot tell."""
+
+    @staticmethod
+    @abstractmethod
+    def question(node: int) -> can.Message:
+        """What a drive with this identifier answers with its own; changes nothing unless `question_switches_off`."""
+
+    @staticmethod
+    @abstractmethod
+    def answering(message: can.Message) -> tuple[int, int] | None:
+        """(node, identifier of its answers) of the drive that answers `question`; None for another frame."""
+
+    @abstractmethod
+    def tell(self, ask: Ask) -> Told:
+        """What the drive says of itself, without anything being known of it but its identifiers; reads only, as `question` does."""
+
+    def position_question(self) -> can.Message | None:
+        """Asks for the position alone; None for a drive that pushes."""
+        return self.refresh()[0]
+
+    def position_in(self, message: can.Message) -> float | None:
+        """The joint angle in the answer to `position_question`, rad; None for another frame."""
+        reading = self.decode(message) if self.key_of(message) == self.key else None
+        return None if reading is None else reading.q
 
     @abstractmethod
     def enable(self) -> can.Message:

@@ -51,7 +51,7 @@ class Link:
             _require_server(options)
         try:
             bus = _opened(options)
-        except (can.CanError, OSError, ValueError, TypeError, TimeoutError) as error:
+        except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
             raise DeviceError(
                 f"{where}: cannot be opened ({error}); plug the adapter in, bring its interface up, and check interface, channel "
                 "and bus in the cell file"

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -32,6 +32,7 @@ class ODrive(Drive):
 
     protocol = "odrive"
     pushes = True
+    hand_turn = 1.2  # before a gear, which nobody has stated yet
     cycle = ((False, 8), (False, 8), (False, 8), (False, 8))
     beats = 10.0
 
@@ -111,6 +112,35 @@ class ODrive(Drive):
         assert isinstance(address, bytes)
         firmware = ".".join(str(x) for x in version[4:7])
         return Identity(f"{int.from_bytes(address[1:7], 'little'):012X}", firmware, self._watchdog(ask), self._spans())
+
+    @staticmethod
+    def question(node: int) -> can.Message:
+        return can.Message(arbitration_id=node << 5 | ADDRESS, is_extended_id=False, is_remote_frame=True, dlc=8)
+
+    @staticmethod
+    def answering(message: can.Message) -> tuple[int, int] | None:
+        node, command = message.arbitration_id >> 5, message.arbitration_id & 0x1F
+        if (
+            message.is_extended_id
+            or message.is_remote_frame
+            or command != ADDRESS
+            or message.dlc != 8
+            or message.data[0] != node
+        ):
+            return None
+        return node, message.arbitration_id
+
+    def tell(self, ask: Ask) -> Told:
+        identity = self.identify(ask)
+        return Told(identity.serial, identity.firmware, identity.watchdog, identity.ranges)
+
+    def position_question(self) -> None:
+        return None
+
+    def position_in(self, message: can.Message) -> float | None:
+        if self.key_of(message) != self.key or message.arbitration_id & 0x1F != ESTIMATES:
+            return None
+        return self.joint_side(frames.two_floats(bytes(message.data))[0] * TURN / self.servo.gear)
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         return self._watchdog(ask)

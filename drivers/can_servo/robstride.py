@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
 from sim.errors import DeviceError
 
 HOST = 0xFD
@@ -66,17 +66,40 @@ class RobStride(Drive):
         )  # fmt: skip
 
     def identify(self, ask: Ask) -> Identity:
-        node = self.servo.node
-
-        def unique(message: can.Message) -> int | None:
-            if not message.is_extended_id or message.arbitration_id != node << 8 | 0xFE or message.dlc != 8:
-                return None
-            return int.from_bytes(message.data, "little")
-
-        serial = ask(self._frame(GET_ID), unique, f"{self.name}: device identifier")
+        serial = self._serial(ask)
         self.set_ranges(self.stated_ranges())
         self._check_position_range(ask)
-        return Identity(str(serial), "unknown", self._read(ask, CAN_TIMEOUT) * TICK, self.stated_ranges())
+        return Identity(serial, "unknown", self._read(ask, CAN_TIMEOUT) * TICK, self.stated_ranges())
+
+    @staticmethod
+    def question(node: int) -> can.Message:
+        return data_frame(GET_ID << 24 | HOST << 8 | node, bytes(8), extended=True)
+
+    @staticmethod
+    def answering(message: can.Message) -> tuple[int, int] | None:
+        identifier = message.arbitration_id
+        if not message.is_extended_id or identifier >> 16 or identifier & 0xFF != 0xFE or message.dlc != 8:
+            return None
+        return identifier >> 8, HOST
+
+    def tell(self, ask: Ask) -> Told:
+        problems, watchdog, q = [], math.nan, math.nan
+        serial = self._serial(ask)
+        try:
+            watchdog = self._read(ask, CAN_TIMEOUT) * TICK
+            q = self.joint_side(frames.as_float(self._read(ask, POSITION)))
+        except DeviceError as error:
+            problems.append(str(error))
+        return Told(serial, watchdog=watchdog, q=q, problems=tuple(problems))
+
+    def position_question(self) -> can.Message:
+        return self._frame(READ, frames.parameter(POSITION))
+
+    def position_in(self, message: can.Message) -> float | None:
+        if self.key_of(message) != self.key or message.arbitration_id >> 16 != READ << 8:
+            return None
+        index, raw = frames.unpack_parameter(bytes(message.data))
+        return self.joint_side(frames.as_float(raw)) if index == POSITION else None
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         ask(
@@ -111,6 +134,16 @@ class RobStride(Drive):
 
     def _feedback(self, message: can.Message) -> Reading | None:
         return self.decode(message) if self.key_of(message) == self.key else None
+
+    def _serial(self, ask: Ask) -> str:
+        node = self.servo.node
+
+        def unique(message: can.Message) -> int | None:
+            if not message.is_extended_id or message.arbitration_id != node << 8 | 0xFE or message.dlc != 8:
+                return None
+            return int.from_bytes(message.data, "little")
+
+        return str(ask(self._frame(GET_ID), unique, f"{self.name}: device identifier"))
 
     def _read(self, ask: Ask, index: int) -> int:
         def reply(message: can.Message) -> int | None:

@@ -81,3 +81,52 @@ def test_an_order_is_one_and_for_one_joint(
 def test_an_arm_without_servo_drives_is_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["servo", "mock-ur10e"]) == 2
     assert "no servo drives" in capsys.readouterr().err
+
+
+def bus_of(path: str) -> list[str]:
+    """The options of `calib servo scan` for the bus of a cell file."""
+    options = load_cell(path).table.options
+    return ["--interface", options["interface"], "--channel", options["channel"]]
+
+
+def test_a_scan_tells_every_drive(there: tuple[str, CanEmulator], capsys: pytest.CaptureFixture[str]) -> None:
+    path, emulator = there
+    emulator.bus.servos[2].error = LOST
+    assert main(["servo", "scan", *bus_of(path), "--json"]) == 1
+    said = capsys.readouterr()
+    drives = json.loads(said.out)["drives"]
+    assert [(d["protocol"], d["node"], d["serial"], d["fd"]) for d in drives] == [
+        ("damiao", n, f"41000{n}", False) for n in range(1, 7)
+    ]
+    assert "communication lost" in said.err
+    assert not emulator.bus.body.live.any()
+
+
+def test_a_scan_writes_the_cell_that_hands_show(
+    there: tuple[str, CanEmulator], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = iter([(5, 1), (4, -1), (4, 1), (3, 1), (2, -1), (1, 1), (0, 1)])
+    monkeypatch.setattr("drivers.can_servo.by_hand.ByHand.turned", lambda hands: next(turns))
+    out = tmp_path / "my-arm.toml"
+    assert main(["servo", "scan", *bus_of(there[0]), "--arm", "servo6", "--out", str(out)]) == 0
+    assert "that was damiao node 5, which is shoulder_lift_joint" in capsys.readouterr().err
+    servos = load_cell(out).table.options["servos"]
+    assert [(s["node"], s["feedback"], s["direction"]) for s in servos] == [
+        (6, 22, 1), (5, 21, -1), (4, 20, 1), (3, 19, -1), (2, 18, 1), (1, 17, 1),
+    ]  # fmt: skip
+    assert main(["check", str(out)]) == 2
+    assert "needs kp and kd above zero" in capsys.readouterr().err
+    assert main(["servo", "scan", *bus_of(there[0]), "--arm", "servo6", "--out", str(out)]) == 2
+    assert "it is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "code", "says"), [
+    (["--interface", "virtual", "--channel", "nobody-there"], 4, "no drive answered at 1000000 bit/s"),
+    (["--interface", "nonsense", "--channel", "x"], 4, "cannot be opened"),
+    (["--interface", "virtual", "--channel", "x", "--bitrate", "7"], 2, "bitrate = 7"),
+    (["--interface", "virtual", "--channel", "x", "--bus", "port"], 2, "no KEY=VALUE form"),
+    (["--interface", "virtual", "--channel", "x", "--arm", "servo6"], 2, "belong together"),
+])  # fmt: skip
+def test_a_scan_that_cannot_be(words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["servo", "scan", *words]) == code
+    assert says in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""Which drives are on a bus? Every identifier is asked in every protocol, classical and CAN FD; no torque is switched on or off.
+
+CubeMars drives, and Damiao drives that know no registers, answer only orders; the mildest is off, so they are asked only where the arm is supported.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import can
+
+from drivers.can_servo.bring_up import PROTOCOLS, QUIET_TIME, Enquiry
+from drivers.can_servo.drive import Drive, Told
+from drivers.can_servo.link import Link
+from sim.can_wiring import CanOptions, ServoTable
+from sim.clock import Clock
+from sim.errors import DeviceError
+
+NODES = {"damiao": range(1, 128), "robstride": range(1, 128), "odrive": range(63), "cubemars": range(1, 128)}
+BURST, BURST_TIME, LINGER = 4, 0.002, 0.05  # frames sent together, s until the next ones, s for the last answers
+CUBEMARS_STATUS = 0x29  # bits 28-8 of the identifier of what CubeMars drives send unasked in servo mode
+
+
+@dataclass(frozen=True)
+class Found:
+    """A drive that answered: its identifiers and frame format, what it tells of itself, and the object that speaks to it."""
+
+    protocol: str
+    node: int
+    feedback: int
+    fd: bool
+    told: Told
+    drive: Drive
+
+    @property
+    def name(self) -> str:
+        """Its maker and identifier, as part of a sentence."""
+        return f"{self.protocol} node {self.node}"
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The drives on a bus, and sentences about what else was heard or not asked."""
+
+    found: tuple[Found, ...]
+    notes: tuple[str, ...]
+
+
+def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
+    """Ask everybody; DeviceError where the bus is not sound. `supported`: drives may be asked with the order off."""
+    notes = list(_unasked(link, clock))
+    seen: dict[tuple[str, int], list[can.Message]] = {}
+    for protocol, kind in PROTOCOLS.items():
+        if kind.question_switches_off and not supported:
+            notes.append(
+                f"{protocol} drives answer only orders, the mildest is off: not asked; add --supported where switching torque off drops nothing"
+            )
+            continue
+        for fd in (False, True):
+            if fd and (protocol != "damiao" or options.data_bitrate is None):
+                continue
+            taken = {node for _, node in seen}
+            nodes = [
+                n for n in NODES[protocol] if not (kind.question_switches_off and n in taken) and (protocol, n) not in seen
+            ]
+            for node, message in _sweep(link, clock, kind, nodes, fd):
+                seen.setdefault((protocol, node), []).append(message)
+    enquiry = Enquiry(link, clock, patience=0.05, tries=2)
+    found = [_described(enquiry, protocol, node, answers, options) for (protocol, node), answers in sorted(seen.items())]
+    serials = Counter(f.told.serial for f in found if f.told.serial)
+    notes += [f"{n} drives tell the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
+    if link.error_frames:
+        notes.append(
+            f"{link.error_frames} error frames: a drive with another bit rate or with CAN FD on a classical bus, or an unsound cable"
+        )
+    return Scan(tuple(found), tuple(notes))
+
+
+def _unasked(link: Link, clock: Clock) -> Iterator[str]:
+    """What is on the bus before anybody is asked: other hosts must not be, some drives send by themselves."""
+    end, heard = clock.now() + QUIET_TIME, Counter[tuple[bool, int]]()
+    while (message := link.receive(end)) is not None:
+        heard[message.is_extended_id, message.arbitration_id] += 1
+    for (wide, identifier), count in sorted(heard.items()):
+        if wide and identifier >> 8 == CUBEMARS_STATUS:
+            yield f"node {identifier & 0xFF} looks like a CubeMars drive in servo mode: set it to MIT mode with the maker's tool"
+        elif wide or identifier & 0x1F not in (1, 9, 0x15, 0x17, 0x1C):  # what an ODrive sends unasked
+            yield f"identifier {identifier:#x} was on the bus before anybody was asked ({count} frames): is another program running?"
+
+
+def _sweep(link: Link, clock: Clock, kind: type[Drive], nodes: Sequence[int], fd: bool) -> Iterator[tuple[int, can.Message]]:
+    """The answers to the question of one protocol, each with the node that gave it."""
+    for first in range(0, len(nodes), BURST):
+        questions = [kind.question(node) for node in nodes[first : first + BURST]]
+        for question in questions:
+            question.is_fd = question.bitrate_switch = fd
+        link.send(questions)
+        yield from _answers(link, clock.now() + BURST_TIME, kind, nodes)
+    yield from _answers(link, clock.now() + LINGER, kind, nodes)
+
+
+def _answers(link: Link, end: float, kind: type[Drive], nodes: Sequence[int]) -> Iterator[tuple[int, can.Message]]:
+    while (message := link.receive(end)) is not None:
+        answer = kind.answering(message)
+        if answer is not None and answer[0] in nodes:
+            yield answer[0], message
+
+
+def _described(enquiry: Enquiry, protocol: str, node: int, answers: list[can.Message], options: CanOptions) -> Found:
+    kind = PROTOCOLS[protocol]
+    (_, feedback), fd = kind.answering(answers[0]) or (node, 0), answers[0].is_fd
+    servo = ServoTable(joint=f"{protocol} node {node}", node=node, feedback=min(feedback, 0x7FF), fd=fd)
+    drive = kind(servo, options)
+    if len(answers) > 1:
+        told = Told(
+            problems=(
+                f"{drive.name}: {len(answers)} drives answer to this identifier; give each its own with the maker's tool",
+            )
+        )
+    else:
+        try:
+            told = drive.tell(enquiry.ask)
+        except DeviceError as error:
+            told = Told(problems=(str(error),))
+    return Found(protocol, node, feedback, fd, told, drive)
