@@ -25,6 +25,7 @@ from rich.text import Text
 from sim.resources import config_folders
 
 if TYPE_CHECKING:
+    from drivers.driver import Driver
     from sim.cell import Cell
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
@@ -89,6 +90,12 @@ def warn_assumed(cell: Cell) -> None:
     """What a cell file takes for granted, at the start of every command that talks to its device."""
     for name, sentence in cell.assumed.items():
         warn(f"{cell.name} assumes {name}: {sentence}")
+
+
+def warn_control(cell: Cell, driver: Driver) -> None:
+    """What taking control of a device does to it, before it is done."""
+    if driver.control:
+        warn(f"takes control of {cell.name}: {driver.control}")
 
 
 def ask(question: str) -> str:

@@ -39,13 +39,15 @@ class DeviceInfo:
 class Check:
     """One question of the preflight and its answer; ok is None where the device cannot answer it.
 
-    detail says what was found, with values; remedy what the operator does where the answer is no.
+    detail says what was found, with values; remedy what the operator does where the answer is no. assume is what a cell file may state
+    (sim.assumptions) so that the answer no is passed over, empty where it never is.
     """
 
     name: str
     ok: bool | None
     detail: str
     remedy: str = ""
+    assume: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +76,17 @@ class Driver(ABC):
 
     `rate` is the control and sampling rate, Hz; `clock` is the host clock on which `JointState.t` stands (the mock's is
     simulated). Only `safety.Guard` calls `send`. Every method returns or raises within a bounded time; a value that is older
-    than three periods is never returned as new: that is a DeviceError. `ready` are the conditions in which `engage` may be called.
+    than three periods, or than `gap_max` s where that is longer, is never returned as new: that is a DeviceError; every stop has room for
+    `gap_max`. `ready` are the conditions in which `engage` may be called. `control` says what `connect` does to the device beyond
+    listening, empty where nothing.
     """
 
     arm: Arm
     rate: float
     clock: Clock
     device_stop: DeviceStop = DeviceStop()
+    gap_max: float = 0.0
+    control: str = ""
     ready: frozenset[Status] = frozenset({Status.RUNNING})
 
     @abstractmethod
@@ -97,13 +103,17 @@ class Driver(ABC):
             "and watch the log"
         )
 
+    def inspect(self) -> DeviceInfo:
+        """Open the connection for checks: nothing moves and no control is taken. `connect` where that takes none."""
+        return self.connect()
+
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
         """Mass kg and centre of mass m (last link's frame) that the device now believes to carry; None where it does not say."""
         return None
 
     @abstractmethod
     def read(self) -> JointState:
-        """The next sample, in order and each one once; waits for it for at most three periods."""
+        """The next sample, in order and each one once; waits for it for at most three periods, or `gap_max` s."""
 
     @abstractmethod
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +34,7 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
     """
     arm, info = driver.arm, driver.info
     states = [driver.read() for _ in range(max(2, math.ceil(seconds * driver.rate)))]
-    return [
+    checks = [
         _identity(arm, info),
         _status(driver, states[-1]),
         _position(arm, states),
@@ -43,6 +45,20 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
         *driver.checks(),
         *(Check(f"assumed: {name}", None, sentence) for name, sentence in cell.assumed.items()),
     ]
+    return lifted(checks, cell.table.assume)
+
+
+def lifted(checks: list[Check], assumed: Collection[str]) -> list[Check]:
+    """The checks; one that says no, where the cell assumes what passes it over, says so instead, and any other how to."""
+    return [check if check.ok is not False or not check.assume else _lifted(check, check.assume in assumed) for check in checks]
+
+
+def _lifted(check: Check, assumed: bool) -> Check:
+    if assumed:
+        return replace(
+            check, ok=None, detail=f"{check.detail}; passed over, because the cell file assumes {check.assume}", remedy=""
+        )
+    return replace(check, remedy=f'{check.remedy}; or, if you know better, state assume = ["{check.assume}"] in the cell file')
 
 
 def _identity(arm: Arm, info: DeviceInfo) -> Check:
@@ -81,6 +97,7 @@ def _payload(cell: Cell, info: DeviceInfo) -> Check:
     return Check(
         "payload", ok, f"the device believes {info.payload_mass:.3f} kg at ({believed}) m; the cell file declares {mass:.3f} kg",
         "set the payload that is really mounted on the device, and the same in [payload] of the cell file",
+        "payload-as-declared",
     )  # fmt: skip
 
 
@@ -94,6 +111,7 @@ def _mounting(arm: Arm, info: DeviceInfo) -> Check:
         "mounting", tilt <= TILT_TOLERANCE,
         f"gravity of device and model differ by {math.degrees(tilt):.1f} deg",
         "set the mounting on the device, or the gravity of the arm's model file, to how the arm really stands",
+        "mounting-as-modelled",
     )  # fmt: skip
 
 
@@ -125,6 +143,7 @@ def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
         f"{arm.joint_names[j]} has {tau[j]:.1f} N m, the model {expected[j]:.1f} N m, friction up to {friction[j]:.1f} N m",
         "look for a tool that the cell file does not declare, another mounting than the model's, another order or sign of the "
         "joints, or the wrong arm folder",
+        "torque-at-rest-as-reported",
     )  # fmt: skip
 
 

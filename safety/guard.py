@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.driver import Driver
-from logs.recorder import ERROR, Recording
+from logs.recorder import ERROR, WARN, Recording
 from safety.clear import ClearedTrajectory, require_cleared
 from safety.collision import Clearance
 from safety.monitor import Expected, Monitor
@@ -91,7 +91,8 @@ class Guard:
     def _first_reading(self) -> JointState:
         state = self._driver.read()
         if state.status not in self._driver.ready:
-            raise SafetyStop(f"before motion: {state.status.value}; bring the device to its running state and start again")
+            said = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
+            raise SafetyStop(f"before motion: {said}; bring the device to its running state and start again")
         if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
             raise SafetyStop("before motion: the first reading is not complete; check the driver")
         if not (np.abs(state.dq) <= self._noise).all():
@@ -170,13 +171,22 @@ class Guard:
 
     def _cycle(self, window: Window | None, k: int, expected: Expected | None) -> Trip | None:
         """Read, record, ask the monitor."""
-        state = self._driver.read()
+        before, state = self._samples.states[-1], self._driver.read()
         self._samples.add(state)
         if window is not None:
             self._record = window.recording if window.first <= k < window.last else None
         if self._record is not None:
             self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
+            if window is not None and k > window.first:
+                self._mark_gap(self._record, before, state)
         return self.monitor.check(state, self._driver.clock.now(), self._q_cmd, expected)
+
+    def _mark_gap(self, record: Recording, before: JointState, state: JointState) -> None:
+        """Readings that did not come, by the device's clock, as an event in the log; how long a gap may be the monitor says."""
+        missing = round((state.t_device - before.t_device) * self._driver.rate) - 1
+        if missing > 0:
+            gap = 1e3 * (state.t_device - before.t_device)
+            record.event(WARN, "gap", f"{missing} readings are missing: {gap:.0f} ms between two", state.t_device)
 
     def _asked(self) -> Trip | None:
         reason = self._stop_asked()

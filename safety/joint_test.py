@@ -59,7 +59,7 @@ def try_joints(
     q = driver.read().q
     _require_rest(arm, cell, q)
     clearance = Clearance(arm, cell)
-    latency = latency_of(cell, driver.rate, driver.clock)
+    latency = latency_of(cell, driver)
     with unhurried():
         turns = [_turn(j, q, driver, cell, clearance, latency) for j in range(arm.n)]
     seen: list[Cycle] = []

@@ -14,9 +14,12 @@ PLANNED = (
 )
 
 
-def latency_of(cell: Cell, rate: float, clock: Clock) -> float:
-    """How late a loop of `rate` Hz may be in a cell, s: what is measured now, at least what the cell states; none where time is simulated."""
-    return 0.0 if isinstance(clock, SimulatedClock) else max(worst_latency(rate, clock=clock), cell.table.motion.latency)
+def latency_of(cell: Cell, driver: Driver) -> float:
+    """How late the loop of a connected driver may be in a cell, s: what is measured now, at least what the cell states, and at least the
+    gap that the driver endures; none where time is simulated."""
+    if isinstance(driver.clock, SimulatedClock):
+        return 0.0
+    return max(worst_latency(driver.rate, clock=driver.clock), cell.table.motion.latency, driver.gap_max)
 
 
 def stop_to_plan_for(driver: Driver, cell: Cell) -> DeviceStop:
@@ -25,7 +28,7 @@ def stop_to_plan_for(driver: Driver, cell: Cell) -> DeviceStop:
     No shorter than the default of DeviceStop, so that a plan does not hang on how quick one device is. driver: not connected yet.
     """
     own, usual = driver.device_stop, DeviceStop()
-    late = 0.0 if isinstance(driver.clock, SimulatedClock) else max(PLANNED, cell.table.motion.latency)
+    late = 0.0 if isinstance(driver.clock, SimulatedClock) else max(PLANNED, cell.table.motion.latency, driver.gap_max)
     reaction = max(usual.reaction, own.reaction + late)
     return DeviceStop(reaction, min(usual.deceleration, own.deceleration), own.proportional)
 

@@ -6,6 +6,16 @@
 from __future__ import annotations
 
 ASSUMPTIONS: dict[str, str] = {
+    # every device
+    "payload-as-declared": "the payload of the cell file is mounted, whatever the device says that it believes",
+    "mounting-as-modelled": "the arm stands as its model has it, whatever mounting the device reports",
+    "torque-at-rest-as-reported": "the torque at rest need not be the model's",
+    # ur_rtde
+    "arm-as-stated": "the arm is the cell file's, whatever model the controller names and whichever arm its torque at rest fits better",
+    "serial-as-found": "whichever robot answers at the address is the one that is meant",
+    "version-works": "this version of PolyScope works, although the driver was not made for it",
+    "reduced-mode": "the robot may be in reduced mode, where its safety limits are lower",
+    "speed-scaling": "the controller's speed_scaling below 1 does not mean that a motion is slowed down",
     # can_servo
     "watchdog-works": "the drives switch off when their commands stop, although that cannot be read back; it was tried by pulling the cable",
     "identifiers-as-stated": "each drive identifier sits on the joint of the cell file; serial numbers are not compared",

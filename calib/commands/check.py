@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from typing import Annotated
 
 import typer
@@ -25,9 +25,9 @@ def command(
     as_json: console.Json = False,
     configs: console.Configs = None,
 ) -> None:
-    """Connect to the arm of a cell and check it before motion: state, firmware, limits, payload, mounting, clock, rate.
+    """Check the arm of a cell before motion: identity, state, firmware, program, limits, payload, mounting, clock, rate.
 
-    Nothing moves without --move. Exit code 1 where a check fails; every failure says what to do.
+    Only reads. With --move it then takes control of the arm, and says so. Exit code 1 where a check fails; every failure says what to do.
 
     Example:
 
@@ -51,10 +51,13 @@ def command(
         check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
     with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
         waits = table.table.driver not in ("mock", "replay")
-        with realtime.prepared() if waits else nullcontext(), open_driver(table, arm) as driver:
+        with realtime.prepared() if waits else nullcontext(), closing(open_driver(table, arm)) as driver:
+            driver.info = driver.inspect()
             checks = preflight(driver, table, seconds)
             if move and all(check.ok is not False for check in checks):
-                checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
+                console.warn_control(table, driver)
+                with driver:
+                    checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
     failed = [check for check in checks if check.ok is False]
     unsaid = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)

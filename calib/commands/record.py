@@ -73,6 +73,7 @@ def command(
         check_answer(where, console.ask(question(where, arm.name)))
     if approval is None or approve_again:
         approve(sealed, arm, where, who, datetime.now(UTC))
+    console.warn_control(where, open_driver(where, arm))
     folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
     halt = HaltKey(None if hold_to_run else sys.stdin)
     keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"} if halt.heard else {}

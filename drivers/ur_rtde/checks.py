@@ -2,53 +2,88 @@
 
 from __future__ import annotations
 
+import ipaddress
+from collections.abc import Collection
+
 from drivers.driver import Check
-from drivers.ur_rtde.condition import power, safety, slider
-from drivers.ur_rtde.dashboard import DashboardFacts
+from drivers.ur_rtde.condition import other_program, power, safety, slider
+from drivers.ur_rtde.dashboard import Said
+from drivers.ur_rtde.options import UrOptions
 from sim.joint_state import Status
 
 # ur_rtde 1.6.5: register protocol of the lower doubles from 3.4; the dashboard's remote control state from 5.6
 OLDEST = {3: (3, 10), 5: (5, 6), 10: (10, 10)}
 
 
-def readiness(values: dict[str, tuple[float, ...]], said: DashboardFacts, version: tuple[int, ...]) -> list[Check]:
-    """Version, remote control, safety, power and slider, as one frame and the dashboard have them; nothing moves or changes."""
-    checks = [_version(version, said)]
-    if said.remote is not None:
+def readiness(
+    values: dict[str, tuple[float, ...]], told: Said, version: tuple[int, ...], assumed: Collection[str]
+) -> list[Check]:
+    """Version, remote control, safety, power, program and slider, as one frame and the controller have them; nothing changes."""
+    checks = [_version(version, told)]
+    if told.remote is not None:
         checks.append(
             Check(
-                "remote control", said.remote, "the robot is in remote control" if said.remote else "the robot is in local control",
+                "remote control", told.remote, "the robot is in remote control" if told.remote else "the robot is in local control",
                 "switch the pendant from Local to Remote Control (top right corner; enable it first in Settings > System > Remote "
                 "Control)",
             )
         )  # fmt: skip
+    if told.operational_mode:
+        checks.append(Check("operational mode", None, f"the operational mode is {told.operational_mode.lower()}"))
     for name, answer in (
-        ("safety", safety(int(values["safety_status_bits"][0]))),
+        ("safety", safety(int(values["safety_status_bits"][0]), assumed)),
         ("power", power(int(values["robot_mode"][0]))),
-        ("speed slider", slider(values["target_speed_fraction"][0], values["speed_scaling"][0])),
+        ("program", other_program(int(values["runtime_state"][0]), told.program)),
+        ("speed slider", slider(values["target_speed_fraction"][0])),
     ):
         status, sentence, remedy = answer
         checks.append(Check(name, status is Status.RUNNING, sentence, remedy))
     return checks
 
 
-def _version(version: tuple[int, ...], said: DashboardFacts) -> Check:
+def _version(version: tuple[int, ...], told: Said) -> Check:
     oldest = OLDEST.get(version[0])
     text = ".".join(map(str, version[:3]))
     ok = oldest is not None and version[:2] >= oldest
     known = ", ".join(f"{a}.{b}" for a, b in OLDEST.values())
     return Check(
-        "PolyScope", ok, f"PolyScope {said.polyscope}, controller {text}",
+        "PolyScope", ok, f"PolyScope {told.polyscope}, controller {text}",
         f"update PolyScope: the oldest versions that this driver was made for are {known}",
+        "version-works",
     )  # fmt: skip
 
 
+def serial(told: Said, options: UrOptions) -> Check:
+    """Whether this is the robot of the cell file: its serial number, pinned there at first use."""
+    if not told.serial:
+        return Check("serial", None, "this version does not tell its serial number")
+    if options.serial is None:
+        return Check(
+            "serial", None if _emulated(options.host) else False, f"the robot says serial number {told.serial}, the cell file names none",
+            f'see that it is the robot you mean, then write serial = "{told.serial}" into [options] of the cell file', "serial-as-found",
+        )  # fmt: skip
+    return Check(
+        "serial", told.serial == options.serial, f"the robot says serial number {told.serial}, the cell file {options.serial}",
+        "another robot answers at this address: correct host, or serial if the robot was replaced", "serial-as-found",
+    )  # fmt: skip
+
+
+def _emulated(host: str) -> bool:
+    """Whether only an emulated controller can stand at an address; a tunnel to a real one usually ends at 127.0.0.1."""
+    try:
+        return ipaddress.ip_address(host).is_loopback and host not in ("127.0.0.1", "::1")
+    except ValueError:
+        return False
+
+
 def torque(source: str, has_constant: bool) -> Check:
-    """Where torque comes from: the controller, or the current and the arm file's torque constant."""
+    """Where torque comes from: the controller, or the current and the arm file's torque constant. Unknown is no refusal."""
     if source == "actual_current_as_torque":
         return Check("torque", True, "the controller reports joint torque (actual_current_as_torque)")
+    if has_constant:
+        return Check("torque", True, "the controller reports current only; the arm file's torque_constant converts it")
     return Check(
-        "torque", has_constant,
-        "the controller reports current only" + ("; the arm file's torque_constant converts it" if has_constant else ""),
-        "update PolyScope to 5.23 or newer, or give torque_constant in arm.toml",
+        "torque", None,
+        "the controller reports current only, and the arm file has no torque_constant: currents are recorded, torque stays unknown "
+        "until a constant is known; PolyScope 5.23 and 10.11 report torque themselves",
     )  # fmt: skip

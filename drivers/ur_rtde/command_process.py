@@ -35,14 +35,15 @@ REMEDIES = (
 class CommandProcess:
     """One command process from `start` to `end`; once failed it stays failed, and another one is started instead."""
 
-    def __init__(self, options: UrOptions, rate: float) -> None:
-        self._options, self._rate = options, rate
+    def __init__(self, options: UrOptions, rate: float, version: tuple[int, ...]) -> None:
+        self._options, self._rate, self._version = options, rate, version
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process, closed in end()
         self._sent = self._taken = 0
         self._waiting_since: float | None = None
         self.failure: str | None = None
+        self.refused = False  # whether it failed because the controller did not take a command
 
     @property
     def alive(self) -> bool:
@@ -50,13 +51,13 @@ class CommandProcess:
         return self._channel is not None and self.failure is None
 
     def start(self) -> None:
-        """Upload the control program and wait until it takes commands; DeviceError with the remedy."""
+        """Open the control registers, which leaves the controller as it is; DeviceError with the remedy."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         options = self._options
         settings = {
-            "host": options.host, "rate": self._rate, "period": 1.0 / self._rate, "lookahead": options.lookahead,
-            "gain": options.gain, "stop_deceleration": options.stop_deceleration, "watchdog": options.watchdog,
-            "setpoint_timeout": options.setpoint_timeout, "priority": options.priority,
+            "host": options.host, "rate": self._rate, "version": self._version[:2], "period": 1.0 / self._rate,
+            "lookahead": options.lookahead, "gain": options.gain, "stop_deceleration": options.stop_deceleration,
+            "watchdog": options.watchdog, "setpoint_timeout": options.patience, "priority": options.priority,
         }  # fmt: skip
         # run by path and with -P: the process sees the environment's packages and none of this project's
         script = Path(__file__).with_name("commander.py")
@@ -66,12 +67,22 @@ class CommandProcess:
                 command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
             )
         self._channel = ours
-        ready, _, _ = select.select([ours], [], [], START_TIMEOUT)
-        message = _received(ours) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
-        if message != b"K":
+        self._expect(b"R")
+
+    def take_control(self) -> None:
+        """Upload the control program, which ends whatever plays, and wait until it takes commands; DeviceError with the remedy."""
+        assert self._channel is not None
+        self._channel.send(b"G")
+        self._expect(b"K")
+        self._heard = os.fstat(self._said.fileno()).st_size
+
+    def _expect(self, wanted: bytes) -> None:
+        assert self._channel is not None
+        ready, _, _ = select.select([self._channel], [], [], START_TIMEOUT)
+        message = _received(self._channel) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
+        if message != wanted:
             self._fail(message[1:].decode("utf-8", "replace") or "the command process ended")
             raise DeviceError(self.failure)
-        self._heard = os.fstat(self._said.fileno()).st_size
 
     def send(self, q: np.ndarray, dq: np.ndarray) -> None:
         """Stream one setpoint; DeviceError where this or an earlier one was not taken."""
@@ -127,10 +138,11 @@ class CommandProcess:
             self._waiting_since = None if self._taken == self._sent else time.monotonic()
         elif message[:1] == b"T":
             self._fail(
-                f"no command came for {self._options.setpoint_timeout} s, so the arm was stopped; this computer was busy: "
-                "stop other work on it, or raise setpoint_timeout in the cell's [options]"
+                f"no command came for {self._options.patience:g} s, so the arm was stopped; this computer was busy: "
+                "stop other work on it, or raise frame_timeout in the cell's [options]"
             )
         elif message[:1] == b"E":
+            self.refused = True
             self._fail(message[1:].decode("utf-8", "replace"))
         elif not message:
             self._fail("the command process ended")

@@ -1,7 +1,7 @@
 """The command process: ur_rtde's control interface, alone in a process that may hang or crash without harm.
 
-Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project. Messages in: Q setpoint, S stop, X end.
-Messages out: K ready, A setpoint was taken, T stopped because no setpoint came, S stopped, E error.
+Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project. Messages in: G take control, Q setpoint, S stop, X end.
+Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no setpoint came, S stopped, E error.
 Where it ends, however it ends, nobody writes the watched register, and the controller ends the program within its watchdog.
 """
 
@@ -21,7 +21,9 @@ from typing import Any
 SETPOINT = struct.Struct("<Q12d")
 NUMBER = struct.Struct("<Q")
 KICKS_PER_WATCHDOG = 4
-PHASE_TIMEOUT = 2.0  # s for the controller to notice that the uploading client is gone
+SCRIPT_PORT = 30003
+PHASE_TIMEOUT = 2.0  # s to open the port that takes programs
+START_TIMEOUT = 5.0  # s for the program to start
 
 
 class Lost(Exception):
@@ -111,28 +113,44 @@ class Commander:
             raise Lost("servoStop")
 
 
-def connected(settings: dict[str, Any]) -> Any:
-    """A control interface whose program runs, and which cannot upload it a second time.
+def control_program(major: int, minor: int) -> bytes:
+    """ur_rtde's own control program for a controller of this version, as ur_rtde would upload it (compared with what it sends).
 
-    An interface that uploads would do so again, unasked, whenever its connection breaks. So one uploads and leaves, and a second
-    one, without that ability, takes over the running program.
+    ur_rtde uploads in the same call that opens its registers, and ends whatever plays without asking. Sent from here, there is nothing
+    between the last look at the controller and the upload.
+    """
+    import script_client
+
+    text = script_client.ScriptClient("", major, minor).getScript()
+    for kind in ("float", "int"):
+        text = text.replace(f"# {kind} register offset\n", f"# {kind} register offset\n0", 1)
+    return f"def rtde_control():\n{text}end\n".encode()
+
+
+def took_control(settings: dict[str, Any], channel: socket.socket) -> Any:
+    """A control interface whose program runs; None where the supervisor did not allow it.
+
+    First the registers are claimed, which fails without harm where another client has them; then the supervisor is asked, and the
+    program is sent at once. The interface never uploads: one that does would do it again, unasked, whenever its connection breaks.
     """
     import rtde_control
 
     flags = rtde_control.RTDEControlInterface.Flags
-    quiet = int(flags.FLAG_NO_EXT_FT)
-    open_ = rtde_control.RTDEControlInterface
-    uploading = open_(settings["host"], settings["rate"], quiet | int(flags.FLAG_UPLOAD_SCRIPT))
-    uploading.disconnect()
-    end = time.monotonic() + PHASE_TIMEOUT
-    while True:
-        try:
-            return open_(settings["host"], settings["rate"], quiet | int(flags.FLAG_NO_WAIT))
-        except RuntimeError as error:
-            # the controller may still hold the registers for the interface that just left
-            if "in use" not in str(error) or time.monotonic() > end:
-                raise
-            time.sleep(0.05)
+    control = rtde_control.RTDEControlInterface(
+        settings["host"], settings["rate"], int(flags.FLAG_NO_EXT_FT) | int(flags.FLAG_NO_WAIT)
+    )
+    program = control_program(*settings["version"])
+    with socket.create_connection((settings["host"], SCRIPT_PORT), timeout=PHASE_TIMEOUT) as script:
+        tell(channel, b"R")
+        if _received(channel) != b"G":
+            return None
+        script.sendall(program)
+        end = time.monotonic() + START_TIMEOUT
+        while not control.isProgramRunning():
+            if time.monotonic() > end:
+                raise Lost("start control script")
+            time.sleep(0.002)
+    return control
 
 
 def main() -> None:
@@ -141,7 +159,9 @@ def main() -> None:
     try:
         if settings["priority"]:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings["priority"]))
-        control = connected(settings)
+        control = took_control(settings, channel)
+        if control is None:
+            os._exit(0)
         if not control.setWatchdog(settings["watchdog"]):
             raise Lost("setWatchdog")
         tell(channel, b"K")

@@ -5,6 +5,8 @@ Universal Robots, RTDE Guide: robot_mode, runtime_state, safety_status_bits.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from sim.joint_state import Status
 
 ROBOT_MODES = {
@@ -13,7 +15,10 @@ ROBOT_MODES = {
 }  # fmt: skip
 RUNNING = 7
 RUNTIME = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
-PLAYING = 2
+STOPPED, PLAYING = 1, 2
+FULL_SPEED = 0.999
+# what a cell may assume (sim.assumptions), because a healthy controller might break these rules
+REDUCED, SCALING = "reduced-mode", "speed-scaling"
 
 # bit of safety_status_bits -> status, sentence, remedy; the gravest first
 SAFETY = (
@@ -25,15 +30,22 @@ SAFETY = (
     (2, Status.PROTECTIVE_STOP, "the robot is in protective stop", "find what it met, then press Unlock on the pendant (after 5 s)"),
     (4, Status.PROTECTIVE_STOP, "the safeguard stop is open", "leave the cell, close its guard and reset it on the pendant"),
     (3, Status.PROTECTIVE_STOP, "the robot is in recovery mode", "move it back inside its limits with Freedrive or the Move tab"),
+    (10, Status.PROTECTIVE_STOP, "the robot is stopped for safety", "see what the pendant says: an enabling switch, or a safeguard"),
 )  # fmt: skip
 
 
-def safety(bits: int) -> tuple[Status, str, str]:
+def safety(bits: int, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
     """Status, sentence and remedy of safety_status_bits."""
     for bit, status, sentence, remedy in SAFETY:
         if bits >> bit & 1:
             return status, sentence, remedy
-    return Status.RUNNING, "normal" if bits & 1 else "reduced", ""
+    if bits >> 1 & 1:
+        said = "the robot is in reduced mode: its safety limits are lower than the ones that motions are planned for"
+        remedy = f'end what triggers it (an input or a plane in Installation > Safety), or state assume = ["{REDUCED}"] in the cell file'
+        return (Status.RUNNING if REDUCED in assumed else Status.IDLE), said, remedy
+    if bits & 1:
+        return Status.RUNNING, "normal", ""
+    return Status.FAULT, f"the safety state is unknown (bits {bits:#x})", "see what the pendant says and restart the controller"
 
 
 def power(robot_mode: int) -> tuple[Status, str, str]:
@@ -48,12 +60,24 @@ def power(robot_mode: int) -> tuple[Status, str, str]:
     )
 
 
-def slider(fraction: float, scaling: float) -> tuple[Status, str, str]:
-    """Status, sentence and remedy of target_speed_fraction and speed_scaling: data taken below 100 % is of no use."""
-    said = f"the speed slider stands at {100 * fraction:.0f} %, speed scaling is {100 * scaling:.0f} %"
-    if fraction >= 0.999 and scaling >= 0.999:
+def slider(fraction: float) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of target_speed_fraction: data taken below 100 % is of no use."""
+    said = f"the speed slider stands at {100 * fraction:.0f} %"
+    if fraction >= FULL_SPEED:
         return Status.RUNNING, said, ""
     return Status.IDLE, said, "move the speed slider at the bottom of the pendant to 100 %"
+
+
+def scaling(speed_scaling: float, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
+    """Status, sentence and remedy of speed_scaling. It says something only while a program plays: idle controllers may report 0."""
+    said = f"the controller scales the speed to {100 * speed_scaling:.0f} %"
+    if speed_scaling >= FULL_SPEED or SCALING in assumed:
+        return Status.RUNNING, said, ""
+    return (
+        Status.IDLE,
+        said,
+        "see on the pendant what limits the speed: the slider, reduced mode, or a safety limit that the motion came near",
+    )
 
 
 def program(runtime_state: int) -> tuple[Status, str, str]:
@@ -68,12 +92,25 @@ def program(runtime_state: int) -> tuple[Status, str, str]:
     )
 
 
-def condition(values: dict[str, tuple[float, ...]], commanded: bool) -> tuple[Status, str]:
-    """Status and detail of one frame; `commanded` where our control program should be running."""
-    answers = [safety(int(values["safety_status_bits"][0])), power(int(values["robot_mode"][0]))]
+def other_program(runtime_state: int, name: str = "") -> tuple[Status, str, str]:
+    """Status, sentence and remedy of runtime_state, before control is taken: whatever is not stopped would be ended by it."""
+    if runtime_state == STOPPED:
+        return Status.RUNNING, "no program plays", ""
+    state = RUNTIME.get(runtime_state, f"in state {runtime_state}")
+    return (
+        Status.IDLE,
+        f"the program {name or '(name not told)'} is {state} on the controller",
+        "taking control would end it, so it was left alone: end it yourself, on the pendant or with the client that started it",
+    )
+
+
+def condition(values: dict[str, tuple[float, ...]], commanded: bool, assumed: Collection[str] = ()) -> tuple[Status, str]:
+    """Status and detail of one frame, the safety bits first; `commanded` where our control program should be running."""
+    answers = [safety(int(values["safety_status_bits"][0]), assumed), power(int(values["robot_mode"][0]))]
     if commanded:
         answers.append(program(int(values["runtime_state"][0])))
-        answers.append(slider(values["target_speed_fraction"][0], values["speed_scaling"][0]))
+        answers.append(slider(values["target_speed_fraction"][0]))
+        answers.append(scaling(values["speed_scaling"][0], assumed))
     for status, said, remedy in answers:
         if status is not Status.RUNNING:
             return status, f"{said}; {remedy}"

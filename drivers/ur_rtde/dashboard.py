@@ -1,4 +1,4 @@
-"""Questions to the dashboard server, each answered or refused within a bounded time. Nothing here changes the robot."""
+"""What a controller says of itself beside RTDE: the dashboard server's answers, or the Robot API's. Nothing here changes the robot."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import socket
 from dataclasses import dataclass
 
+from drivers.ur_rtde import robot_api
 from sim.errors import DeviceError
 
 PORT = 29999
@@ -13,13 +14,31 @@ TIMEOUT = 3.0
 
 
 @dataclass(frozen=True)
-class DashboardFacts:
-    """What the dashboard says: PolyScope version, model and serial number (empty where it is too old to say), remote control."""
+class Said:
+    """What the controller says of itself; empty or None where its version has no such question.
+
+    program is its name, as far as it is told; state is STOPPED, PLAYING or PAUSED when it was asked.
+    """
 
     polyscope: str
     model: str = ""
     serial: str = ""
     remote: bool | None = None
+    operational_mode: str = ""
+    safety: str = ""
+    program: str = ""
+
+
+# question -> first version of CB3 and of e-Series that has it (client library of Universal Robots, dashboard_client_implementation_g5.cpp)
+QUESTIONS = {
+    "PolyscopeVersion": ((3, 0), (5, 0)),
+    "programState": ((3, 0), (5, 0)),
+    "safetymode": ((3, 0), (5, 0)),
+    "get robot model": ((3, 12), (5, 6)),
+    "get serial number": ((3, 12), (5, 6)),
+    "get operational mode": (None, (5, 6)),
+    "is in remote control": (None, (5, 6)),
+}
 
 
 def ask(host: str, *questions: str) -> list[str]:
@@ -45,14 +64,48 @@ def ask(host: str, *questions: str) -> list[str]:
         ) from error
 
 
-def facts(host: str, version: tuple[int, ...]) -> DashboardFacts:
-    """What the dashboard of a controller of this version can say; PolyScope X has none."""
+def asked_of(version: tuple[int, ...]) -> list[str]:
+    """The questions that a dashboard server of this version knows; none on PolyScope X, which has no dashboard server."""
     if version[0] >= 10:
-        return DashboardFacts(".".join(map(str, version[:3])))
-    polyscope = ask(host, "PolyscopeVersion")[0]
+        return []
+    column = 0 if version[0] == 3 else 1
+    return [q for q, since in QUESTIONS.items() if (first := since[column]) is not None and version[:2] >= first]
+
+
+def said(host: str, version: tuple[int, ...], robot_api_port: int) -> Said:
+    """What the controller of this version says of itself."""
+    if version[0] >= 10:
+        return _of_robot_api(robot_api.answers(host, robot_api_port), version)
+    questions = asked_of(version)
+    answer = dict(zip(questions, ask(host, *questions), strict=True))
+    polyscope = answer["PolyscopeVersion"]
     found = re.search(r"\d+(\.\d+)+", polyscope)
-    said = DashboardFacts(found.group(0) if found else polyscope)
-    if version[:2] >= (5, 6):
-        model, serial, remote = ask(host, "get robot model", "get serial number", "is in remote control")
-        return DashboardFacts(said.polyscope, model, serial, remote.lower() == "true")
-    return said
+    remote = answer.get("is in remote control", "").lower()
+    return Said(
+        found.group(0) if found else polyscope,
+        model=_like(r"UR.*", answer.get("get robot model", "")),
+        serial=_like(r"\w+", answer.get("get serial number", "")),
+        remote={"true": True, "false": False}.get(remote),
+        operational_mode=_like(r"MANUAL|AUTOMATIC|NONE", answer.get("get operational mode", "")),
+        safety=answer["safetymode"].removeprefix("Safetymode:").strip(),
+        program=_like(r"(?:STOPPED|PLAYING|PAUSED) (?!<unnamed>)(.*)", answer["programState"]),
+    )
+
+
+def _of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> Said:
+    mode = answer.get("control mode", "")
+    return Said(
+        answer.get("PolyScope") or ".".join(map(str, version[:3])),
+        model=answer.get("model", ""),
+        serial=answer.get("serial", ""),
+        remote={"REMOTE": True, "LOCAL": False}.get(mode),
+        operational_mode=answer.get("operational mode", ""),
+        safety=answer.get("safety mode", ""),
+        program=answer.get("program", ""),
+    )
+
+
+def _like(pattern: str, answer: str) -> str:
+    """The answer, or its first group, where it has the documented form; a server that does not know a question says so in words."""
+    found = re.fullmatch(pattern, answer)
+    return "" if found is None else found.group(found.lastindex or 0).strip()

@@ -3,41 +3,64 @@
 from __future__ import annotations
 
 import time
+from collections import deque
+from collections.abc import Collection
 
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
+from drivers.preflight import lifted
 from drivers.ur_rtde import checks
 from drivers.ur_rtde.command_process import CommandProcess
-from drivers.ur_rtde.condition import condition
-from drivers.ur_rtde.dashboard import DashboardFacts, facts
+from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
+from drivers.ur_rtde.dashboard import Said, said
 from drivers.ur_rtde.options import UrOptions
 from drivers.ur_rtde.receiver import Frame, LinkCount, Receiver
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import MonotonicClock
 from sim.errors import ConfigError, DeviceError
-from sim.joint_state import JointState
+from sim.joint_state import JointState, Status
 from sim.strict import validated
 
 JOINTS = 6
 PERIODS = 3.0
 LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
+REASON_TIME = 0.3  # s of readings in which the controller's own reason is looked for when the command process fails
+START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
 TORQUE = "actual_current_as_torque"
 
 
 class UrDriver(Driver):
     """Readings from every RTDE frame; commands by servoj through ur_rtde in a process of its own.
 
-    Never unlocks, powers or restarts anything: after a failure, `connect` starts from the beginning, by the operator's wish.
+    Never unlocks, powers or restarts anything, and never ends a program that plays: after a failure, `connect` starts from the
+    beginning, by the operator's wish.
     """
 
-    def __init__(self, arm: Arm, options: UrOptions, receiver: Receiver | None = None) -> None:
+    control = (
+        "uploads ur_rtde's control program to the controller and plays it; the pendant shows a running program until the end"
+    )
+
+    def __init__(
+        self,
+        arm: Arm,
+        options: UrOptions,
+        receiver: Receiver | None = None,
+        assume: Collection[str] = (),
+        where: str = "the cell",
+    ) -> None:
         if arm.n != JOINTS:
             raise ConfigError(f"arm {arm.name} has {arm.n} joints, a UR has {JOINTS}; choose the arm that stands in the cell")
-        self.arm, self.options = arm, options
+        self.arm, self.options, self.assumed = arm, options, tuple(assume)
         self.clock = MonotonicClock()
         self.rate = arm.sensors.rate
+        if options.frame_timeout < PERIODS / self.rate:
+            raise ConfigError(
+                f"{where}: frame_timeout = {options.frame_timeout:g} s is shorter than three periods of {arm.name} "
+                f"({PERIODS / self.rate:g} s), so no motion would end; raise it"
+            )
+        self.gap_max = options.frame_timeout
         # Where nothing new comes, servoj holds its last target, so the arm travels no further than it was told to, however late
         # the command process or the watchdog is; the stop itself goes on from that target.
         self.device_stop = DeviceStop(reaction=PERIODS / self.rate, deceleration=options.stop_deceleration)
@@ -45,12 +68,15 @@ class UrDriver(Driver):
         self._commands: CommandProcess | None = None
         self._commanding = self._moving = self._listening = False
         self._last: Frame | None = None
-        self._facts = DashboardFacts("")
+        self._again: deque[Frame] = deque()
+        self._reason: str | None = None
+        self._said = Said("")
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> UrDriver:
         """The driver of a cell; its [options] are UrOptions."""
-        return cls(arm, validated(UrOptions, cell.table.options, cell.path))
+        options = validated(UrOptions, cell.table.options, cell.path)
+        return cls(arm, options, assume=cell.table.assume, where=str(cell.path))
 
     @property
     def link(self) -> LinkCount:
@@ -59,18 +85,15 @@ class UrDriver(Driver):
 
     def connect(self) -> DeviceInfo:
         """Listen, ask whether the robot is ready, then upload the control program; DeviceError names everything that is not ready."""
-        self.close()
-        self._receiver, self._last = Receiver(self.options.host), None
-        self._receiver.connect()
+        first = self._open()
         try:
-            self.rate = self._receiver.rate
-            self._facts = facts(self.options.host, self._receiver.version)
-            first = self._next()
-            missing = [c for c in checks.readiness(first.values, self._facts, self._receiver.version) if c.ok is False]
-            if missing:
-                raise DeviceError(f"{self.options.host}: " + "; ".join(f"{c.detail}: {c.remedy}" for c in missing))
-            self._commands = CommandProcess(self.options, self.rate)
+            refused = [c for c in self._readiness(first) if c.ok is False]
+            if refused:
+                raise DeviceError(f"{self.options.host}: " + "; ".join(f"{c.detail}: {c.remedy}" for c in refused))
+            self._commands = CommandProcess(self.options, self.rate, self._receiver.version)
             self._commands.start()
+            self._require_no_program()
+            self._commands.take_control()
             self._await_program()
         except DeviceError:
             self.close()
@@ -79,17 +102,39 @@ class UrDriver(Driver):
 
     def listen(self) -> DeviceInfo:
         """Only the receiving side of RTDE, beside whatever program runs: no script is uploaded, no input is written."""
+        first = self._open()
+        self._listening = True
+        return self._info(first)
+
+    def inspect(self) -> DeviceInfo:
+        """As `listen`: what the checks ask, RTDE, the dashboard server and the Robot API answer without any change."""
+        return self.listen()
+
+    def _open(self) -> Frame:
         self.close()
-        self._receiver, self._last = Receiver(self.options.host), None
+        self._receiver, self._last, self._reason = Receiver(self.options.host), None, None
+        self._again.clear()
         self._receiver.connect()
         try:
             self.rate = self._receiver.rate
-            self._facts = facts(self.options.host, self._receiver.version)
-            self._listening = True
-            return self._info(self._next())
+            self._said = said(self.options.host, self._receiver.version, self.options.robot_api_port)
+            return self._next()
         except DeviceError:
             self.close()
             raise
+
+    def _readiness(self, frame: Frame) -> list[Check]:
+        asked = checks.readiness(frame.values, self._said, self._receiver.version, self.assumed)
+        return lifted([*asked, checks.serial(self._said, self.options)], self.assumed)
+
+    def _require_no_program(self) -> None:
+        """The last look before control is taken: a program that began meanwhile is left alone."""
+        frame = self._next()
+        while self._receiver.waiting:
+            frame = self._next()
+        status, sentence, remedy = other_program(int(frame.values["runtime_state"][0]))
+        if status is not Status.RUNNING:
+            raise DeviceError(f"{self.options.host}: {sentence}; it began just now; {remedy}")
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
         """What set_payload said last: the controller reports it with every frame."""
@@ -100,16 +145,46 @@ class UrDriver(Driver):
         return values["payload"][0], (x, y, z)
 
     def read(self) -> JointState:
-        """The next frame; DeviceError where none comes, or only old ones, within the frame timeout."""
+        """The next frame; DeviceError where none comes, or only old ones, within the frame timeout.
+
+        The controller's own state comes first: where the command process has failed, the frame that says why is returned.
+        """
         frame = self._next()
+        status, detail = self._condition(frame)
+        if status is Status.RUNNING and self._commands is not None and self._commanding:
+            try:
+                self._commands.look()
+            except DeviceError as failure:
+                frame, status, detail = self._because(failure)
         values = frame.values
-        status, detail = condition(values, commanded=self._commands is not None)
         nothing = np.full(JOINTS, np.nan)
         return JointState(
             t=frame.t, t_device=frame.t_device, q=np.array(values["actual_q"]), dq=np.array(values["actual_qd"]),
             tau=np.array(values[TORQUE]) if TORQUE in values else nothing, current=np.array(values["actual_current"]),
             temperature=np.array(values["joint_temperatures"]), status=status, detail=detail,
         )  # fmt: skip
+
+    def _condition(self, frame: Frame) -> tuple[Status, str]:
+        return condition(frame.values, self._commands is not None, self.assumed)
+
+    def _because(self, failure: DeviceError) -> tuple[Frame, Status, str]:
+        """The first frame in which the controller itself says what is wrong; `failure` where none does in REASON_TIME.
+
+        The command process hears of a stop as early as this one does, and says only that a command was not taken. Where it failed for
+        a reason of its own, a program that ended is the consequence, and only safety and power say more.
+        """
+        if self._reason is not None:
+            raise DeviceError(self._reason) from failure
+        refused = self._commands is not None and self._commands.refused
+        end = time.monotonic() + REASON_TIME
+        while (frame := self._receiver.next(end)) is not None:
+            status, detail = condition(frame.values, refused, self.assumed)
+            if status is not Status.RUNNING:
+                self._again.append(frame)
+                self._reason = f"{self.options.host}: {status.value}: {detail}"
+                return frame, status, detail
+        self._reason = str(failure)
+        raise failure
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """servoj to q; dq is where the driver's own stop would start from. A feed-forward torque is refused: servoj has none."""
@@ -122,7 +197,11 @@ class UrDriver(Driver):
             raise DeviceError(f"{self.options.host}: servoj takes no torque, {tau} N m was asked for; nothing was sent")
         if self._commands is None:
             raise DeviceError(f"{self.options.host}: there is no connection; connect first")
-        self._commands.send(q, dq)
+        try:
+            self._commands.send(q, dq)
+        except DeviceError as failure:
+            self._because(failure)
+            raise DeviceError(self._reason) from failure
         self._commanding = True
         moving = bool(np.any(dq != 0.0))
         if moving and not self._moving:
@@ -145,27 +224,23 @@ class UrDriver(Driver):
         self._receiver.close()
 
     def checks(self) -> list[Check]:
-        """Version, remote control, safety, power, slider, where torque comes from; registers are free, or connect had failed."""
-        values = self._next().values
-        free = Check("registers", True, "the input registers of the control program are free")
-        source = self._source(values)
-        has_constant = self.arm.torque_constant is not None
-        return [*checks.readiness(values, self._facts, self._receiver.version), free, checks.torque(source, has_constant)]
-
-    @property
-    def _timeout(self) -> float:
-        return self.options.frame_timeout or PERIODS / self.rate
+        """What the robot says of itself: version, identity, remote control, safety, power, program, slider, source of torque."""
+        frame = self._next()
+        source = checks.torque(self._source(frame.values), self.arm.torque_constant is not None)
+        ours = self._commands is not None
+        return [*(c for c in self._readiness(frame) if not (ours and c.name == "program")), source]
 
     def _next(self) -> Frame:
         """The next frame in order. In motion an old one is an error; at rest those that waited for nobody are passed over."""
-        if self._commands is not None and self._commanding:
-            self._commands.look()
-        deadline = time.monotonic() + self._timeout
+        if self._again:
+            return self._again.popleft()
+        longest = self.options.frame_timeout
+        deadline = time.monotonic() + longest
         while True:
             frame = self._receiver.next(deadline)
             if frame is None:
                 raise DeviceError(
-                    f"{self.options.host}: no new reading within {1e3 * self._timeout:.0f} ms; see that the controller is on and the "
+                    f"{self.options.host}: no new reading within {1e3 * longest:.0f} ms; see that the controller is on and the "
                     "cable is in; on a busy computer raise frame_timeout in the cell's [options]"
                 )
             waited = time.monotonic() - frame.t
@@ -177,21 +252,31 @@ class UrDriver(Driver):
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
             self._last = frame
             age = frame.age + waited
-            if age <= self._timeout and (gap <= self._timeout or not self._moving):
+            late = age > longest or (gap > longest and self._moving)
+            # what the controller says of a stop is never too old to be heard
+            if not late or self._condition(frame)[0] is not Status.RUNNING:
                 return frame
             if self._moving:
                 raise DeviceError(
                     f"{self.options.host}: the reading of {frame.t_device:.3f} s is {1e3 * age:.0f} ms old, {1e3 * gap:.0f} ms after "
-                    f"the one before; at most {1e3 * self._timeout:.0f} ms are allowed: use a wired connection of its own and stop "
+                    f"the one before; at most {1e3 * longest:.0f} ms are allowed: use a wired connection of its own and stop "
                     "other work on this computer"
                 )
 
     def _await_program(self) -> None:
-        """The frames must show the running program before commands may be sent: they lag behind the command connection."""
-        end = time.monotonic() + 2.0
-        while not int(self._next().values["robot_status_bits"][0]) >> 1 & 1:
+        """The frames must show the running program, at full speed, before commands may be sent."""
+        end = time.monotonic() + START_TIME
+        while True:
+            values = self._next().values
+            runs = bool(int(values["robot_status_bits"][0]) >> 1 & 1)
+            if runs and (values["speed_scaling"][0] >= FULL_SPEED or SCALING in self.assumed):
+                return
             if time.monotonic() > end:
-                raise DeviceError(f"{self.options.host}: the control program does not run; see what the pendant says")
+                status, detail = self._condition(self._next())
+                reason = (
+                    detail if status is not Status.RUNNING else "the control program does not run; see what the pendant says"
+                )
+                raise DeviceError(f"{self.options.host}: {reason}")
 
     def _source(self, values: dict[str, tuple[float, ...]]) -> str:
         return TORQUE if TORQUE in values else "actual_current"
@@ -200,7 +285,7 @@ class UrDriver(Driver):
         values, version = frame.values, ".".join(map(str, self._receiver.version[:3]))
         payload, com, up = values.get("payload"), values.get("payload_cog"), values.get("target_gravity")
         return DeviceInfo(
-            model=self._facts.model or "UR", serial=self._facts.serial, firmware=self._facts.polyscope or version, rate=self.rate,
+            model=self._said.model or "UR", serial=self._said.serial, firmware=self._said.polyscope or version, rate=self.rate,
             payload_mass=payload[0] if payload else None,
             payload_com=(com[0], com[1], com[2]) if com else None,
             # the read-back of set_gravity, which URScript defines as the acceleration away from the earth's centre

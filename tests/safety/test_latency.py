@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from drivers import open_driver
-from drivers.driver import DeviceStop
+from drivers.driver import DeviceStop, Driver
 from safety.latency import PLANNED, latency_of, stop_to_plan_for, worst_latency
 from sim.arm import load_arm
 from sim.cell import Cell, MotionTable, load_cell
@@ -49,10 +51,19 @@ def test_the_real_clock_by_default() -> None:
 
 def test_a_cell_may_state_more_than_is_measured_and_simulated_time_has_none(cell: Cell) -> None:
     patient = replace(cell, table=cell.table.model_copy(update={"motion": MotionTable(latency=0.3)}))
-    assert latency_of(patient, 500.0, LateClock(lambda k: 0.0)) == 0.0
-    assert latency_of(patient, 500.0, WallClock(0.0)) == 0.3
-    assert latency_of(patient, 500.0, WallClock(0.4)) == pytest.approx(0.402, abs=1e-6)
-    assert latency_of(cell, 500.0, WallClock(0.0)) == pytest.approx(0.002, abs=1e-6)
+    assert latency_of(patient, a_driver(LateClock(lambda k: 0.0))) == 0.0
+    assert latency_of(patient, a_driver(WallClock(0.0))) == 0.3
+    assert latency_of(patient, a_driver(WallClock(0.4))) == pytest.approx(0.402, abs=1e-6)
+    assert latency_of(cell, a_driver(WallClock(0.0))) == pytest.approx(0.002, abs=1e-6)
+
+
+def test_a_gap_that_the_driver_endures_counts_as_latency(cell: Cell) -> None:
+    assert latency_of(cell, a_driver(WallClock(0.0), gap_max=0.04)) == 0.04
+
+
+def a_driver(clock: Clock, gap_max: float = 0.0) -> Driver:
+    """As much of a driver as this needs."""
+    return cast("Driver", SimpleNamespace(rate=500.0, clock=clock, gap_max=gap_max))
 
 
 class WallClock(Clock):
@@ -72,7 +83,7 @@ class WallClock(Clock):
     ("name", "stop"),
     [
         ("mock-ur10e", DeviceStop()),
-        ("emulated-ur10e", DeviceStop()),
+        ("emulated-ur10e", DeviceStop(reaction=0.006 + 0.1)),
         ("emulated-servo6", DeviceStop(reaction=0.1 + PLANNED, deceleration=4.0, proportional=True)),
     ],
 )

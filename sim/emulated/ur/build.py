@@ -7,7 +7,7 @@ import re
 import numpy as np
 from pydantic import field_validator
 
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell
 from sim.effects import with_effect
 from sim.emulated.ur.emulator import UrEmulator
@@ -20,10 +20,16 @@ JOINTS = 6
 
 
 class UrEmulation(StrictTable):
-    """[emulation.options] of a UR cell: polyscope, the version that the controller says it has; remote, whether it starts so."""
+    """[emulation.options] of a UR cell.
+
+    polyscope, the version that the controller says it has; remote, whether it starts so; arm, what really stands there where it is not
+    the cell's, and model, what it then answers.
+    """
 
     polyscope: str = "5.25.1"
     remote: bool = True
+    arm: str | None = None
+    model: str | None = None
 
     @field_validator("polyscope")
     @classmethod
@@ -44,6 +50,7 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
     if arm.n != JOINTS:
         raise ConfigError(f"{cell.path}: arm {arm.name} has {arm.n} joints, a UR controller drives {JOINTS}")
     settings = validated(UrEmulation, cell.table.emulation.options, cell.path)
+    arm = arm if settings.arm is None else load_arm(settings.arm)
     truth = arm
     for item in cell.table.emulation.effects:
         truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
@@ -54,7 +61,7 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
         plant,
         np.array(cell.table.home if cell.table.home is not None else np.zeros(JOINTS)),
         version=settings.version,
-        model=arm.name.upper().removesuffix("E"),
+        model=settings.model or arm.name.upper().removesuffix("E"),
         torque_constant=arm.torque_constant,
         gravity=(gravity[0], gravity[1], gravity[2]),
         payload=(payload.mass, (payload.com[0], payload.com[1], payload.com[2])) if payload else (0.0, (0.0, 0.0, 0.0)),

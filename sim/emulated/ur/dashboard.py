@@ -9,13 +9,14 @@ from typing import Any
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 ROBOT_MODES = {3: "POWER_OFF", 5: "IDLE", 7: "RUNNING"}
-SAFETY = {1: "NORMAL", 3: "PROTECTIVE_STOP", 7: "ROBOT_EMERGENCY_STOP"}
+SAFETY = {1: "NORMAL", 2: "REDUCED", 3: "PROTECTIVE_STOP", 7: "ROBOT_EMERGENCY_STOP"}
 PROGRAM = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
 
 
 def respond(robot: Any, line: str) -> str:
     """The answer to one command."""
     command = line.strip()
+    tells_identity = robot.version >= ((3, 12, 0) if robot.version[0] == 3 else (5, 6, 0))
     match command.lower():
         case "polyscopeversion":
             return f"URSoftware {robot.version[0]}.{robot.version[1]}.{robot.version[2]}.{robot.build} (emulated)"
@@ -26,17 +27,19 @@ def respond(robot: Any, line: str) -> str:
         case "safetymode":
             return f"Safetymode: {SAFETY[robot.safety_mode]}"
         case "programstate":
-            return f"{PROGRAM[robot.runtime_state]} <unnamed>"
+            return f"{PROGRAM[robot.runtime_state]} {robot.program_name or '<unnamed>'}"
         case "running":
             return f"Program running: {str(robot.program_running).lower()}"
-        case "is in remote control":
+        case "is in remote control" if robot.version >= (5, 6, 0):
             return str(robot.remote).lower()
-        case "get serial number":
+        case "get serial number" if tells_identity:
             return str(robot.serial)
-        case "get robot model":
+        case "get robot model" if tells_identity:
             return str(robot.model)
+        case "get operational mode" if robot.version >= (5, 6, 0):
+            return str(robot.operational_mode)
         case "get loaded program":
-            return "No program loaded"
+            return f"Loaded program: {robot.program_name}" if robot.program_name else "No program loaded"
         case "stop":
             robot.stop_program()
             return "Stopped"

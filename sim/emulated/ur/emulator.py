@@ -42,7 +42,8 @@ class UrEmulator:
     """
 
     faults = (
-        "protective_stop", "emergency_stop", "slider_moved", "program_stopped", "second_client", "local_control", "fieldbus",
+        "protective_stop", "emergency_stop", "reduced_mode", "slider_moved", "program_stopped", "program_played", "program_paused",
+        "second_client", "local_control", "fieldbus",
         "cable_pulled", "close", "refuse", *line.FAULTS,
     )  # fmt: skip
 
@@ -121,6 +122,9 @@ class UrEmulator:
         return {
             "protective_stop": robot.protective_stop,
             "emergency_stop": robot.emergency_stop,
+            "reduced_mode": robot.reduce,
+            "program_played": lambda: robot.play("palletise.urp"),
+            "program_paused": lambda: (robot.play("palletise.urp"), robot.pause())[0],
             "slider_moved": lambda: setattr(robot, "speed_slider", 0.4),
             "program_stopped": robot.stop_program,
             "second_client": lambda: robot.upload("def somebody_else():\n  sync()\nend\n"),

@@ -14,13 +14,17 @@ from sim.joint_state import JointState
 
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
 POWER_OFF, RUNNING = 3, 7  # robot_mode
-NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1, 3, 7  # safety_mode
+NORMAL, REDUCED, PROTECTIVE_STOP, EMERGENCY_STOP = 1, 2, 3, 7  # safety_mode
 JOINT_RUNNING, JOINT_OFF = 253, 235  # joint_mode
 PROGRAM_START = 0.06  # s from upload to the first cycle of a program
 UNLOCK_AFTER = 5.0  # s that a protective stop cannot be unlocked
 STOP_DECELERATION = 20.0  # rad/s^2 of a protective or emergency stop
 PROGRAM_END_DECELERATION = 4.0  # rad/s^2 when a program ends in motion
 AMBIENT = 27.0  # degC, where the plant says nothing of temperature
+# speed_scaling while no program plays. The RTDE guide calls it the scaling of the trajectory limiter, and there is no trajectory then; no
+# source says what is reported, so this is the value that a client must not trip over
+IDLE_SPEED_SCALING = 0.0
+CURRENT_PER_TORQUE = 0.1  # A/(N m), where nobody has a constant: of the size of a UR10e's
 
 
 class JointPlant(Protocol):
@@ -52,7 +56,10 @@ class Robot:
         self.time = 0.0
         self.remote = True
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
-        self.speed_slider = 1.0
+        self.speed_slider, self.idle_speed_scaling = 1.0, IDLE_SPEED_SCALING
+        self.operational_mode = "AUTOMATIC"
+        self.program_name = ""
+        self.ended: list[str] = []  # programs of others that somebody's upload ended
         self.payload, self.payload_cog = payload[0], list(payload[1])
         # set_gravity of URScript gives the acceleration away from the earth's centre; taken to hold for its read-back too
         self.target_gravity = [-g for g in gravity]
@@ -102,8 +109,8 @@ class Robot:
         state = self._plant.read()
         self.actual_q, self.actual_qd, self.actual_torque = state.q.tolist(), state.dq.tolist(), state.tau.tolist()
         current = state.current
-        if not np.all(np.isfinite(current)) and self._constant is not None:
-            current = state.tau / self._constant
+        if not np.all(np.isfinite(current)):
+            current = state.tau * (CURRENT_PER_TORQUE if self._constant is None else 1.0 / self._constant)
         self.actual_current = current.tolist()
         self.joint_temperatures = np.where(np.isfinite(state.temperature), state.temperature, AMBIENT).tolist()
         self.target_q, self.target_qd, self.target_qdd = (
@@ -124,9 +131,16 @@ class Robot:
 
     def upload(self, text: str) -> None:
         """A program arrives on a script port: it replaces what runs, and starts where the robot is ready and remote."""
-        if self.robot_mode != RUNNING or self.safety_mode != NORMAL or (self.version[0] == 5 and not self.remote):
+        if (
+            self.robot_mode != RUNNING
+            or self.safety_mode not in (NORMAL, REDUCED)
+            or (self.version[0] in (5, 10) and not self.remote)
+        ):
             self.note("a program came while the robot was not ready for it or in local control; it was not started")
             return
+        if self.program_name:
+            self.note(f"an upload ended the program {self.program_name}")
+            self.ended.append(self.program_name)
         self.stop_program()
         offset = register_offset(text)
         if offset is None:
@@ -142,9 +156,25 @@ class Robot:
     def stop_program(self) -> None:
         """The program ends, whoever ends it; the arm comes to rest."""
         self._program = self.background = self._starting = self._watch = None
+        self.program_name = ""
         if self.runtime_state != STOPPED:
             self.runtime_state = STOPPED
             self.motion.stop(PROGRAM_END_DECELERATION)
+
+    def play(self, name: str) -> None:
+        """The operator or another client plays a program of theirs: it stands where it is, and goes on until it is ended."""
+        self.stop_program()
+        self.program_name, self._program, self.runtime_state = name, _waits(), PLAYING
+
+    def pause(self) -> None:
+        """The program that plays is paused."""
+        if self.runtime_state == PLAYING:
+            self.runtime_state, self._watch = PAUSED, None
+            self.motion.stop(PROGRAM_END_DECELERATION)
+
+    def reduce(self) -> None:
+        """A trigger of reduced mode is met: its limits hold, and motion goes on."""
+        self.safety_mode = REDUCED
 
     def protective_stop(self) -> None:
         """Stop at once and pause the program, until somebody unlocks it and plays again."""
@@ -182,13 +212,18 @@ class Robot:
 
     @property
     def safety_status_bits(self) -> int:
-        bits = {NORMAL: 1 << 0, PROTECTIVE_STOP: 1 << 2 | 1 << 10, EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10}
+        bits = {NORMAL: 1 << 0, REDUCED: 1 << 1, PROTECTIVE_STOP: 1 << 2 | 1 << 10, EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10}
         return bits[self.safety_mode]
 
     @property
     def speed_scaling(self) -> float:
-        return self.speed_slider
+        return self.speed_slider if self.program_running else self.idle_speed_scaling
 
     @property
     def joint_mode(self) -> list[int]:
         return [JOINT_RUNNING if self.robot_mode == RUNNING else JOINT_OFF] * len(self.actual_q)
+
+
+def _waits() -> Iterator[None]:
+    while True:
+        yield

@@ -33,6 +33,7 @@ driver = "ur_rtde"
 home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
 [options]
 host = "{host}"
+serial = "20230000000"
 frame_timeout = {frame_timeout}
 setpoint_timeout = {setpoint_timeout}
 watchdog = 4.0

@@ -60,12 +60,14 @@ def test_every_reading_once_in_order(pair: Pair) -> None:
         assert np.rint(np.diff(t) * 500.0).tolist() == [1.0] * 999
 
 
-def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..., Cell]) -> None:
+@pytest.mark.parametrize("taken", [False, True], ids=["only listening", "in control"])
+def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..., Cell], taken: bool) -> None:
     _, driver = pair()
-    with driver:
-        checks = {check.name: check for check in preflight(driver, cell(), 0.5)}
+    driver.info = driver.connect() if taken else driver.inspect()
+    checks = {check.name: check for check in preflight(driver, cell(), 0.5)}
     assert [c for c in checks.values() if c.ok is False and c.name not in ("rate", "device clock")] == []
-    assert {"PolyScope", "remote control", "safety", "power", "speed slider", "registers", "torque"} <= set(checks)
+    names = {"PolyScope", "remote control", "safety", "power", "speed slider", "serial", "torque"}
+    assert names | (set() if taken else {"program"}) <= set(checks)
 
 
 @pytest.mark.parametrize(
@@ -73,6 +75,9 @@ def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..
     [
         ("local_control", "switch the pendant from Local to Remote Control"),
         ("protective_stop", "press Unlock"),
+        ("reduced_mode", "reduced mode"),
+        ("program_played", "the program palletise.urp is playing"),
+        ("program_paused", "the program palletise.urp is paused"),
         ("emergency_stop", "turn the button back"),
         ("slider_moved", "100 %"),
         ("fieldbus", "EtherNet/IP"),
@@ -103,11 +108,12 @@ def test_a_robot_with_two_reasons_names_both(pair: Pair) -> None:
         ("protective_stop", Status.PROTECTIVE_STOP, "Unlock"),
         ("emergency_stop", Status.EMERGENCY_STOP, "button"),
         ("slider_moved", Status.IDLE, "slider"),
+        ("reduced_mode", Status.IDLE, "reduced mode"),
         ("program_stopped", Status.IDLE, "control program"),
         ("second_client", Status.IDLE, "another client"),
     ],
 )
-def test_what_happens_at_the_robot_is_seen_and_never_undone(pair: Pair, fault: str, status: Status, word: str) -> None:
+def test_what_happens_at_the_robot_is_named_and_never_undone(pair: Pair, fault: str, status: Status, word: str) -> None:
     emulator, driver = pair()
     driver.connect()
     stream(driver, 0.1)
@@ -116,11 +122,12 @@ def test_what_happens_at_the_robot_is_seen_and_never_undone(pair: Pair, fault: s
         state = stream(driver, 10.0, until=lambda s: s.status is not Status.RUNNING)
         assert (state.status, word in state.detail) == (status, True)
     except DeviceError as error:
-        # the command process may notice first that nothing is taken any more
-        assert "not taken" in str(error)  # noqa: PT017
+        # the command process may notice first that nothing is taken any more; the reason is the robot's all the same
+        assert status.value in str(error)  # noqa: PT017
+        assert word in str(error)  # noqa: PT017
     driver.stop()
     wait_for(lambda: rests(emulator), "standstill")
-    if fault != "slider_moved":
+    if fault not in ("slider_moved", "reduced_mode"):
         time.sleep(0.5)
         assert emulator.robot.runtime_state in (STOPPED, PAUSED), "nothing was started again"
     driver.close()

@@ -1,0 +1,63 @@
+"""PolyScope X's Robot API: what may be asked without changing anything.
+
+Paths, keys and first versions as in the client library of Universal Robots (dashboard_client_implementation_x.cpp) and, for 10.10 and
+older, its notes: before 10.11 only the program's state could be asked. A path that a version lacks answers 404 and is left out.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+
+BASE = "/universal-robots/robot-api"
+TIMEOUT = 2.0  # s for each answer
+SIZE_MAX = 1 << 16  # bytes; the longest of these answers has some hundred
+
+# what is asked -> path and the key of the answer
+QUESTIONS = {
+    "program state": ("/program/v1/state", "state"),
+    "robot mode": ("/robotstate/v1/robotmode", "mode"),
+    "safety mode": ("/robotstate/v1/safetymode", "mode"),
+    "control mode": ("/system/v1/controlmode", "mode"),
+    "operational mode": ("/system/v1/operationalmode", "mode"),
+    "program": ("/program/v1/loaded", "name"),
+    "model": ("/system/v1/information", "robotType"),
+    "serial": ("/system/v1/information", "serialNumber"),
+    "PolyScope": ("/versions/v1", "marketingVersion"),
+}
+
+
+def answers(host: str, port: int) -> dict[str, str]:
+    """What the controller says to each question; one without an answer is left out, all where the service is off."""
+    bodies: dict[str, dict[str, object]] = {}
+    found = {}
+    for what, (path, key) in QUESTIONS.items():
+        if path not in bodies:
+            try:
+                bodies[path] = fetch(host, port, path)
+            except OSError:
+                break
+        value = bodies[path].get(key)
+        if isinstance(value, str):
+            found[what] = value
+    return found
+
+
+def fetch(host: str, port: int, path: str) -> dict[str, object]:
+    """The JSON object at a path; empty where there is none. OSError where nobody answers."""
+    connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
+    try:
+        connection.request("GET", BASE + path, headers={"Accept": "application/json"})
+        response = connection.getresponse()
+        body = response.read(SIZE_MAX)
+    except http.client.HTTPException:
+        return {}
+    finally:
+        connection.close()
+    if response.status != 200:
+        return {}
+    try:
+        answer = json.loads(body)
+    except ValueError:
+        return {}
+    return answer if isinstance(answer, dict) else {}
