@@ -148,7 +148,7 @@ class _Run:
         self.operator, self.stop_asked, self.watch = operator, stop_asked, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
         self.clearance = Clearance(arm, cell)
-        self.latency = latency_of(cell, driver.rate, driver.clock)
+        self.latency = latency_of(cell, driver)
         self.verdicts: dict[str, Verdict] = {}
         self.frames = self.lost = 0
         self.last_device_time = float("nan")

@@ -124,7 +124,7 @@ class UrEmulator:
             "emergency_stop": robot.emergency_stop,
             "reduced_mode": robot.reduce,
             "program_played": lambda: robot.play("palletise.urp"),
-            "program_paused": lambda: (robot.play("palletise.urp"), robot.pause())[0],
+            "program_paused": lambda: robot.play("palletise.urp", paused=True),
             "slider_moved": lambda: setattr(robot, "speed_slider", 0.4),
             "program_stopped": robot.stop_program,
             "second_client": lambda: robot.upload("def somebody_else():\n  sync()\nend\n"),

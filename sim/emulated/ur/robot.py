@@ -161,16 +161,10 @@ class Robot:
             self.runtime_state = STOPPED
             self.motion.stop(PROGRAM_END_DECELERATION)
 
-    def play(self, name: str) -> None:
-        """The operator or another client plays a program of theirs: it stands where it is, and goes on until it is ended."""
+    def play(self, name: str, paused: bool = False) -> None:
+        """The operator or another client plays a program of theirs: the arm stands, until somebody ends it."""
         self.stop_program()
-        self.program_name, self._program, self.runtime_state = name, _waits(), PLAYING
-
-    def pause(self) -> None:
-        """The program that plays is paused."""
-        if self.runtime_state == PLAYING:
-            self.runtime_state, self._watch = PAUSED, None
-            self.motion.stop(PROGRAM_END_DECELERATION)
+        self.program_name, self._program, self.runtime_state = name, _waits(), PAUSED if paused else PLAYING
 
     def reduce(self) -> None:
         """A trigger of reduced mode is met: its limits hold, and motion goes on."""
