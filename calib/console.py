@@ -9,6 +9,7 @@ import dataclasses
 import enum
 import json
 import math
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -22,6 +23,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
+from sim.files import printable
 from sim.resources import config_folders
 
 if TYPE_CHECKING:
@@ -42,6 +44,10 @@ Configs = Annotated[
     Path | None,
     typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
 ]
+
+
+# JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
+_STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
 
 
 def arm_names(incomplete: str = "") -> list[str]:
@@ -78,7 +84,7 @@ def say(sentence: str) -> None:
 
 def copyable(line: str) -> None:
     """A line to be copied, such as a command or a path, on standard output: whole, however long."""
-    _out().print(line, markup=False, highlight=False, soft_wrap=True)
+    _out().print(printable(line), markup=False, highlight=False, soft_wrap=True)
 
 
 def warn(sentence: str) -> None:
@@ -100,17 +106,19 @@ def warn_control(cell: Cell, driver: Driver) -> None:
 
 def ask(question: str) -> str:
     """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
-    _err().print(question, markup=False, highlight=False, soft_wrap=True, end="")
+    _err().print(printable(question), markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().rstrip("\n")
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
     """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off."""
     body = [list(row) for row in rows]
-    grid = Table(title=Text(title) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    grid = Table(
+        title=Text(printable(title)) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold"
+    )
     for k, header in enumerate(headers):
         numeric = any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
-        grid.add_column(Text(header), justify="right" if numeric else "left", overflow="fold", no_wrap=k == 0)
+        grid.add_column(Text(printable(header)), justify="right" if numeric else "left", overflow="fold", no_wrap=k == 0)
     for row in body:
         grid.add_row(*(Text(cell(value)) for value in row))
     _out().print(grid)
@@ -123,12 +131,13 @@ def cell(value: Any) -> str:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else printable(value)
 
 
 def print_json(data: Any) -> None:
     """`data` as one strict JSON document: arrays as lists, NaN and infinities as null, paths as text."""
-    sys.stdout.write(json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write(_STEERING.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
 
 
 def plain(data: Any) -> Any:
@@ -157,7 +166,7 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
 
     On a terminal a bar that vanishes at the end; elsewhere one plain line at the start, so that log files stay readable.
     """
-    console = _err()
+    console, description = _err(), printable(description)
     if not console.is_terminal:
         console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
         yield lambda step=1, text=None: None
@@ -169,7 +178,7 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
         task = bar.add_task(description, total=total)
 
         def advance(step: float = 1, text: str | None = None) -> None:
-            bar.update(task, advance=step, description=description if text is None else f"{description}: {text}")
+            bar.update(task, advance=step, description=description if text is None else f"{description}: {printable(text)}")
 
         yield advance
 
@@ -186,6 +195,7 @@ def _own(value: Any) -> Any:
 
 def _wrapped(text: str, console: Console) -> str:
     """`text` in lines that fit a terminal; longer words, such as paths, stay whole. Elsewhere, and where it fits, as it is."""
+    text = printable(text)
     if not console.is_terminal:
         return text
     lines = []

@@ -21,6 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.arm import Arm
+from sim.files import printable
 
 if TYPE_CHECKING:
     from safety.execution import Progress
@@ -146,7 +147,7 @@ class LiveView:
             grid.add_row(Text(joint), *self._joint(s, j))
         lost = (f"{s.lost} lost", "bold red") if s.lost else ("none lost", "")
         disk = "" if s.disk_free is None else f"   disk {s.disk_free / 1e9:.1f} GB free"
-        foot = Text.assemble(f"{s.frames} frames, ", lost, disk, f"\n{s.note}" if s.note else "")
+        foot = Text.assemble(f"{s.frames} frames, ", lost, disk, f"\n{printable(s.note)}" if s.note else "")
         return Group(head, grid, foot, Text(self._keys_line(), style="reverse"))
 
     def _joint(self, s: Snapshot, j: int) -> list[Text]:
@@ -169,7 +170,7 @@ class LiveView:
         return "   ".join(f"{key}: {what}" for key, what in self._keys.items())
 
     def _say(self, sentence: str) -> None:
-        self._console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 
 def show(view: LiveView, progress: Progress, folder: Path) -> None:

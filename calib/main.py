@@ -144,6 +144,8 @@ def start(arguments: list[str]) -> tuple[int, str]:
                 console.warn(_of_file(error))
         return code, sentence
     finally:
+        for lock in invocation.locks:
+            lock.close()
         INVOCATION.reset(token)
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from calib import console
 from logs import Log, Pieces, open_pieces, read_log
 from sim.arm import Arm
-from sim.errors import ConfigError
+from sim.errors import ConfigError, EmptyLog
 from sim.resources import nearest
+
+T = TypeVar("T", Log, Pieces)
 
 SUFFIXES = (".mcap", ".csv")
 
@@ -19,24 +22,33 @@ def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> 
 
     BadLog for a recording that was cut short or is damaged, unless `accept_partial`.
     """
-    logs = []
-    for path in paths:
-        require(path)
-        log = read_log(path, arm.joint_names, accept_partial=accept_partial)
-        _say(path, log, arm)
-        logs.append(log)
-    return logs
+    return _each(paths, arm, lambda k, path: read_log(path, arm.joint_names, accept_partial=accept_partial))
 
 
 def read_pieces(paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: bool = False) -> Pieces:
     """The logs in pieces that are read when they are needed, large files unpacked below `scratch`; otherwise as `read_logs`."""
-    parts = []
+    return Pieces.joined(
+        _each(paths, arm, lambda k, path: open_pieces(path, arm.joint_names, scratch / str(k), accept_partial))
+    )
+
+
+def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> list[T]:
+    """What `read` makes of each; one without a sample is left out and told, and is an error where no other is left."""
+    found: list[T] = []
+    empty = None
     for k, path in enumerate(paths):
         require(path)
-        pieces = open_pieces(path, arm.joint_names, scratch / str(k), accept_partial)
-        _say(path, pieces, arm)
-        parts.append(pieces)
-    return Pieces.joined(parts)
+        try:
+            part = read(k, path)
+        except EmptyLog as error:
+            empty = error
+            console.warn(f"{error}; it is left out")
+            continue
+        _say(path, part, arm)
+        found.append(part)
+    if empty is not None and not found:
+        raise empty
+    return found
 
 
 def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:

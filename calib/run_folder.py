@@ -1,22 +1,24 @@
 """Every run has a folder, and every folder says in run.toml what was asked, of which version, about which files, and how it ended.
 
 run.toml, schema "run/1": verb, arm and cell with their SHA-256, the command line, where and when it was started, the version,
-and, once it has ended, `[end]` with the exit code and the sentence.
+and, once it has ended, `[end]` with the exit code and the sentence. A run's file is locked while its program lives.
 """
 
 from __future__ import annotations
 
+import fcntl
+import os
 import sys
-import tomllib
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import tomli_w
 
-from sim.errors import ConfigError
+from sim.errors import ConfigError, DeviceError
+from sim.files import is_name, read_toml
 from sim.resources import nearest
 from sim.version import software_version
 
@@ -26,15 +28,17 @@ if TYPE_CHECKING:
 
 FILE = "run.toml"
 RUNS = Path("runs")
+SIMULATED = ("mock", "replay")  # drivers with a plant of their own: nothing that two programs could both move
 
 
 @dataclass
 class Invocation:
-    """One start of the program: its arguments, the run folders that it made, and what it found, as a sentence."""
+    """One start of the program: its arguments, the run folders that it made, what it found, and the files that it has locked."""
 
     arguments: list[str]
     folders: list[Path] = field(default_factory=list)
     outcome: str = ""
+    locks: list[BinaryIO] = field(default_factory=list)
 
 
 INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=None)
@@ -42,7 +46,7 @@ INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=Non
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its run.toml tells it; `exit_code` is None for a run that has not ended or was killed."""
+    """A run as its run.toml tells it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
 
     folder: Path
     verb: str
@@ -52,16 +56,23 @@ class Run:
     directory: str
     exit_code: int | None
     sentence: str
+    killed: bool = False
 
 
-def new_run(arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | None = None, **extra: Any) -> Path:
+def new_run(
+    arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | None = None, continues: bool = False, **extra: Any
+) -> Path:  # fmt: skip
     """runs/<utc>-<arm>-<verb>/, or `out`, with run.toml in it; `extra` is written as it is.
 
-    ConfigError where `out` holds files that are not those of a run: results never overwrite anything else.
+    ConfigError where `out` is a run already, or holds other files: results never overwrite anything. With `continues`, an ended run of
+    the same verb goes on in its folder; how it began and ended before stays in run-1.toml, run-2.toml, ...
     """
     name = arm if isinstance(arm, str) else arm.name
+    if not is_name(name):
+        raise ConfigError(
+            f"{name!r:.80} cannot name a run: 1 to 64 letters, digits, dots, dashes and underscores; rename the arm"
+        )
     now = datetime.now(UTC)
-    folder = _fresh(now, name, verb) if out is None else _own(out)
     invocation = INVOCATION.get()
     data: dict[str, Any] = {
         "schema": "run/1",
@@ -77,10 +88,45 @@ def new_run(arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | Non
         data |= {"arm_model": str(arm.model_path), "arm_sha256": arm.sha256}
     if cell is not None:
         data |= {"cell": cell.name, "cell_file": str(cell.path), "cell_sha256": cell.sha256}
-    (folder / FILE).write_text(tomli_w.dumps(data | extra), encoding="utf-8")
-    if invocation:
-        invocation.folders.append(folder)
+    text = tomli_w.dumps(data | extra)
+    folder = _fresh(now, name, verb) if out is None else _own(out, verb if continues else None)
+    try:
+        stream = (folder / FILE).open("xb")  # whoever makes the file has the folder
+    except FileExistsError:
+        raise _taken(folder) from None
+    stream.write(text.encode())
+    stream.flush()
+    if invocation is None:
+        stream.close()
+        return folder
+    _locked(stream)
+    invocation.locks.append(stream)
+    invocation.folders.append(folder)
     return folder
+
+
+def lock_cell(cell: Cell) -> None:
+    """Keep other starts of the program from this cell until this one ends; DeviceError where another has it. A mock is not locked."""
+    if cell.table.driver in SIMULATED:
+        return
+    stream = cell.path.open("rb")
+    if _locked(stream) is False:
+        stream.close()
+        raise DeviceError(f"{cell.path}: another program is working with this cell; wait until it has ended, or end it")
+    invocation = INVOCATION.get()
+    if invocation:
+        invocation.locks.append(stream)
+
+
+def _locked(stream: BinaryIO) -> bool | None:
+    """Lock an open file for as long as it is open: False where another has it, None where the file system has no locks."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
 
 
 def conclude(sentence: str) -> None:
@@ -93,7 +139,7 @@ def conclude(sentence: str) -> None:
 def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     """Write how a run ended into its run.toml, once."""
     file = folder / FILE
-    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    data = read_toml(file)
     ended = datetime.now(UTC).isoformat(timespec="seconds")
     data["end"] = {"exit_code": exit_code, "sentence": sentence, "ended": ended}
     part = file.with_suffix(".part")  # on a full disk what stood there must stay
@@ -104,7 +150,7 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
 def read_run(reference: str | Path, root: Path = RUNS) -> Run:
     """A run from its folder, or from the name or a unique part of the name of a folder under `root`."""
     folder = Path(reference)
-    if not (folder / FILE).is_file():
+    if not os.path.isfile(folder / FILE):  # as Path.is_file, but False for a name that no file can have
         found = [f for f in _folders(root) if str(reference) in f.name]
         if len(found) != 1:
             known = [f.name for f in _folders(root)]
@@ -113,19 +159,48 @@ def read_run(reference: str | Path, root: Path = RUNS) -> Run:
         folder = found[0]
     file = folder / FILE
     try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-        end = data.get("end", {})
-        return Run(
-            folder, str(data["verb"]), str(data["arm"]), str(data["started"]), tuple(map(str, data["arguments"])),
-            str(data["directory"]), end.get("exit_code"), str(end.get("sentence", "")),
-        )  # fmt: skip
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+        data = read_toml(file)
+        end, arguments = data.get("end", {}), data["arguments"]
+        words = [data["started"], data["directory"], *arguments, end.get("sentence", "")]
+        sound = isinstance(arguments, list) and all(isinstance(word, str) for word in words)
+        if not (sound and is_name(data["verb"]) and is_name(data["arm"]) and isinstance(end.get("exit_code"), int | None)):
+            raise TypeError("verb and arm are names, started, directory, arguments and sentence words, exit_code a number")
+    except (ConfigError, KeyError, TypeError, AttributeError) as error:
         raise ConfigError(f"{file}: not a run's file ({error}); delete the folder or restore the file") from error
+    killed = not end and bool(arguments) and not _is_locked(file)
+    return Run(
+        folder, data["verb"], data["arm"], data["started"], tuple(arguments), data["directory"], end.get("exit_code"),
+        end.get("sentence", "") or (_remains(folder) if killed else ""), killed,
+    )  # fmt: skip
+
+
+def _is_locked(file: Path) -> bool:
+    """Whether the program that writes this run is alive, or nobody can know."""
+    with file.open("rb") as stream:
+        return _locked(stream) is not True
+
+
+def _remains(folder: Path) -> str:
+    """What a killed run left behind, as a sentence."""
+    from logs.mcap_records import is_journal
+    from logs.recover import describe
+
+    journals = [file for file in sorted(folder.glob("*.mcap")) if file.is_file() and is_journal(file)]
+    if journals:
+        return "; ".join(f"{file.name}: {describe(file)}" for file in journals)
+    last = max((f.stat().st_mtime for f in folder.iterdir() if f.is_file()), default=0.0)
+    return f"killed after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
 
 
 def list_runs(root: Path = RUNS) -> list[Run]:
     """The runs under `root`, newest first."""
     return sorted((read_run(f) for f in _folders(root)), key=lambda r: r.started, reverse=True)
+
+
+def free_folder(folder: Path) -> Path:
+    """`folder`, or the first of folder-2, folder-3, ... that is not there yet."""
+    candidates = [folder, *(folder.with_name(f"{folder.name}-{k}") for k in range(2, 1000))]
+    return next((f for f in candidates if not f.exists()), folder)
 
 
 def _folders(root: Path) -> list[Path]:
@@ -144,13 +219,25 @@ def _fresh(now: datetime, name: str, verb: str) -> Path:
     raise ConfigError(f"{RUNS / stem}: a hundred runs began in this second; name a folder with --out")
 
 
-def _own(out: Path) -> Path:
+def _own(out: Path, continues: str | None) -> Path:
     if out.exists() and not out.is_dir():
-        raise ConfigError(f"--out {out}: is a file; name a folder, new or of an earlier run")
+        raise ConfigError(f"--out {out}: is a file; name a new folder")
+    if (out / FILE).exists():
+        if continues is None or read_run(out).verb != continues or _is_locked(out / FILE):
+            raise _taken(out)
+        k = next(k for k in range(1, 10**6) if not (out / f"run-{k}.toml").exists())
+        (out / FILE).rename(out / f"run-{k}.toml")
+        return out
     # a *.log is the caller's record of the call, often begun before it: nothing here writes or overwrites one
-    if out.is_dir() and not (out / FILE).is_file() and any(f.suffix != ".log" for f in out.iterdir()):
+    if out.is_dir() and any(f.suffix != ".log" for f in out.iterdir()):
         raise ConfigError(
             f"--out {out}: holds files that are not those of a run; name a new folder, so that nothing is overwritten"
         )
     out.mkdir(parents=True, exist_ok=True)
     return out
+
+
+def _taken(folder: Path) -> ConfigError:
+    return ConfigError(
+        f"--out {folder}: is a run already, and a run is never overwritten; name a new folder, such as {free_folder(folder)}"
+    )

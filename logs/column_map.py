@@ -19,7 +19,6 @@ episode_index = 0
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,6 +34,7 @@ from logs.tables.table import Table
 from logs.timing import checked_times
 from logs.units import TEMPERATURE_ZERO, TIME, UNITS
 from sim.errors import ConfigError
+from sim.files import read_toml
 from sim.resources import nearest
 
 MAX_JOINTS = 64
@@ -82,13 +82,7 @@ class ColumnMap:
 
 def read_map(path: Path) -> ColumnMap:
     """The map in a TOML file; ConfigError names the place, the value and the rule."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(
-            f"{path}: cannot be read as TOML ({str(error)[:120]}); `calib import` without --map writes one"
-        ) from error
-    return of_plain(data, str(path))
+    return of_plain(read_toml(path, "`calib import` without --map writes one"), str(path))
 
 
 def of_plain(data: Mapping[str, Any], where: str) -> ColumnMap:

@@ -70,8 +70,8 @@ def import_recording(source: str | Path, target: str | Path, columns: ColumnMap 
     else:
         damage = Damage(source, accept_partial=True)
         log = log_of_table(read_table(source, FORMATS, damage), columns, source, damage)
-    whole = log.state in (State.CLEAN, State.UNSTATED)
-    state = "clean" if whole else "aborted"
+    whole = log.state in (State.CLEAN, State.UNSTATED, State.KILLED)
+    state = "killed" if log.state is State.KILLED else "clean" if whole else "aborted"
     ended = log.state
     reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
     journal = source.is_file() and is_journal(source)

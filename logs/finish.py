@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,8 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
                     data = batch.data[start + MESSAGE.itemsize : start + 9 + length]
                     writer.add_message(numbers[channel], log, data, publish, sequence)
             for name, record in stream.metadata.items():
-                writer.add_metadata(name, record | ({**words, "state": state} if name == RECORDING else {}))
+                own = {key: value for key, value in record.items() if (name, key) != (RECORDING, "ring")}
+                writer.add_metadata(name, own | ({**words, "state": state} if name == RECORDING else {}))
             add_clock_fit(writer, _fit(clocks))
             if stream.unsealed:
                 damage.note(f"the last {stream.unsealed} bytes are an incomplete sample and are left out")
@@ -57,6 +59,13 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
     write_file(part, body)
     put_in_place(part, target)
     return damage.all_findings()
+
+
+def killed_sentence(samples: int, last: int | None, lost: str = "at most 1 lost") -> str:
+    """When a recording was killed, from the host clock of its last sample (ns since 1970), and what of it there is."""
+    if not samples or last is None:
+        return "killed before the first sample"
+    return f"killed at {datetime.fromtimestamp(last * 1e-9, UTC):%H:%M:%S} UTC, {samples:,} samples, {lost}"
 
 
 def add_clock_fit(writer: Writer, fit: ClockFit | None) -> None:

@@ -5,8 +5,10 @@ After the first failed write nothing is written any more: `failure` keeps the se
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import errno
+import fcntl
 import os
 import threading
 import zlib
@@ -16,7 +18,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Header, McapRecord, Metadata, Schema
 
 from logs.mcap_records import JOURNAL, MAGIC, SEAL, SEAL_TAG
-from logs.schemas import RECORDING, SCHEMAS, TOPICS
+from logs.schemas import FAILURE, RECORDING, SCHEMAS, TOPICS
 from sim.errors import DeviceError
 
 AHEAD = 16 << 20
@@ -78,11 +80,7 @@ class Journal:
 
     def __init__(self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None) -> None:
         """A new file at `path`; `reserve` bytes are asked of the file system first, and more in time when they run low."""
-        self.path, self.disk = path, disk or Disk()
-        self._step = min(reserve, AHEAD)
-        self.failure: str | None = None
-        self.reserves = True
-        self._reserved = self._size = 0
+        self._prepare(path, reserve, disk)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -95,6 +93,8 @@ class Journal:
             raise DeviceError(
                 f"{path}: cannot be created ({error.strerror}); record into a folder that can be written"
             ) from error
+        with contextlib.suppress(OSError):  # a file system without locks: readers then leave the file as it is
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         try:
             self._reserve(reserve)
             self._check()
@@ -106,9 +106,37 @@ class Journal:
             raise (
                 error if isinstance(error, DeviceError) else DeviceError(f"{path}: cannot be written ({error.strerror})")
             ) from error
+        self._begin()
+
+    @classmethod
+    def reopened(cls, path: Path, size: int) -> Journal:
+        """The journal of a program that is gone, cut to its first `size` bytes, to be gone on with; the caller holds its lock."""
+        journal = cls.__new__(cls)
+        journal._prepare(path, AHEAD, None)
+        try:
+            journal._fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+            os.ftruncate(journal._fd, size)
+        except OSError as error:
+            raise DeviceError(f"{path}: cannot be written ({error.strerror}); recover it in a folder that can be") from error
+        journal._size = size
+        journal._begin()
+        return journal
+
+    def _prepare(self, path: Path, reserve: int, disk: Disk | None) -> None:
+        self.path, self.disk = path, disk or Disk()
+        self._step = min(reserve, AHEAD)
+        self.failure: str | None = None
+        self.reserves = True
+        self._reserved = self._size = 0
+
+    def _begin(self) -> None:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._keep_synced, name="journal sync", daemon=True)
         self._thread.start()
+
+    def lock(self) -> int:
+        """A descriptor that keeps the file locked after `close`, until it is closed itself."""
+        return os.dup(self._fd)
 
     def append(self, records: bytes) -> None:
         """Write `records` and their check sum at once; DeviceError from the first failure on."""
@@ -148,6 +176,12 @@ class Journal:
                 "free space or use another disk, and record again"
             )
 
+    def _note(self, failure: str) -> None:
+        """The failure in the file itself, where there is room: who reads it later must not take it for whole."""
+        record = record_bytes(Metadata(name=FAILURE, metadata={"reason": failure}))
+        with contextlib.suppress(OSError):
+            os.write(self._fd, record + _SEAL_HEAD + zlib.crc32(record).to_bytes(4, "little"))
+
     def _check(self) -> None:
         if self.failure is not None:
             raise DeviceError(self.failure)
@@ -169,9 +203,14 @@ class Journal:
         try:
             if self.failure is None:
                 self.disk.sync(self._fd)
+        except OSError as error:
+            self._fail(error)
+        try:
             os.ftruncate(self._fd, self._size)  # gives back what was reserved, and cuts half a sample off
         except OSError as error:
             self._fail(error)
+        if self.failure is not None:
+            self._note(self.failure)
         try:
             os.close(self._fd)
         except OSError as error:  # a network disk may report a failed write only now

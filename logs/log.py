@@ -16,7 +16,8 @@ class State(Enum):
 
     CLEAN = "the recording was ended on purpose and is complete"
     ABORTED = "the recording was ended by a fault"
-    OPEN = "the recording was never ended: it is still running, or its program was killed"
+    KILLED = "the program that recorded was killed; what it had written is whole"
+    OPEN = "the recording was never ended: it is still being written, or nobody can know whether it is"
     CUT = "the file ends in the middle, or a part of it is damaged"
     UNSTATED = "the file's format does not tell how the recording ended"
 

@@ -14,8 +14,10 @@ from logs.log import Event, Log, State
 from logs.mcap_records import MESSAGE, Batch, Channel
 from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
-from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES
+from logs.recover import is_recording
+from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, FAILURE, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES
 from logs.timing import checked_times, unwrapped
+from sim.errors import EmptyLog
 
 MAX_EVENTS = 100_000
 FIELDS = {"sensor_msgs/msg/JointState": 3, "calib_msgs/msg/JointDiagnostics": 2}
@@ -26,7 +28,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
     topics: dict[str, JointTopic] = {}
     events: list[tuple[int, int, str, str]] = []
     metadata: dict[str, dict[str, str]] = {}
-    ended, unsealed, journal = True, 0, False
+    ended, unsealed, killed = True, 0, None
     for path in paths:
         try:
             with path.open("rb") as file:
@@ -38,10 +40,14 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         metadata |= stream.metadata
         ended &= stream.ended
         unsealed += stream.unsealed
-        journal |= stream.journal
+        if stream.journal:
+            killed = killed_now(path)
     topic = topics.get(STATES)
     check_count(metadata.get(RECORDING, {}), sum(map(len, topic.stamp)) + topic.others if topic else 0, damage)
-    state = recording_state(metadata.get(RECORDING, {}), ended, journal, damage)
+    if metadata.get(RECORDING) and not topics and (ended or killed) and not damage.count:
+        why = metadata[RECORDING].get("end_reason") or "its program was killed"
+        raise EmptyLog(f"{damage.path}: holds no sample: the motion had not begun ({why}); record it again")
+    state = recording_state(metadata, ended, killed, damage)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     return assembled(topics, events, metadata, state, joint_names, damage)
@@ -54,9 +60,18 @@ def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
         damage.report("metadata record 'recording'", f"the recording says {said} samples, {found} survive")
 
 
-def recording_state(recording: dict[str, str], ended: bool, journal: bool, damage: Damage) -> State:
-    """How the recording ended; anything but a clean end is refused unless a partial file is accepted."""
-    if not journal:
+def killed_now(path: Path) -> bool:
+    """Whether the program that wrote the journal at `path` is gone; False where that cannot be known."""
+    return is_recording(path) is False
+
+
+def recording_state(metadata: dict[str, dict[str, str]], ended: bool, killed: bool | None, damage: Damage) -> State:
+    """How the recording ended; anything but a clean end or a kill is refused unless a partial file is accepted.
+
+    killed: for a journal, whether its program is gone; None for a finished file.
+    """
+    recording, failure = metadata.get(RECORDING, {}), metadata.get(FAILURE, {}).get("reason", "")
+    if killed is None:
         if not ended:
             damage.report("end of file", "the MCAP footer is missing: the file is cut")
             return State.CUT
@@ -64,15 +79,16 @@ def recording_state(recording: dict[str, str], ended: bool, journal: bool, damag
             return State.CUT
         word = recording.get("state", "clean" if not recording else "")
     else:
-        word = recording.get("state", "open")
-        word = "open" if word == "clean" else word
-    if word not in ("clean", "open", "aborted"):
+        word = "aborted" if failure else "killed" if killed else "open"
+    if word not in ("clean", "open", "aborted", "killed"):
         raise damage.refuse(
-            "metadata record 'recording'", f"state {word!r}; clean, open and aborted are known", "record it again"
+            "metadata record 'recording'", f"state {word!r}; clean, open, aborted and killed are known", "record it again"
         )
     state = State[word.upper()]
-    if state is not State.CLEAN:
-        fault = f"{state.value} ({recording.get('end_reason') or 'no reason was written'})"
+    if state is State.KILLED:
+        damage.note(recording.get("end_reason") or state.value)
+    elif state is not State.CLEAN:
+        fault = f"{state.value} ({failure or recording.get('end_reason') or 'no reason was written'})"
         if not damage.accept_partial:
             raise damage.refuse("state", fault, "record it again, or use what there is with --accept-partial")
         damage.note(fault)

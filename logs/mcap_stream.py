@@ -60,6 +60,8 @@ class McapStream:
     journal: bool = False
     ended: bool = False
     unsealed: int = 0
+    seals: int = 0
+    sealed_to: int = 0
     _schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
     _total: int = 0
     _messages: int = 0
@@ -150,6 +152,7 @@ class McapStream:
                 self.size = at + begin
                 return begin
             begin = seal + 17
+            self.seals, self.sealed_to = self.seals + 1, at + begin
         return begin
 
     def _block(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> Iterator[Batch]:

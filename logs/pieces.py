@@ -16,6 +16,7 @@ import numpy as np
 from logs.log import Log
 from logs.mcap_records import MAGIC
 from logs.read import read_log
+from logs.recover import recovered
 from logs.spool import LATTICE_SECONDS, Spool, spool
 
 PIECE_SECONDS = 120.0
@@ -102,6 +103,8 @@ def open_pieces(path: Path, joint_names: Sequence[str], folder: Path, accept_par
 
     Only positions, torques and currents of a large file are kept. BadLog as `read_log` raises it.
     """
+    if path.is_file():
+        recovered(path)
     size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size if path.exists() else 0
     if size <= IN_MEMORY_BYTES or not (path.is_dir() or _is_mcap(path)):
         return Pieces(read_log(path, joint_names, accept_partial=accept_partial))

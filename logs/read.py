@@ -11,8 +11,11 @@ from logs.damage import Damage
 from logs.log import Log
 from logs.mcap_log import read_mcap
 from logs.mcap_records import MAGIC
+from logs.recover import recovered
 from logs.rosbag2 import bag_parts
 from logs.ur_rtde_csv import looks_like_csv, read_csv
+from sim.errors import BadLog, EmptyLog
+from sim.files import open_regular
 from sim.resources import nearest
 
 
@@ -32,16 +35,12 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
         return read_bag(path, wanted, damage)
     if path.is_dir():
         return read_mcap(bag_parts(path, damage), wanted, damage)
-    try:
-        with path.open("rb") as file:
-            head = file.read(1024)
-    except OSError as error:
-        raise damage.refuse(
-            "file", f"cannot be read ({error.strerror})", "give a recording: .mcap, .csv or a rosbag2 folder"
-        ) from error
+    with open_regular(path, BadLog, "give a recording: .mcap, .csv or a rosbag2 folder") as file:
+        head = file.read(1024)
     if not head:
-        raise damage.refuse("file", "it is empty", "record it again")
+        raise EmptyLog(f"{path}: file: it is empty: nothing was recorded; record it again")
     if head.startswith(MAGIC):
+        recovered(path)
         return read_mcap([path], wanted, damage)
     if looks_like_csv(head):
         return _reordered(read_csv(path, accept_partial), wanted, damage)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +15,9 @@ from typing import Any, Self
 import numpy as np
 
 from logs.encode import JointEncoder, log_body, message_record
-from logs.finish import finish
+from logs.finish import finish, killed_sentence
 from logs.journal import AHEAD, Disk, Journal
-from logs.schemas import TOPICS
+from logs.schemas import STATES, TOPICS
 from sim.errors import CalibError, DeviceError
 from sim.joint_state import JointState, Status
 from sim.version import software_version
@@ -108,6 +109,27 @@ class Recorder(Recording):
             "wall_clock_start_ns": str(self._wall_start),
         }
         self._journal = Journal(self.path, head, reserve, disk)
+        self._lock = self._journal.lock()
+
+    @classmethod
+    def resumed(
+        cls, journal: Journal, metadata: Mapping[str, str], counts: Mapping[str, int], host_start: float | None
+    ) -> Self:
+        """Go on with the journal of a program that is gone; `counts` of messages by topic, `host_start` s the host clock of its first sample.
+
+        ValueError or KeyError where `metadata` is not what a recorder writes.
+        """
+        recorder = cls.__new__(cls)
+        recorder.path = journal.path
+        recorder.joint_names = tuple(map(str, json.loads(metadata["joint_names"])))
+        recorder.samples = counts.get(STATES, 0)
+        recorder._wall_clock, recorder._wall_start = time.time_ns, int(metadata["wall_clock_start_ns"])
+        recorder._host_start, recorder._host_last = host_start, math.nan
+        recorder._counts = [0, *(counts.get(topic, 0) for topic in TOPICS)]
+        recorder._encoder = JointEncoder(recorder.joint_names)
+        recorder._temperature, recorder._status, recorder._closed = b"", Status.RUNNING, False
+        recorder._journal, recorder._lock = journal, journal.lock()
+        return recorder
 
     def write(
         self,
@@ -119,7 +141,11 @@ class Recorder(Recording):
         """Append one sample and the command (n,) rad, rad/s, N m that was sent with it; one write to the file."""
         if state.n != len(self.joint_names):
             raise ValueError(f"a state of {state.n} joints in a recording of {len(self.joint_names)}")
-        stamp, host = self._times(state.t_device, state.t)
+        stamp = self._stamp(state.t_device, state.t)
+        if self._host_start is None:
+            self._host_start = state.t
+        self._host_last = state.t
+        host = self._host_ns(state.t)
         records = [self._joints(_STATES, host, stamp, (state.q, state.dq, state.tau))]
         if q_cmd is not None:
             command = [self._array(value) for value in (q_cmd, dq_cmd, tau_cmd)]
@@ -135,7 +161,9 @@ class Recorder(Recording):
 
     def event(self, level: int, name: str, message: str, t_device: float) -> None:
         """Append a line to /events at `t_device`, s on the device clock."""
-        stamp, host = self._times(t_device, self._host_last if self._host_start is not None else 0.0)
+        # before the first sample there is no instant of the host clock to count from: the start of the recording stands for it
+        host = self._wall_start if self._host_start is None else self._host_ns(self._host_last)
+        stamp = self._stamp(t_device, 0.0)
         self._journal.append(self._event(host, stamp, level, name, message))
 
     def close(self, end_reason: str = COMPLETED) -> None:
@@ -145,17 +173,28 @@ class Recorder(Recording):
         """
         if self._closed:
             return
+        self._end("clean" if end_reason == COMPLETED else "aborted", end_reason)
+
+    def close_killed(self) -> None:
+        """End the recording of a control program that was killed: state killed, for readers as good as clean."""
+        if not self._closed:
+            last = None if self._host_start is None else self._host_ns(self._host_last)
+            self._end("killed", killed_sentence(self.samples, last))
+
+    def _end(self, state: str, reason: str) -> None:
         self._closed = True
-        state = "clean" if end_reason == COMPLETED else "aborted"
-        self._journal.close()
-        finish(
-            self.path, state,
-            {
-                "end_reason": end_reason, "samples": str(self.samples), "wall_clock_end_ns": str(self._wall_clock()),
-                "host_clock_start": repr(self._host_start), "host_clock_end": repr(self._host_last),
-                "space_reserved": str(self._journal.reserves).lower(),
-            },
-        )  # fmt: skip
+        try:
+            self._journal.close()
+            finish(
+                self.path, state,
+                {
+                    "end_reason": reason, "samples": str(self.samples), "wall_clock_end_ns": str(self._wall_clock()),
+                    "host_clock_start": repr(self._host_start), "host_clock_end": repr(self._host_last),
+                    "space_reserved": str(self._journal.reserves).lower(),
+                },
+            )  # fmt: skip
+        finally:
+            os.close(self._lock)  # nobody may take the file for a dead one before it is finished
 
     def _brings_reading(self, state: JointState) -> bool:
         """Whether there is a current, or a temperature that differs from the last; currents are written with every sample."""
@@ -163,17 +202,18 @@ class Recorder(Recording):
         changed, self._temperature = temperature != self._temperature, temperature
         return not np.isnan(state.current).all() or (changed and not np.isnan(state.temperature).all())
 
-    def _times(self, t_device: float, t_host: float) -> tuple[int, int]:
-        """Stamps in ns: the device clock as it is, the host clock as wall time at the start plus what has passed since."""
+    def _host_ns(self, t_host: float) -> int:
+        """The host clock as wall time at the start plus what has passed since, ns."""
+        return self._wall_start + round((t_host - (self._host_start or 0.0)) * 1e9)
+
+    def _stamp(self, t_device: float, t_host: float) -> int:
+        """The device clock as it is, ns; DeviceError for instants that cannot be recorded."""
         if not (math.isfinite(t_device) and math.isfinite(t_host) and 0 <= t_device < 2**31):
             raise DeviceError(
                 f"{self.path}: instants {t_device} s (device) and {t_host} s (host) cannot be recorded; the device clock must be "
                 "finite and within 0 to 2^31 s: check the driver"
             )
-        if self._host_start is None:
-            self._host_start = t_host
-        self._host_last = t_host
-        return round(t_device * 1e9), self._wall_start + round((t_host - self._host_start) * 1e9)
+        return round(t_device * 1e9)
 
     def _array(self, value: np.ndarray | None) -> np.ndarray:
         n = len(self.joint_names)

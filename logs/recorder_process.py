@@ -17,12 +17,14 @@ import numpy as np
 
 from logs.journal import AHEAD
 from logs.recorder import COMPLETED, Recorder, Recording, metadata_text
-from logs.ring import Ring, shared_memory
+from logs.recover import recovered
+from logs.ring import Ring, forget, shared_memory
 from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
 
 SLOTS = 8192  # 16 s at 500 Hz: longer than a disk usually stalls
 SAMPLE, EVENT = 1, 2
+INDEX = struct.Struct("<Q")  # before each message in the ring: how many went before it
 START_TIME = 30.0  # s
 CLOSE_TIME = 600.0  # s
 PRIORITY = 1  # of the real-time scheduler while samples come: behind every control loop, before all other programs
@@ -61,12 +63,13 @@ class RecorderProcess(Recording):
         self.samples = 0
         self._closed = False
         slot = -(-(256 + 64 * len(self.joint_names)) // 64) * 64
-        fd = shared_memory(Ring.size(slots, slot))
+        self._put_count = 0
+        fd, self._ring_name = shared_memory(Ring.size(slots, slot))
         try:
             self._ring = Ring(fd, slots, slot)
             task = {
                 "fd": fd, "slots": slots, "slot": slot, "parent": os.getpid(), "path": str(self.path), "reserve": reserve,
-                "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}), "stall": stall,
+                "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}) | {"ring": self._ring_name}, "stall": stall,
             }  # fmt: skip
             root = str(Path(__file__).resolve().parent.parent)
             self._process = subprocess.Popen(
@@ -74,6 +77,9 @@ class RecorderProcess(Recording):
                 pass_fds=(fd,), start_new_session=True, stdin=subprocess.DEVNULL,
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))},
             )  # fmt: skip
+        except BaseException:
+            forget(self._ring_name)
+            raise
         finally:
             os.close(fd)
         self._await_start()
@@ -85,6 +91,7 @@ class RecorderProcess(Recording):
                 self._process.kill()
             time.sleep(0.002)
         if self._process.poll() is not None:
+            forget(self._ring_name)
             raise DeviceError(self._failure())
 
     def write(
@@ -104,6 +111,8 @@ class RecorderProcess(Recording):
         if any(command.shape != (n,) for command in commands):
             raise ValueError(f"a command of shapes {[c.shape for c in commands]} in a recording of {n} joints")
         head = _SAMPLE.pack(SAMPLE, _STATUSES.index(state.status), q_cmd is not None, state.t, state.t_device)
+        if not self.samples:
+            self._ring.say("host", repr(state.t))
         arrays = (state.q, state.dq, state.tau, state.current, state.temperature, *commands)
         self._put(head + b"".join(array.tobytes() for array in arrays) + state.detail.encode("utf-8"))
         self.samples += 1
@@ -126,12 +135,17 @@ class RecorderProcess(Recording):
                 f"{self._process.pid} and recover the file with `calib import`"
             ) from None
         if self._process.returncode or self._ring.said("failure"):
-            raise DeviceError(self._failure())
+            killed = (self._process.returncode or 0) < 0
+            told = recovered(self.path) if killed else None
+            if not killed:
+                forget(self._ring_name)
+            raise DeviceError(f"{self.path}: the recording process was {told}" if told else self._failure())
 
     def _put(self, data: bytes) -> None:
         self._check()
-        if not self._ring.put(data):
+        if not self._ring.put(INDEX.pack(self._put_count) + data):
             raise DeviceError(self._failure())
+        self._put_count += 1
 
     def _check(self) -> None:
         if self._ring.said("failure") or self._ring.lost or self._process.poll() is not None:
@@ -178,31 +192,38 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
     failure: DeviceError | None = None
     while True:
         orphan = os.getppid() != task["parent"]
-        end = "the program that recorded died" if orphan else ring.said("end")
-        data = ring.take()
+        end = ring.said("end")
+        data = ring.look()
         if data is None:
-            if end is not None:
+            if end is not None or orphan:
                 break
             time.sleep(0.001)
             continue
         time.sleep(task["stall"])
         try:
-            _write(recorder, data, n)
+            write_message(recorder, data, n)
         except DeviceError as error:
             failure = failure or error
             ring.say("failure", str(error))
-    if ring.lost:
-        end = f"{ring.lost} samples were lost: the disk was too slow"
+        ring.let_go()
     _prefer(False)
-    recorder.close(end)
+    if ring.lost:
+        recorder.close(f"{ring.lost} samples were lost: the disk was too slow")
+    elif end is None:
+        recorder.close_killed()
+    else:
+        recorder.close(end)
+    forget(task["metadata"].get("ring", ""))
     if failure is not None:
         raise failure
 
 
-def _write(recorder: Recorder, data: bytes, n: int) -> None:
+def write_message(recorder: Recorder, message: bytes, n: int) -> None:
+    """Hand a message of the ring to the recorder, for `n` joints."""
+    data = message[INDEX.size :]
     if data[0] == EVENT:
-        level, name, message, t_device = json.loads(data[1:])
-        recorder.event(level, name, message, t_device)
+        level, name, text, t_device = json.loads(data[1:])
+        recorder.event(level, name, text, t_device)
         return
     _, status, commanded, t, t_device = _SAMPLE.unpack_from(data)
     size = _SAMPLE.size + 64 * n

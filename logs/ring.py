@@ -1,4 +1,4 @@
-"""A bounded ring of messages in shared memory: one process puts, another takes, neither ever waits for the other.
+"""A bounded ring of messages in shared memory: one process puts, another looks and lets go, neither ever waits for the other.
 
 Each slot carries its number and a check sum, so that a taker never believes a slot that is not wholly written, whatever order the
 processor makes stores visible in.
@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import mmap
 import os
+import re
+import secrets
+import stat
 import struct
-import tempfile
 import zlib
 from pathlib import Path
 
@@ -17,28 +19,76 @@ _COUNTER = struct.Struct("<Q")
 _SLOT = struct.Struct("<QIII")  # number, bytes of this slot, slots that follow for the same message, check sum
 _HEADER = 8192
 _HEAD, _TAIL, _LOST = 0, 64, 128  # counters on cache lines of their own
-_WORDS = {"ready": 1024, "failure": 2048, "end": 4096}  # places of short texts, each set once
+_SLOTS, _SLOT_SIZE = 192, 200  # what the ring was made with
+_WORDS = {"ready": 1024, "failure": 2048, "host": 3200, "end": 4096}  # places of short texts, each set once
 _WORD_MAX = 1000
+_FOLDER = Path("/dev/shm")
+_NAME = re.compile(r"arm-calib-[0-9a-f]{32}", re.ASCII)
 
 
-def shared_memory(size: int) -> int:
-    """A descriptor of `size` bytes of memory without a name: it goes when the last process that holds it goes."""
-    if hasattr(os, "memfd_create"):
-        fd = os.memfd_create("arm-calib-ring", os.MFD_CLOEXEC)
-    else:
-        with tempfile.NamedTemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as file:
-            fd = os.dup(file.fileno())
+def shared_memory(size: int) -> tuple[int, str]:
+    """A descriptor of `size` bytes of memory, and its name: under that name they outlive both processes, until the next start.
+
+    The name is "" where there is no room under one: then they go when the last process that holds them goes.
+    """
+    name = f"arm-calib-{secrets.token_hex(16)}"
+    try:
+        fd = os.open(_FOLDER / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return _nameless(size), ""
+    try:
+        os.posix_fallocate(fd, 0, size)  # running out of room later would be SIGBUS, in the middle of a motion
+    except OSError:
+        os.close(fd)
+        forget(name)
+        return _nameless(size), ""
+    return fd, name
+
+
+def _nameless(size: int) -> int:
+    fd = os.memfd_create("arm-calib-ring", os.MFD_CLOEXEC)
     os.ftruncate(fd, size)
     return fd
 
 
+def forget(name: str) -> None:
+    """Give the memory of that name back, where there is such a name."""
+    if _NAME.fullmatch(name):
+        (_FOLDER / name).unlink(missing_ok=True)
+
+
+def left_behind(name: str) -> Ring | None:
+    """The ring of that name, which comes from a file and is believed only where it can be one of this user's; None otherwise."""
+    if not _NAME.fullmatch(name):
+        return None
+    try:
+        fd = os.open(_FOLDER / name, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError:
+        return None
+    try:
+        status = os.fstat(fd)
+        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid() or status.st_size < _HEADER:
+            return None
+        slots, slot = struct.unpack("<QQ", os.pread(fd, 16, _SLOTS))
+        if not 0 < slots <= 1 << 20 or not _SLOT.size < slot <= 1 << 16 or Ring.size(slots, slot) != status.st_size:
+            return None
+        return Ring(fd, slots, slot)
+    finally:
+        os.close(fd)
+
+
 class Ring:
-    """`put` returns False and counts a loss where the ring is full; `take` returns None where it is empty."""
+    """`put` returns False and counts a loss where the ring is full; `look` returns None where it is empty.
+
+    A message stays in the ring until `let_go`: a taker that is killed in between loses nothing.
+    """
 
     def __init__(self, fd: int, slots: int, slot_size: int) -> None:
         self.slots, self.slot_size = slots, slot_size
+        self._after = 0
         self._memory = mmap.mmap(fd, self.size(slots, slot_size))
         self._room = slot_size - _SLOT.size
+        struct.pack_into("<QQ", self._memory, _SLOTS, slots, slot_size)
 
     @staticmethod
     def size(slots: int, slot_size: int) -> int:
@@ -65,8 +115,8 @@ class Ring:
         _COUNTER.pack_into(self._memory, _HEAD, head + len(parts))
         return True
 
-    def take(self) -> bytes | None:
-        """The oldest message."""
+    def look(self) -> bytes | None:
+        """The oldest message, which stays."""
         tail, head = self._get(_TAIL), self._get(_HEAD)
         parts = []
         while tail < head:
@@ -78,9 +128,18 @@ class Ring:
             parts.append(part)
             tail += 1
             if not follow:
-                _COUNTER.pack_into(self._memory, _TAIL, tail)
+                self._after = tail
                 return b"".join(parts)
         return None
+
+    def let_go(self) -> None:
+        """Give up the message that was last looked at."""
+        _COUNTER.pack_into(self._memory, _TAIL, self._after)
+
+    @property
+    def waiting(self) -> int:
+        """Slots that are filled and not let go."""
+        return self._get(_HEAD) - self._get(_TAIL)
 
     def say(self, place: str, text: str) -> None:
         """Leave a short text for the other side, under one of the names ready, failure, end; the first one stays."""

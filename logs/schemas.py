@@ -7,6 +7,7 @@ COMMANDS = "/joint_commands"
 DIAGNOSTICS = "/joint_diagnostics"
 EVENTS = "/events"
 RECORDING = "recording"  # metadata record with what the recording says of itself
+FAILURE = "failure"  # metadata record of a recording that could not be written to its end
 NO_HOST_CLOCK = {"host_clock": "none"}  # in that record: log times repeat the device clock
 
 _RULE = "=" * 80

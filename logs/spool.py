@@ -11,7 +11,7 @@ import numpy as np
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.log import Log, State
-from logs.mcap_log import FIELDS, check_count, check_schema, held, recording_state
+from logs.mcap_log import FIELDS, check_count, check_schema, held, killed_now, recording_state
 from logs.mcap_records import Batch, Channel
 from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
@@ -81,7 +81,7 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
     damage = Damage(path, accept_partial)
     folder.mkdir(parents=True, exist_ok=True)
     metadata: dict[str, dict[str, str]] = {}
-    ended, unsealed, journal = True, 0, False
+    ended, unsealed, killed = True, 0, None
     with _Files(folder, joint_names, damage) as out:
         for part in bag_parts(path, damage) if path.is_dir() else [path]:
             with part.open("rb") as file:
@@ -91,11 +91,12 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
             metadata |= stream.metadata
             ended &= stream.ended
             unsealed += stream.unsealed
-            journal |= stream.journal
+            if stream.journal:
+                killed = killed_now(part)
     recording = metadata.get(RECORDING, {})
     others = sum(topic.others for name, topic in out.topics.items() if name.endswith(STATES))
     check_count(recording, out.samples + out.left_out + others, damage)
-    state = recording_state(recording, ended, journal, damage)
+    state = recording_state(metadata, ended, killed, damage)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     if not out.samples:

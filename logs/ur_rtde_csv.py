@@ -18,6 +18,8 @@ from logs.damage import Damage
 from logs.log import Log, State
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.timing import checked_times
+from sim.errors import BadLog
+from sim.files import read_bytes
 
 UR_JOINTS = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
@@ -40,10 +42,7 @@ def looks_like_csv(head: bytes) -> bool:
 def read_csv(path: Path, accept_partial: bool = False) -> Log:
     """The samples of `path`, one for each row; BadLog names row, column, value and rule of the first bad value."""
     damage = Damage(path, accept_partial)
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise damage.refuse("file", f"{size} bytes, more than {MAX_BYTES}", "split the recording into shorter ones")
-    text = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    text = read_bytes(path, MAX_BYTES, BadLog, "split the recording into shorter ones").removeprefix(b"\xef\xbb\xbf")
     head, _, body = text[:MAX_HEADER].partition(b"\n")
     if len(head) == MAX_HEADER:
         raise damage.refuse("row 1", f"no end of line in {MAX_HEADER} bytes", "give a CSV file with a header row")

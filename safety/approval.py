@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Literal
 
@@ -13,6 +12,7 @@ from safety.plan import HEX, Hashes, Plan, hashes_of, read_bytes, sealed, unseal
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
+from sim.files import toml_table
 from sim.strict import Positive, validated
 
 APPROVAL_HOURS = 8.0
@@ -52,10 +52,7 @@ def approval_of(plan: Plan) -> Approval | None:
     if not file.exists() and not file.is_symlink():
         return None
     text, _ = unsealed(file, read_bytes(file, 100_000))
-    try:
-        approval = validated(Approval, tomllib.loads(text), file)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file}: not valid TOML ({error}); remove it and approve again") from error
+    approval = validated(Approval, toml_table(text, file, "remove it and approve again"), file)
     if approval.approved_at.tzinfo is None:
         raise ConfigError(f"{file}: approved_at = {approval.approved_at} has no time zone; remove the file and approve again")
     return approval

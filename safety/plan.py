@@ -10,7 +10,6 @@ import hashlib
 import io
 import math
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
+from sim.files import as_text, toml_table
 from sim.strict import Positive, validated
 from sim.trajectory import Trajectory
 from sim.version import software_version
@@ -208,11 +208,7 @@ def load_plan(folder: Path) -> Plan:
     folder = Path(folder)
     file = folder / "plan.toml"
     text, sha256 = unsealed(file, read_bytes(file, MAX_TOML_BYTES))
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file}: not valid TOML ({error}); make the plan again with `calib plan`") from error
-    table = validated(_PlanTable, data, file)
+    table = validated(_PlanTable, toml_table(text, file, "make the plan again with `calib plan`"), file)
     if table.created.tzinfo is None:
         raise ConfigError(f"{file}: created = {table.created} has no time zone; make the plan again with `calib plan`")
     names = [m.name for m in table.motions]
@@ -262,7 +258,7 @@ def unsealed(file: Path, raw: bytes) -> tuple[str, str]:
         raise SafetyStop(
             f"{file}: its content does not match its first line; it was changed after it was written, make it again"
         )
-    return rest.decode("utf-8"), digest
+    return as_text(rest, file, remedy="make it again"), digest
 
 
 def read_bytes(file: Path, most: int) -> bytes:

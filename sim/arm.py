@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 
 from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable, TorqueAt
 from sim.errors import ConfigError
+from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_text import checked_text, urdf_speed_limits
 from sim.prior import stated_prior
@@ -114,16 +114,8 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
 
 def _folder(folder: Path) -> Arm:
     file = folder / "arm.toml"
-    try:
-        raw = file.read_bytes()
-        data = tomllib.loads(raw.decode("utf-8"))
-    except OSError as error:
-        raise ConfigError(
-            f"{file}: cannot be read ({error.strerror}); an arm folder holds arm.toml and a model file"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: not valid TOML ({error}); correct the file at that place") from error
-    table = validated(ArmTable, data, file)
+    raw = read_bytes(file, MAX_TABLE, remedy="an arm folder holds arm.toml and a model file")
+    table = validated(ArmTable, toml_table(as_text(raw, file), file), file)
     model_path = folder / table.model
     if not model_path.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(f"{file}: model = {table.model!r} leaves the arm's folder; copy the model file into it")
@@ -227,7 +219,7 @@ def _bare(path: Path) -> Arm:
     limits = model_limits(tree)
     incomplete = [key for key, value in limits.items() if not np.all(np.isfinite(value))]
     return Arm(
-        name=_model_name(text) or path.stem, joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
+        name=_model_name(text, path), joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
         sensors=unknown_sensors(tree.n), prior=stated_prior(None, tree), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
         model_text=text, sha256=hashlib.sha256(text.encode()).hexdigest(), incomplete=(*incomplete, "sensors"),
     )  # fmt: skip
@@ -277,6 +269,12 @@ def _row(values: list[float], joints: list[str], where: str) -> np.ndarray:
     return row
 
 
-def _model_name(text: str) -> str:
+def _model_name(text: str, path: Path) -> str:
+    """What the model calls itself where that may be a name, else what its file is called."""
     found = re.search(r"<(?:mujoco\s+model|robot\s+name)\s*=\s*[\"']([^\"']+)[\"']", text)
-    return found.group(1) if found else ""
+    for name in (found.group(1) if found else "", path.stem):
+        if is_name(name):
+            return name
+    raise ConfigError(
+        f"{path}: neither the model's name nor the file's is one: 1 to 64 letters, digits, dots, dashes and underscores; rename the file"
+    )

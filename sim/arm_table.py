@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from sim.strict import Finite, NotNegative, Positive, StrictTable
+from sim.strict import Finite, Label, Name, NotNegative, Positive, StrictTable
 
 
 class LimitsTable(StrictTable):
@@ -76,9 +76,9 @@ class ArmTable(StrictTable):
     """
 
     schema_: Literal["arm/1"] = Field(alias="schema")
-    name: str
+    name: Name
     model: str
-    joints: list[str]
+    joints: list[Label]
     incomplete: list[Incomplete] = Field(default_factory=list)
     limits: LimitsTable = LimitsTable()
     sensors: SensorsTable | None = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,8 +13,9 @@ from sim.arm import Arm
 from sim.arm_table import EffectTable
 from sim.assumptions import ASSUMPTIONS
 from sim.errors import ConfigError
+from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
 from sim.resources import config_folders, nearest
-from sim.strict import Finite, Positive, StrictTable, validated
+from sim.strict import Finite, Label, Name, Positive, StrictTable, validated
 
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
@@ -24,7 +24,7 @@ class BoxObstacle(StrictTable):
     """A box: centre m, roll-pitch-yaw rad, full edge lengths m, in the base frame."""
 
     kind: Literal["box"]
-    name: str
+    name: Label
     position: Vector
     rpy: Vector = [0.0, 0.0, 0.0]
     size: Vector
@@ -34,7 +34,7 @@ class PlaneObstacle(StrictTable):
     """A half space: everything behind the plane is solid; point m and outward normal, in the base frame."""
 
     kind: Literal["plane"]
-    name: str
+    name: Label
     position: Vector
     normal: Vector
 
@@ -43,7 +43,7 @@ class MeshObstacle(StrictTable):
     """A closed triangle mesh (STL or OBJ) in the cell file's folder, metres."""
 
     kind: Literal["mesh"]
-    name: str
+    name: Label
     position: Vector = [0.0, 0.0, 0.0]
     rpy: Vector = [0.0, 0.0, 0.0]
     file: str
@@ -81,7 +81,7 @@ class CellTable(StrictTable):
     """The schema of a cell file."""
 
     schema_: Literal["cell/1"] = Field(alias="schema")
-    name: str
+    name: Name
     arm: str
     driver: str
     options: dict[str, Any] = Field(default_factory=dict)
@@ -138,14 +138,8 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
                 "or a .toml file"
             )
         path = found[0]
-    try:
-        raw = path.read_bytes()
-        data = tomllib.loads(raw.decode("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give a cell file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML ({error}); correct the file at that place") from error
-    return Cell(validated(CellTable, data, path), path, hashlib.sha256(raw).hexdigest())
+    raw = read_bytes(path, MAX_TABLE, remedy="give a cell file")
+    return Cell(validated(CellTable, toml_table(as_text(raw, path), path), path), path, hashlib.sha256(raw).hexdigest())
 
 
 def require_postures(cell: Cell, arm: Arm) -> None:

@@ -21,6 +21,10 @@ class BadLog(CalibError):
     """A recording that cannot be read as what it claims to be; names file, place, value, rule and remedy."""
 
 
+class EmptyLog(BadLog):
+    """A recording without a sample: of a motion that never began. Nothing in it is wrong."""
+
+
 class AnswerIsNo(CalibError):
     """The question was answered, and the answer is no (a gap was found, a check failed)."""
 

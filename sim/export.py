@@ -16,6 +16,7 @@ from sim.arm import Arm
 from sim.arm_folder import model_text, write_atomically
 from sim.effects import effect_named
 from sim.errors import ConfigError
+from sim.files import is_name
 from sim.resources import nearest
 from sim.urdf import urdf_text
 
@@ -32,13 +33,20 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
     for name in formats:
         if name not in FORMATS:
             raise ConfigError(f"there is no format {name!r}; {nearest(name, FORMATS)}")
+    if not is_name(arm.name):
+        raise ConfigError(
+            f"{arm.name!r:.80} cannot name a file: 1 to 64 letters, digits, dots, dashes and underscores; rename the arm"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
     if "mjcf" in formats:
         text, assets = model_text(arm)
         for relative, source in assets.items():
-            (folder / relative).parent.mkdir(parents=True, exist_ok=True)
-            (folder / relative).write_bytes(source.read_bytes())
+            place = folder / relative
+            if not place.resolve().is_relative_to(folder.resolve()):
+                raise ConfigError(f"{source}: would be written to {place}, outside {folder}; name the mesh without ..")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(source.read_bytes())
         files += [_write(folder / f"{arm.name}.xml", text), *(folder / a for a in assets)]
     if "urdf" in formats:
         meshes = {}

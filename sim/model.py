@@ -9,17 +9,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.errors import ConfigError
+from sim.files import checked_label, read_bytes
 from sim.model_text import asset_files
 from sim.tree import KinematicTree, Shape, combined
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 MAX_JOINTS = 64
+MAX_MESH = 200_000_000  # bytes of one mesh file
 
 
 def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
     """The text as MuJoCo compiles it, with the files it names from `folder`; ConfigError carries MuJoCo's own words."""
     try:
-        assets = {file.name: file.read_bytes() for file in asset_files(text, folder).values()}
+        assets = {file.name: read_bytes(file, MAX_MESH) for file in asset_files(text, folder).values()}
         return mujoco.MjModel.from_xml_string(text, assets)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from error
@@ -39,6 +41,11 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
     bodies_of: list[list[int]] = [[] for _ in range(n)]
     names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint_{j}" for j in range(n)]
     links = [""] * n
+    for joint in names:
+        try:
+            checked_label(joint)
+        except ValueError as error:
+            raise ConfigError(f"{name}: the name of joint {joint!r:.80} {error}; rename the joint") from None
     for b in range(1, model.nbody):
         up = model.body_parentid[b]
         r_up, p_up = to_link[up]

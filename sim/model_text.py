@@ -14,10 +14,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from sim.errors import ConfigError
+from sim.files import read_text
 
 MAX_BYTES = 20_000_000
 MAX_BODIES = 500
 MAX_DEPTH = 100
+MAX_ELEMENTS = 100_000
 WORD_KEYS = {
     "name",
     "class",
@@ -39,18 +41,10 @@ FILE_KEYS = ("file", "filename", "meshdir", "assetdir", "texturedir", "content_t
 def checked_text(path: Path, root: Path | None = None) -> str:
     """The text of a model file after the checks that must come before any parser; paths must stay under `root`."""
     root = (root or path.parent).resolve()
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ConfigError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}; keep meshes in files of their own")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}); give a model file (.xml or .urdf)") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a model file is XML text") from error
+    text = read_text(path, MAX_BYTES, remedy="give a model file (.xml or .urdf), with meshes in files of their own")
     if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
         raise ConfigError(f"{path}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
-    depth = bodies = 0
+    depth = bodies = elements = 0
     within: list[str] = []
     try:
         for kind, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
@@ -60,12 +54,13 @@ def checked_text(path: Path, root: Path | None = None) -> str:
                     within.pop()
                 continue
             depth += 1
+            elements += 1
             if element.tag in ("body", "link"):
                 within.append(f"<{element.tag} name={element.get('name')!r}>")
             bodies += element.tag in ("body", "link")
-            if depth > MAX_DEPTH or bodies > MAX_BODIES:
+            if depth > MAX_DEPTH or bodies > MAX_BODIES or elements > MAX_ELEMENTS:
                 raise ConfigError(
-                    f"{path}: deeper than {MAX_DEPTH} elements or more than {MAX_BODIES} bodies; this is not an arm"
+                    f"{path}: deeper than {MAX_DEPTH} elements, more than {MAX_BODIES} bodies or {MAX_ELEMENTS} elements; this is not an arm"
                 )
             _check_attributes(path, root, element, within[-1] if within else "")
     except ElementTree.ParseError as error:
@@ -147,6 +142,10 @@ def asset_files(text: str, folder: Path) -> dict[str, Path]:
         relative = next((c for c in candidates if (folder / c).is_file()), None)
         if relative is None:
             raise ConfigError(f"<{element.tag}> file {name!r} is not in {folder / place}; copy the file to there")
+        if relative.is_absolute() or ".." in relative.parts:
+            raise ConfigError(
+                f"<{element.tag}> file {str(relative)!r}: a path from the model's folder down, without .., is needed"
+            )
         if not (folder / relative).resolve().is_relative_to(folder.resolve()):
             raise ConfigError(f"<{element.tag}> file {folder / relative} leaves the folder {folder}; copy the file into it")
         twin = next((p for p in found.values() if p.name == relative.name and p != folder / relative), None)

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from sim.errors import ConfigError
+from sim.files import read_text
 from sim.meshes import as_stl
 from sim.model_text import MAX_BYTES
 
@@ -61,17 +62,11 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
 
 
 def _parsed(file: Path) -> Element:
+    text = read_text(file, MAX_BYTES, remedy="give a .urdf or .xml file")
+    if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
+        raise ConfigError(f"{file}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
     try:
-        if file.stat().st_size > MAX_BYTES:
-            raise ConfigError(f"{file}: {file.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
-        text = file.read_text(encoding="utf-8")
-        if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
-            raise ConfigError(f"{file}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
         robot = ElementTree.fromstring(text)
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror}); give a .urdf or .xml file") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not UTF-8 text at byte {error.start}; a model file is XML text") from error
     except ElementTree.ParseError as error:
         raise ConfigError(
             f"{file}: not well-formed XML ({error}); a .xacro file must be expanded with `xacro` first"

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from sim.errors import ConfigError
+from sim.files import checked_label, checked_name
 from sim.resources import nearest
 
 
@@ -22,6 +23,11 @@ def _finite(value: float) -> float:
 Finite = Annotated[float, Strict(), AfterValidator(_finite)]
 Positive = Annotated[float, Strict(), AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, Strict(), AfterValidator(_finite), Field(ge=0)]
+
+Name = Annotated[str, AfterValidator(checked_name)]
+Label = Annotated[str, AfterValidator(checked_label)]
+
+MAX_FAULTS = 10  # told at once
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -38,7 +44,7 @@ def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
         return table.model_validate(data)
     except ValidationError as error:
         lines = []
-        for item in error.errors():
+        for item in error.errors()[:MAX_FAULTS]:
             key = ".".join(str(x) for x in item["loc"])
             if item["type"] == "extra_forbidden":
                 owner = _owner(table, item["loc"][:-1])
@@ -47,7 +53,10 @@ def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
             elif item["type"] == "missing":
                 lines.append(f"missing key {key}; add it: it is never guessed")
             else:
-                lines.append(f"{key} = {item['input']!r}: {item['msg'][0].lower()}{item['msg'][1:]}")
+                message = item["msg"].removeprefix("Value error, ")
+                lines.append(f"{key} = {item['input']!r:.80}: {message[0].lower()}{message[1:]}")
+        more = error.error_count() - MAX_FAULTS
+        lines += [f"and {more} more"] if more > 0 else []
         raise ConfigError(f"{file}: " + "; ".join(lines)) from error
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -162,14 +161,15 @@ def _finish(
 ) -> None:  # fmt: skip
     """Give the arm its limits, write its folder and show what is in it."""
     from sim.arm_folder import write_arm
+    from sim.files import is_name
     from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
 
     arm = with_limits(arm, dict(_limit(text) for text in limit or []))
     if person:
         arm = _asked(arm)
     label = name or arm.name
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", label):
-        raise ConfigError(f"name {label!r}: letters, digits, dot, dash and underscore; give one with --name")
+    if not is_name(label):
+        raise ConfigError(f"name {label!r}: 1 to 64 letters, digits, dots, dashes and underscores; give one with --name")
     folder = out or Path("configs") / "arms" / label
     if (folder / "arm.toml").exists():
         raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import conclude
+from calib.run_folder import conclude, lock_cell
 from sim.errors import AnswerIsNo
 
 _WORDS = {True: "ok", False: "NO", None: "not said"}
@@ -49,6 +49,7 @@ def command(
         check_yes(table)
     elif move:
         check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
+    lock_cell(table)
     with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
         waits = table.table.driver not in ("mock", "replay")
         with realtime.prepared() if waits else nullcontext(), closing(open_driver(table, arm)) as driver:

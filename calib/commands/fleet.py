@@ -46,7 +46,7 @@ def command(
     from calib.report import fleet as page
 
     place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
-    run = new_run("fleet", "fleet", place, recordings=folder)
+    run = new_run("fleet", "fleet", place, continues=True, recordings=folder)
     settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
     with console.progress("fleet", None) as advance:
 

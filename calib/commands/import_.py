@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 
 MAP = "map.toml"
 
@@ -77,7 +77,7 @@ def command(
     from logs import read_log
     from logs.convert import import_recording, table_of
     from sim.arm import load_arm
-    from sim.errors import ConfigError
+    from sim.errors import AnswerIsNo, BadLog, ConfigError, EmptyLog
 
     require(file)
     model = load_arm(arm, configs) if arm else None
@@ -92,8 +92,13 @@ def command(
     if table is not None:
         names = model.joint_names if model else None
         chosen, doubts, said = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
-    elif model is not None:
-        read_log(file, model.joint_names, accept_partial=True)
+    else:
+        try:
+            read_log(file, model.joint_names if model else None, accept_partial=True)
+        except EmptyLog as error:
+            conclude(f"{error}; there is nothing to import")
+            console.say(f"{error}; there is nothing to import.")
+            return
     folder = new_run(model or "log", "import", out)
     if table is not None and chosen is not None:
         (folder / MAP).write_text(chosen.text(), encoding="utf-8")
@@ -101,12 +106,20 @@ def command(
             confirm(chosen, doubts, table, folder / MAP)
     with console.progress(f"import {file.name}"):
         done = import_recording(file, folder / f"{file.stem}.mcap", chosen)
-        delay = torque_delay(read_log(done.path, model.joint_names, accept_partial=True), model) if model else None
+        delay, no_delay = None, ""
+        if model is not None:
+            try:
+                delay = torque_delay(read_log(done.path, model.joint_names, accept_partial=True), model)
+            except (
+                AnswerIsNo,
+                BadLog,
+            ) as error:  # the recording is imported; that its motion says nothing of a delay is no failure
+                no_delay = str(error)
     if as_json:
         console.print_json(_plain(done, delay))
         return
     console.table(["", ""], _rows(done, delay))
-    for sentence in done.left_out:
+    for sentence in (*done.left_out, *([no_delay] if no_delay else [])):
         console.say(f"  {sentence}")
     for sentence in done.sampling.findings:
         console.say(f"  sampling: {sentence}")

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import RUNS, conclude, list_runs, new_run
+from calib.run_folder import RUNS, conclude, list_runs, lock_cell, new_run
 
 
 def command(
@@ -59,6 +59,7 @@ def command(
         raise ConfigError(
             f"there is no plan folder {str(plan)!r}; {nearest(str(plan), plans)}; `calib plan {arm.name}` makes one"
         )
+    lock_cell(where)
     sealed = load_plan(plan)
     check_plan(sealed, arm, where)
     if yes:

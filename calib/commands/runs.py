@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import FILE, RUNS, Run, list_runs, read_run
+from calib.run_folder import FILE, RUNS, Run, free_folder, list_runs, read_run
 from sim.errors import ConfigError
 
 
@@ -65,19 +65,32 @@ def _repeat(run: Run) -> int:
         )
     from calib.main import main
 
-    console.say(f"calib {shlex.join(run.arguments)}")
     before = Path.cwd()
     try:
         os.chdir(run.directory)
-        return main(list(run.arguments))
+        arguments = _elsewhere(list(run.arguments))
+        console.say(f"calib {shlex.join(arguments)}")
+        return main(arguments)
     except OSError as error:
         raise ConfigError(f"{run.directory}: {error.strerror}; the run was started there, make the folder again") from error
     finally:
         os.chdir(before)
 
 
+def _elsewhere(arguments: list[str]) -> list[str]:
+    """The arguments with `--out` a folder that is not there yet: the run that is done again stays as it is."""
+    for k, word in enumerate(arguments):
+        if word == "--out" and k + 1 < len(arguments):
+            arguments[k + 1] = str(free_folder(Path(arguments[k + 1])))
+        elif word.startswith("--out="):
+            arguments[k] = f"--out={free_folder(Path(word.removeprefix('--out=')))}"
+    return arguments
+
+
 def _code(run: Run) -> str:
-    return "not ended" if run.exit_code is None else str(run.exit_code)
+    if run.exit_code is None:
+        return "killed" if run.killed else "not ended"
+    return str(run.exit_code)
 
 
 def _plain(run: Run) -> dict[str, object]:
@@ -90,5 +103,6 @@ def _plain(run: Run) -> dict[str, object]:
         "directory": run.directory,
         "command": shlex.join(["calib", *run.arguments]) if run.arguments else None,
         "exit_code": run.exit_code,
+        "killed": run.killed,
         "outcome": run.sentence or None,
     }

@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from calib import console
+from calib.run_folder import lock_cell
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def look(
             f"{table.path}: driver = {table.table.driver!r} has no servo drives to look at; this is for can_servo cells"
         )
     names = arm.joint_names if joint is None else (arm.joint_names[arm.joint_index(joint)],)
+    lock_cell(table)
     with console.progress("asking the drives"), Service.from_cell(table, arm) as service:
         if orders:
             service.do(names[0], orders[0], supported)  # type: ignore[arg-type]

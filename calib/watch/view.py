@@ -18,6 +18,7 @@ from rich.text import Text
 from calib.watch.events import WatchEvent
 from calib.watch.watcher import Picture, Watcher
 from logs.recorder import ERROR, WARN
+from sim.files import printable
 
 REDRAW = 0.25
 KEPT = 6
@@ -64,7 +65,7 @@ class WatchView:
         for j, joint in enumerate(joints):
             f = p.friction[j]
             grid.add_row(
-                joint, f"{f.coulomb.value:.2f} ± {2 * f.coulomb.std:.2f}", f"{f.viscous.value:.2f} ± {2 * f.viscous.std:.2f}",
+                Text(joint), f"{f.coulomb.value:.2f} ± {2 * f.coulomb.std:.2f}", f"{f.viscous.value:.2f} ± {2 * f.viscous.std:.2f}",
                 _number(p.residual[j]), _number(f.temperature), f"{p.seconds[j]:.0f}",
             )  # fmt: skip
         good = CONSISTENT[0] < p.nis < CONSISTENT[1]
@@ -74,7 +75,7 @@ class WatchView:
         done = f"   {share:.0%}" if share else ""
         return Group(
             Text(f"{self._title}   {p.t:.1f} s{done}", style="bold"),
-            Text(p.sentence),
+            Text(printable(p.sentence)),
             Text.assemble("consistency (NIS/degrees) ", (told, "" if good or np.isnan(p.nis) else "yellow")),
             grid,
             *(
@@ -87,7 +88,7 @@ class WatchView:
 
 def line(event: WatchEvent) -> str:
     """An event as a person reads it."""
-    return f"{event.t:10.3f} s  {event.message}"
+    return f"{event.t:10.3f} s  {printable(event.message)}"
 
 
 def _number(x: float) -> str:

@@ -26,5 +26,5 @@ def test_a_bare_model_without_limits_gets_no_urdf_and_is_told_why(tmp_path, caps
     assert main(["export", str(tmp_path / "one.xml"), "--out", str(tmp_path / "out")]) == 0
     assert "no URDF, which must state every limit: " in " ".join(capsys.readouterr().err.split())
     assert {p.suffix for p in (tmp_path / "out").iterdir()} == {".xml", ".csv", ".json", ".toml"}
-    assert main(["export", str(tmp_path / "one.xml"), "--format", "urdf", "--out", str(tmp_path / "out")]) == 2
+    assert main(["export", str(tmp_path / "one.xml"), "--format", "urdf", "--out", str(tmp_path / "other")]) == 2
     assert "q_min of hinge is not given" in " ".join(capsys.readouterr().err.split())

@@ -1,13 +1,15 @@
 """A run's folder says what was asked and how it ended, and never overwrites anything that is not a run."""
 
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from calib.run_folder import INVOCATION, Invocation, end_run, list_runs, new_run, read_run
+from calib.run_folder import INVOCATION, Invocation, end_run, list_runs, lock_cell, new_run, read_run
 from sim.cell import load_cell
-from sim.errors import ConfigError
+from sim.errors import ConfigError, DeviceError
 
 
 @pytest.fixture(autouse=True)
@@ -23,11 +25,13 @@ def test_two_runs_in_one_second_have_folders_of_their_own() -> None:
 
 
 def test_the_command_line_and_the_cell_are_recorded() -> None:
-    token = INVOCATION.set(Invocation(["record", "mock-ur10e", "plan dir"]))
+    invocation = Invocation(["record", "mock-ur10e", "plan dir"])
+    token = INVOCATION.set(invocation)
     try:
         folder = new_run("ur10e", "record", cell=load_cell("mock-ur10e"), speed=0.5)
     finally:
         INVOCATION.reset(token)
+        invocation.locks[0].close()
     data = tomllib.loads((folder / "run.toml").read_text())
     assert data["arguments"] == ["record", "mock-ur10e", "plan dir"]
     assert data["cell"] == "mock-ur10e"
@@ -57,8 +61,71 @@ def test_out_never_overwrites_what_is_not_a_run(tmp_path: Path) -> None:
         new_run("ur10e", "plan", out=own)
     with pytest.raises(ConfigError, match="is a file"):
         new_run("ur10e", "plan", out=own / "thesis.tex")
-    again = new_run("ur10e", "plan", out=tmp_path / "new")
-    assert new_run("ur10e", "plan", out=again) == again
+    first = new_run("ur10e", "record", out=tmp_path / "new", operator="ada")
+    before = (first / "run.toml").read_bytes()
+    with pytest.raises(
+        ConfigError, match=r"is a run already, and a run is never overwritten; name a new folder, such as .*new-2"
+    ):
+        new_run("ur10e", "plan", out=first)
+    assert (first / "run.toml").read_bytes() == before
+
+
+def test_a_run_that_goes_on_keeps_how_it_began_and_ended_before() -> None:
+    first = new_run("fleet", "fleet", Path("runs/fleet"), continues=True)
+    end_run(first, 1, "two arms deviate")
+    assert new_run("fleet", "fleet", Path("runs/fleet"), continues=True) == first
+    assert tomllib.loads((first / "run-1.toml").read_text())["end"]["sentence"] == "two arms deviate"
+    assert read_run(first).exit_code is None
+    with pytest.raises(ConfigError, match="is a run already"):
+        new_run("ur10e", "plan", first, continues=True)
+
+
+@pytest.mark.parametrize("name", ["../x", "", ".hidden", "a/b", "a" * 65, "x\x1b[2J", "-rf", "ä"])
+def test_a_name_that_is_none_is_never_part_of_a_path(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="letters, digits, dots, dashes"):
+        new_run(name, "plan")
+    assert not list(tmp_path.iterdir())
+
+
+CHILD = """
+import sys, time
+from calib.run_folder import INVOCATION, Invocation, new_run
+INVOCATION.set(Invocation(["record", "x"]))
+print(new_run("ur10e", "record"), flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_run_whose_program_was_killed_is_told_from_one_that_goes_on() -> None:
+    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        folder = Path(child.stdout.readline().strip())
+        running = read_run(folder)
+        child.kill()
+    assert (running.exit_code, running.killed) == (None, False)
+    killed = read_run(folder)
+    assert (killed.exit_code, killed.killed) == (None, True)
+    assert "killed after" in killed.sentence
+
+
+def test_a_cell_serves_one_program_at_a_time(tmp_path: Path) -> None:
+    mock = load_cell("mock-ur10e")
+    file = tmp_path / "real.toml"
+    file.write_text(mock.path.read_text().replace('driver = "mock"', 'driver = "ur_rtde"'))
+    real = load_cell(file)
+    first, second = Invocation(["record"]), Invocation(["check"])
+    token = INVOCATION.set(first)
+    try:
+        lock_cell(real)
+        INVOCATION.set(second)
+        with pytest.raises(DeviceError, match="another program is working with this cell"):
+            lock_cell(real)
+        lock_cell(mock)
+        first.locks.pop().close()
+        lock_cell(real)
+        second.locks.pop().close()
+    finally:
+        INVOCATION.reset(token)
 
 
 def test_out_may_hold_the_callers_own_record_of_the_call(tmp_path: Path) -> None:

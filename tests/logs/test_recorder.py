@@ -142,9 +142,9 @@ def test_a_journal_cut_in_a_sample_loses_that_sample(tmp_path, cut):
     data = path.read_bytes()
     recorder.close("test")
     path.write_bytes(data[:-cut])
-    log = read_log(path, accept_partial=True)
-    assert len(log) == 29
-    assert any("incomplete sample" in finding for finding in log.findings)
+    log = read_log(path)
+    assert (len(log), log.state) == (29, State.KILLED)
+    assert any("29 samples, at most 1 lost" in finding for finding in log.findings)
 
 
 def test_a_damaged_sample_of_a_journal_ends_it(tmp_path):
@@ -195,7 +195,8 @@ def test_no_success_after_a_failed_write(tmp_path, number):
     with pytest.raises(BadLog):
         read_log(path)
     log = read_log(path, accept_partial=True)
-    assert (len(log), log.state) == (10, State.OPEN)
+    assert (len(log), log.state) == (10, State.ABORTED)
+    assert "cannot be written" in log.metadata["end_reason"]
 
 
 def test_a_short_write_is_a_failure_and_its_half_sample_is_cut_off(tmp_path):
@@ -209,12 +210,14 @@ def test_a_short_write_is_a_failure_and_its_half_sample_is_cut_off(tmp_path):
     path = tmp_path / "a.mcap"
     recorder = Recorder(path, NAMES, disk=ShortDisk())
     record(recorder, 10)
-    whole = path.stat().st_size
+    whole = path.read_bytes()
     with pytest.raises(DeviceError, match="40 of"):
         recorder.write(sample(10), NAN, NAN, NAN)
     with pytest.raises(DeviceError):
         recorder.close()
-    assert path.stat().st_size == whole
+    data = path.read_bytes()
+    assert data.startswith(whole)
+    assert data[len(whole) : len(whole) + 1] == b"\x0c"  # the note of the failure follows, a metadata record
     assert len(read_log(path, accept_partial=True)) == 10
 
 

@@ -6,12 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from logs import RecorderProcess, State, read_log
-from sim.errors import DeviceError
+from logs.recover import is_recording
+from logs.ring import forget
+from sim.errors import DeviceError, EmptyLog
 from sim.joint_state import JointState, Status
 
 NAMES = ("a", "b")
@@ -109,8 +112,9 @@ def test_the_death_of_the_recording_process_is_seen(tmp_path):
     recorder._process.wait()
     with pytest.raises(DeviceError, match=r"is gone.*\(exit code -9\)"):
         recorder.write(sample(1))
-    with pytest.raises(DeviceError, match="is gone"):
+    with pytest.raises(DeviceError, match=r"was killed at .* UTC, 1 samples, at most 1 lost"):
         recorder.close()
+    assert (len(read_log(tmp_path / "a.mcap")), read_log(tmp_path / "a.mcap").state) == (1, State.KILLED)
 
 
 PARENT = """
@@ -126,7 +130,7 @@ time.sleep(60)
 """
 
 
-def test_the_death_of_the_control_loop_ends_the_file_as_aborted(tmp_path):
+def test_the_death_of_the_control_loop_ends_the_file_as_killed(tmp_path):
     path = tmp_path / "a.mcap"
     parent = subprocess.Popen([sys.executable, "-c", PARENT, str(path)], stdout=subprocess.PIPE)
     assert parent.stdout.readline() == b"handed over\n"
@@ -135,8 +139,84 @@ def test_the_death_of_the_control_loop_ends_the_file_as_aborted(tmp_path):
     parent.stdout.close()
     deadline = time.monotonic() + 60
     log = read_log(path, accept_partial=True)
-    while log.state is not State.ABORTED and time.monotonic() < deadline:
+    while log.state is not State.KILLED and time.monotonic() < deadline:
         time.sleep(0.02)
         log = read_log(path, accept_partial=True)
-    assert (len(log), log.state) == (300, State.ABORTED)
-    assert log.metadata["end_reason"] == "the program that recorded died"
+    assert (len(log), log.state) == (300, State.KILLED)
+    assert log.metadata["end_reason"].endswith("300 samples, at most 1 lost")
+
+
+BURST = """
+import sys, numpy as np
+from logs import RecorderProcess
+from sim.errors import DeviceError
+from sim.joint_state import JointState
+recorder = RecorderProcess(sys.argv[1], ("a", "b"), stall=float(sys.argv[2]))
+print(recorder._process.pid, flush=True)
+k = 0
+while True:
+    x = np.array([0.001 * k, 1.0])
+    try:
+        recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x))
+    except DeviceError:
+        print(k, flush=True)
+        break
+    k += 1
+    if k in (10, 400):
+        print(k, flush=True)
+        if k == 400:
+            sys.stdin.readline()
+"""
+
+
+@pytest.mark.parametrize("victims", ["recorder", "control", "both"])
+def test_a_kill_loses_nothing_that_was_handed_over(tmp_path, victims):
+    """400 samples at once to a recorder that writes 1000 a second: most are in the ring when the kill comes."""
+    path = tmp_path / "a.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-c", BURST, str(path), "0.001"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as parent:
+        recorder = int(parent.stdout.readline())
+        assert parent.stdout.readline() == "10\n"
+        assert parent.stdout.readline() == "400\n"
+        if victims != "control":
+            os.kill(recorder, signal.SIGKILL)
+        if victims == "recorder":
+            parent.stdin.write("go on\n")  # its next write finds the recorder gone
+            parent.stdin.flush()
+        else:
+            parent.kill()
+        handed_over = int(parent.stdout.readline() or 400)
+        parent.wait()
+    deadline = time.monotonic() + 60
+    while is_recording(path) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    log = read_log(path)
+    assert (len(log), log.state) == (handed_over, State.KILLED)
+    np.testing.assert_allclose(log.t, 0.002 * np.arange(handed_over), atol=1e-9)
+    np.testing.assert_allclose(log.t_host, log.t, atol=1e-9)
+    assert log.metadata["end_reason"].endswith(f"{handed_over:,} samples, at most 1 lost")
+    assert not list(Path("/dev/shm").glob(f"{log.metadata.get('ring', 'none')}*"))
+    assert read_log(path).metadata["end_reason"] == log.metadata["end_reason"]
+
+
+def test_a_ring_that_is_gone_is_told(tmp_path):
+    recorder = RecorderProcess(tmp_path / "a.mcap", NAMES)
+    record(recorder, 20)
+    while len(read_log(tmp_path / "a.mcap", accept_partial=True)) < 20:
+        time.sleep(0.01)
+    recorder._process.kill()
+    recorder._process.wait()
+    forget(recorder._ring_name)
+    log = read_log(tmp_path / "a.mcap")
+    assert len(log) == 20
+    assert "at most 1 lost and what the ring held when the computer stopped" in log.findings[0]
+
+
+def test_a_motion_that_never_began_is_no_damage(tmp_path):
+    recorder = RecorderProcess(tmp_path / "a.mcap", NAMES)
+    recorder._process.kill()
+    recorder._process.wait()
+    for _ in range(2):
+        with pytest.raises(EmptyLog, match="holds no sample: the motion had not begun"):
+            read_log(tmp_path / "a.mcap")

@@ -5,14 +5,22 @@ import random
 
 import pytest
 
-from logs.ring import Ring, shared_memory
+from logs.ring import Ring, forget, left_behind, shared_memory
+
+
+def taken(ring):
+    message = ring.look()
+    if message is not None:
+        ring.let_go()
+    return message
 
 
 @pytest.fixture
 def ends():
-    fd = shared_memory(Ring.size(8, 64))
+    fd, name = shared_memory(Ring.size(8, 64))
     yield Ring(fd, 8, 64), Ring(fd, 8, 64)
     os.close(fd)
+    forget(name)
 
 
 def test_messages_come_out_as_they_went_in(ends):
@@ -21,8 +29,8 @@ def test_messages_come_out_as_they_went_in(ends):
     for _ in range(500):
         sent = [rng.randbytes(rng.randrange(0, 60)) for _ in range(rng.randrange(0, 4))]
         assert all(put.put(data) for data in sent)
-        assert [take.take() for _ in sent] == sent
-        assert take.take() is None
+        assert [taken(take) for _ in sent] == sent
+        assert taken(take) is None
     assert put.lost == 0
 
 
@@ -31,8 +39,8 @@ def test_a_message_longer_than_a_slot_takes_several(ends):
     text = bytes(range(200))
     assert put.put(text)
     assert put.put(b"x")
-    assert take.take() == text
-    assert take.take() == b"x"
+    assert taken(take) == text
+    assert taken(take) == b"x"
     assert not put.put(bytes(8 * 64))
 
 
@@ -40,9 +48,9 @@ def test_a_full_ring_refuses_and_counts(ends):
     put, take = ends
     assert [put.put(bytes([k])) for k in range(10)] == [True] * 8 + [False] * 2
     assert (put.lost, take.lost) == (2, 2)
-    assert take.take() == b"\x00"
+    assert taken(take) == b"\x00"
     assert put.put(b"again")
-    assert [take.take() for _ in range(8)] == [bytes([k]) for k in range(1, 8)] + [b"again"]
+    assert [taken(take) for _ in range(8)] == [bytes([k]) for k in range(1, 8)] + [b"again"]
 
 
 def test_a_slot_that_is_not_wholly_written_is_not_taken(ends):
@@ -50,9 +58,9 @@ def test_a_slot_that_is_not_wholly_written_is_not_taken(ends):
     put.put(b"abcdef")
     at = put._memory.find(b"abcdef")
     put._memory[at] ^= 1
-    assert take.take() is None
+    assert taken(take) is None
     put._memory[at] ^= 1
-    assert take.take() == b"abcdef"
+    assert taken(take) == b"abcdef"
 
 
 def test_the_first_text_stays(ends):
@@ -63,3 +71,24 @@ def test_the_first_text_stays(ends):
     assert take.said("end") == ""
     put.say("failure", "Ä" * 2000)
     assert take.said("failure").startswith("ÄÄÄ")
+
+
+def test_what_was_not_let_go_is_still_there(ends):
+    put, take = ends
+    put.put(b"a")
+    assert take.look() == take.look() == b"a"
+    take.let_go()
+    assert take.look() is None
+
+
+def test_the_memory_outlives_its_processes_under_a_name_that_no_file_can_forge(tmp_path):
+    fd, name = shared_memory(Ring.size(8, 64))
+    Ring(fd, 8, 64).put(b"left behind")
+    os.close(fd)
+    assert left_behind(name).look() == b"left behind"
+    for forged in ("", "../" + name, str(tmp_path), name + "/", name.upper(), "arm-calib-" + "0" * 32):
+        assert left_behind(forged) is None
+        forget(forged)
+    assert left_behind(name) is not None
+    forget(name)
+    assert left_behind(name) is None

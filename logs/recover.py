@@ -1,0 +1,143 @@
+"""A recording whose program was killed becomes a finished one: what the journal holds and, where it is still there, the ring's content.
+
+The journal's lock says whether its program lives. Nothing is touched where that cannot be known, where the journal is damaged, or where
+its folder cannot be written.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from logs.damage import Damage
+from logs.finish import finish, killed_sentence
+from logs.journal import Journal
+from logs.mcap_records import is_journal
+from logs.mcap_stream import McapStream
+from logs.ring import forget, left_behind
+from logs.schemas import FAILURE, RECORDING, STATES
+from sim.errors import BadLog, DeviceError
+
+GONE = "and what the ring held when the computer stopped"
+
+
+@dataclass
+class _Found:
+    """What a journal holds: messages by topic, its seals, where the last one ends, the host clock of its last sample (ns)."""
+
+    metadata: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    seals: int = 0
+    end: int = 0
+    last: int | None = None
+    failure: str = ""
+
+
+def is_recording(path: Path) -> bool | None:
+    """Whether the program that writes this journal lives; None where the file system has no locks."""
+    with path.open("rb") as file:
+        return _held(file.fileno())
+
+
+def recovered(path: Path) -> str | None:
+    """Finish the journal at `path` in its place and say what there is of it; None where it is no journal, or must be left alone."""
+    if not is_journal(path):
+        return None
+    with path.open("rb") as file:
+        if _held(file.fileno()) is not False or not is_journal(path):
+            return None
+        try:
+            found = _read(path)
+            told = _drain(path, found)
+            words = {"end_reason": found.failure or told, "samples": str(found.counts.get(STATES, 0))}
+            finish(
+                path,
+                "aborted" if found.failure else "killed",
+                words | ({} if found.last is None else {"wall_clock_end_ns": str(found.last)}),
+            )
+        except (BadLog, DeviceError, OSError):  # damage, or a folder that cannot be written: readers say so
+            path.with_name(path.name + ".part").unlink(missing_ok=True)
+            return None
+        forget(found.metadata.get("ring", ""))
+        return words["end_reason"]
+
+
+def describe(path: Path) -> str:
+    """One sentence about how the recording at `path` ended."""
+    try:
+        if is_journal(path) and is_recording(path):
+            return "is being recorded"
+        found = _read(path)
+    except BadLog as error:
+        return str(error)
+    if not is_journal(path):
+        return found.metadata.get("end_reason", "says nothing of its end")
+    return found.failure or killed_sentence(found.counts.get(STATES, 0), found.last)
+
+
+def _held(fd: int) -> bool | None:
+    """Whether another holds the lock; False means that this descriptor holds it now."""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return False
+    except BlockingIOError:
+        return True
+    except OSError:
+        return None
+
+
+def _read(path: Path) -> _Found:
+    found = _Found()
+    with path.open("rb") as file:
+        stream = McapStream(file, path.stat().st_size, Damage(path))
+        for batch in stream.batches():
+            heads = batch.heads()
+            states = [number for number, channel in stream.channels.items() if channel.topic == STATES]
+            mine = np.flatnonzero(np.isin(heads["channel"], states))
+            if len(mine):
+                found.last = int(heads["log"][mine[-1]])
+    for number, count in stream.counts.items():
+        topic = stream.channels[number].topic
+        found.counts[topic] = found.counts.get(topic, 0) + count
+    found.metadata = stream.metadata.get(RECORDING, {})
+    found.failure = stream.metadata.get(FAILURE, {}).get("reason", "")
+    found.seals, found.end = stream.seals, stream.sealed_to
+    return found
+
+
+def _drain(path: Path, found: _Found) -> str:
+    """Append what the ring still holds to the journal; the sentence that says what there is then."""
+    from logs.recorder import Recorder
+    from logs.recorder_process import INDEX, write_message
+
+    name = found.metadata.get("ring", "")
+    ring = left_behind(name)
+    samples = found.counts.get(STATES, 0)
+    if ring is None or not found.seals:
+        return killed_sentence(samples, found.last, f"at most 1 lost {GONE}" if name else "at most 1 lost")
+    said = ring.said("host")
+    found.failure = (
+        found.failure or ring.said("failure") or (f"{ring.lost} samples were lost: the disk was too slow" if ring.lost else "")
+    )
+    journal = Journal.reopened(path, found.end)
+    try:
+        recorder = Recorder.resumed(journal, found.metadata, found.counts, float(said) if said and samples else None)
+        n = len(recorder.joint_names)
+        while (message := ring.look()) is not None:
+            if INDEX.unpack_from(message)[0] >= found.seals - 1:  # one seal a message, and one for the head
+                write_message(recorder, message, n)
+            ring.let_go()
+        os.close(recorder._lock)
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise BadLog(
+            f"{path}: what its ring holds is not of this recording ({error}); read it with --accept-partial"
+        ) from error
+    finally:
+        journal.close()
+    again = _read(path)
+    found.counts, found.last = again.counts, again.last
+    return killed_sentence(again.counts.get(STATES, 0), again.last)
