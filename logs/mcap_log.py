@@ -20,6 +20,7 @@ from logs.timing import checked_times, unwrapped
 from sim.errors import EmptyLog
 
 MAX_EVENTS = 100_000
+STATE_WORDS = ("clean", "open", "aborted", "killed")
 FIELDS = {"sensor_msgs/msg/JointState": 3, "calib_msgs/msg/JointDiagnostics": 2}
 
 
@@ -44,7 +45,8 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
             killed = killed_now(path)
     topic = topics.get(STATES)
     check_count(metadata.get(RECORDING, {}), sum(map(len, topic.stamp)) + topic.others if topic else 0, damage)
-    if metadata.get(RECORDING) and not topics and (ended or killed) and not damage.count:
+    known = metadata.get(RECORDING, {}).get("state") in STATE_WORDS
+    if known and not topics and (ended or killed) and not damage.count:
         why = metadata[RECORDING].get("end_reason") or "its program was killed"
         raise EmptyLog(f"{damage.path}: holds no sample: the motion had not begun ({why}); record it again")
     state = recording_state(metadata, ended, killed, damage)
@@ -80,7 +82,7 @@ def recording_state(metadata: dict[str, dict[str, str]], ended: bool, killed: bo
         word = recording.get("state", "clean" if not recording else "")
     else:
         word = "aborted" if failure else "killed" if killed else "open"
-    if word not in ("clean", "open", "aborted", "killed"):
+    if word not in STATE_WORDS:
         raise damage.refuse(
             "metadata record 'recording'", f"state {word!r}; clean, open, aborted and killed are known", "record it again"
         )
