@@ -189,10 +189,8 @@ def scan(
 
 def _by_hand(arm: Arm, found: tuple[Found, ...], hands: ByHand) -> dict[str, tuple[Found, int]]:
     """The drive and the sign of each joint, as somebody turns one after the other."""
-    if len(found) != arm.n:
-        raise AnswerIsNo(
-            f"{len(found)} drives answered and {arm.name} has {arm.n} joints; find the missing ones or take the others off the bus"
-        )
+    if len(found) < arm.n:
+        raise AnswerIsNo(f"{len(found)} drives answered and {arm.name} has {arm.n} joints; find the missing ones first")
     joints: dict[str, tuple[Found, int]] = {}
     for joint in arm.joint_names:
         while joint not in joints:
