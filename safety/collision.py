@@ -5,9 +5,9 @@ centre less reach times half-width of every joint between the two, so one distan
 in two, down to single pieces of the motion and then to parts of them (bound of Schwarzer, Saha, Latombe 2005,
 doi:10.1109/TRO.2004.838012, section III). What stays undecided is refused.
 
-Pairs: every two shapes on different links, except links that share a joint (they touch by construction); every shape on a
-moving link against every obstacle. Links two joints apart are built close together, so their enclosing shapes must not overlap but
-need no margin beyond that. Meshes are taken as their convex hulls, which are never smaller.
+Pairs: every two shapes on different links, except links that share a joint (they touch by construction) and shapes that can never
+part (safety.pairs); every shape on a moving link against every obstacle. Links two joints apart are built close together, so their
+enclosing shapes must not overlap but need no margin beyond that. Meshes are taken as their convex hulls, which are never smaller.
 
 Beside `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
 """
@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
+from safety.pairs import adjacent, never_part
 from safety.reach import joint_reach
 from safety.shapes import Obstacle, link_body, obstacle_body
 from sim.arm import Arm
@@ -65,7 +66,10 @@ class Sheet(Protocol):
 
 
 class Clearance:
-    """Distances of one arm in one cell."""
+    """Distances of one arm in one cell.
+
+    excluded: pairs of the arm's own shapes that are not checked because they can never part -> the reason.
+    """
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
         self.arm = arm
@@ -100,7 +104,7 @@ class Clearance:
         for a in range(len(names)):
             for b in range(a):
                 if a < count:
-                    if self._adjacent(links[a], links[b]):
+                    if adjacent(arm.tree.parent, links[a], links[b]):
                         continue
                     only_one = self._chain(links[a]) ^ self._chain(links[b])
                     span = np.where(only_one, np.maximum(reaches[a], reaches[b]), 0.0)
@@ -119,12 +123,19 @@ class Clearance:
                     continue
                 self._geometry.addCollisionPair(pin.CollisionPair(b, a))
                 pairs.append((names[b], names[a]))
-        self.pairs = tuple(pairs)
-        self.reach = np.array(reach).reshape(len(pairs), arm.n)
-        self.margin = np.array(margin)
-        self._all = range(len(pairs))
         self._data = self._model.createData()
         self._geometry_data = pin.GeometryData(self._geometry)
+        own = [i for i, pair in enumerate(pairs) if pair[1] in names[:count]]
+        stuck = never_part(arm, lambda q: self.distances(q, own), np.array(margin)[own])
+        self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
+        kept = [i for i, pair in enumerate(pairs) if pair not in self.excluded]
+        for i in sorted(set(range(len(pairs))) - set(kept), reverse=True):
+            self._geometry.removeCollisionPair(self._geometry.collisionPairs[i])
+        self._geometry_data = pin.GeometryData(self._geometry)
+        self.pairs = tuple(pairs[i] for i in kept)
+        self.reach = np.array(reach).reshape(len(pairs), arm.n)[kept]
+        self.margin = np.array(margin)[kept]
+        self._all = range(len(kept))
 
     def _chain(self, link: int) -> np.ndarray:
         """(n,) bool: the joints that move a link."""
@@ -133,10 +144,6 @@ class Clearance:
             chain[link] = True
             link = int(self.arm.tree.parent[link])
         return chain
-
-    def _adjacent(self, a: int, b: int) -> bool:
-        parent = self.arm.tree.parent
-        return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
 
     def _idle(self, shape: Shape, joint: int) -> bool:
         """Whether the joint, next to the shape's link, only turns the shape within itself: a body of revolution about its axis."""

@@ -29,10 +29,10 @@ def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
         raise ConfigError(f"{name}: MuJoCo cannot compile it: {str(error).strip()}") from error
 
 
-def kinematic_tree(model: mujoco.MjModel, name: str = "model") -> KinematicTree:
+def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_JOINTS) -> KinematicTree:
     """The moving links of a compiled model; bodies without a joint are merged into the link that carries them."""
-    if not 0 < model.njnt <= MAX_JOINTS:
-        raise ConfigError(f"{name}: {model.njnt} joints; an arm has 1 to {MAX_JOINTS}")
+    if not 0 < model.njnt <= most:
+        raise ConfigError(f"{name}: {model.njnt} joints; an arm has 1 to {most}")
     n = model.njnt
     link_of = np.full(model.nbody, -1)
     to_link: list[tuple[np.ndarray, np.ndarray]] = [(np.eye(3), np.zeros(3))] * model.nbody

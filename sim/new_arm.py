@@ -14,6 +14,7 @@ import numpy as np
 from sim.arm import Arm, load_arm
 from sim.arm_table import LimitsTable, Numbers
 from sim.bench_drive import bench_drive
+from sim.enclosing import with_capsules
 from sim.errors import ConfigError
 from sim.locked import locked
 from sim.mjcf_tree import tree_text
@@ -28,6 +29,8 @@ from sim.tree import KinematicTree
 LIMIT_UNITS = {"q_min": "rad", "q_max": "rad", "dq_max": "rad/s", "ddq_max": "rad/s^2", "jerk_max": "rad/s^3", "tau_max": "N m"}
 # two links of two joints may be a gripper's fingers; a third branch is no arm either
 FINGER = 0.15
+# joints of a whole robot, of which the arm is a part
+ROBOT = 300
 
 
 @dataclass
@@ -51,15 +54,15 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
     """
     choice = choice or Choice()
     notes: list[str] = []
-    shapeless = False
+    shapeless, impossible = False, {}
     if root is not None and not root.is_dir():
         raise ConfigError(f"--root {root}: there is no such folder; give the folder of the ROS package")
     if file.suffix.lower() == ".urdf":
         found = reduced_urdf(file, staging, root)
         notes += found.notes
-        shapeless = bool(found.without_shape)
+        shapeless, impossible = bool(found.without_shape), found.impossible
         model = compiled(found.text, staging, str(file))
-        tree = kinematic_tree(model, str(file))
+        tree = kinematic_tree(model, str(file), most=ROBOT)
         tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names))
         followers = {name: found.followers[name] for name in tree.joint_names if name in found.followers}
         parents = _urdf_parents(found.text)
@@ -72,6 +75,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
     held = _held(file, tree, choice, followers, parents, notes)
     kept = locked(tree, held) if held else tree
     _check_chain(file, kept, choice, notes)
+    _check_possible(file, impossible, kept, parents, choice, notes)
     massless = [kept.link_names[j] for j in range(kept.n) if kept.mass[j] <= 10 * NO_MASS]
     if massless and not choice.geometry_only:
         raise ConfigError(
@@ -83,6 +87,10 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         kept = sized(kept)
         notes.append("masses and inertias are unknown: those in the model only stand for the arm's size")
     if whole is None or kept is not whole.tree:
+        meshes = sum(s.kind == "mesh" for s in kept.shapes)
+        kept = with_capsules(kept)
+        if meshes:
+            notes.append(f"{meshes} collision meshes are held by capsules; the arm has {len(kept.shapes)} shapes")
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name or file.stem), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)
@@ -157,6 +165,26 @@ def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[st
     last = tree.n - 1
     if tree.n > 1 and tree.prismatic[last] and not tree.prismatic[:last].any() and tree.q_max[last] - tree.q_min[last] < FINGER:
         notes.append(f"joint {tree.joint_names[last]} slides at the end of the arm; a gripper's finger is left out with --lock")
+
+
+def _check_possible(
+    file: Path, impossible: Mapping[str, np.ndarray], tree: KinematicTree, parents: Mapping[str, str], choice: Choice,
+    notes: list[str],
+) -> None:  # fmt: skip
+    """ConfigError for an inertia of a moving link that no body has, unless the numbers are only guessed: then the nearest stands there."""
+    for link, moments in impossible.items():
+        home = link
+        while home not in tree.link_names and home in parents:
+            home = parents[home]
+        if home not in tree.link_names or choice.geometry_only:
+            continue
+        what = f"inertia of link {link} has principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2, which no body has"
+        if choice.numbers != "guessed":
+            raise ConfigError(
+                f"{file}: {what} (none is negative, and two add up to more than the third); correct it, or say --numbers guessed: "
+                "then the nearest possible one stands there"
+            )
+        notes.append(f"{what}; the nearest possible one stands there")
 
 
 def _followers(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
+
+import numpy as np
 
 from sim.errors import ConfigError
 from sim.files import read_text
@@ -15,17 +18,23 @@ from sim.model_text import MAX_BYTES
 Element = ElementTree.Element
 # a moving body without a mass is no model for MuJoCo; what stands here is below every real link and is found again by it
 NO_MASS = 1e-9
+# m; a point mass is a ball of this radius of gyration
+POINT = 1e-3
 
 
 @dataclass
 class Urdf:
-    """Text with meshes beside it in `folder`, what was left out, the joints that follow another one, and links without their shape."""
+    """Text with meshes beside it in `folder`, what was left out, the joints that follow another one, and links without their shape.
+
+    impossible: principal moments (3,) kg m^2 of links whose inertia no body has; the text has the nearest that is possible.
+    """
 
     text: str
     folder: Path
     notes: list[str] = field(default_factory=list)
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     without_shape: list[str] = field(default_factory=list)
+    impossible: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
@@ -43,15 +52,14 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
         for child in list(link):
             if child.tag not in ("inertial", "collision"):
                 link.remove(child)
-        _set_mass(link)
+        _set_mass(link, out)
         _set_meshes(link, file, root, out)
     for joint in robot.iter("joint"):
         name = joint.get("name", "")
         for child in list(joint):
             if child.tag == "mimic":
-                out.followers[name] = (
-                    child.get("joint", ""), float(child.get("multiplier", "1")), float(child.get("offset", "0")),
-                )  # fmt: skip
+                multiplier = _number(child, "multiplier") if child.get("multiplier") else 1.0
+                out.followers[name] = (child.get("joint", ""), multiplier, _number(child, "offset"))
             if child.tag not in ("origin", "parent", "child", "axis", "limit", "dynamics"):
                 joint.remove(child)
         if joint.get("type") in ("floating", "planar"):
@@ -76,18 +84,46 @@ def _parsed(file: Path) -> Element:
     return robot
 
 
-def _set_mass(link: Element) -> None:
-    """Mark a link without a mass by NO_MASS, so that no density is assumed of its shapes."""
+def _set_mass(link: Element, out: Urdf) -> None:
+    """Mark a link without a mass by NO_MASS, so that no density is assumed of its shapes; note an inertia that no body has."""
     inertial = link.find("inertial")
-    mass = inertial.find("mass") if inertial is not None else None
-    if mass is not None and mass.get("value", "0").strip() not in ("0", "0.0", "0."):
+    mass = _number(inertial.find("mass") if inertial is not None else None, "value")
+    if inertial is None or mass == 0:
+        for old in link.findall("inertial"):
+            link.remove(old)
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "mass", value=repr(NO_MASS))
+        _set_inertia(inertial, np.eye(3) * NO_MASS**1.5)
         return
-    if inertial is not None:
-        link.remove(inertial)
-    inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "mass", value=repr(NO_MASS))
-    tiny = repr(NO_MASS**1.5)
-    ElementTree.SubElement(inertial, "inertia", ixx=tiny, iyy=tiny, izz=tiny, ixy="0", ixz="0", iyz="0")
+    found = inertial.find("inertia")
+    xx, xy, xz, yy, yz, zz = (_number(found, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments, axes = np.linalg.eigh(inertia)
+    if np.abs(inertia).max() <= 1e-12 * mass:
+        _set_inertia(inertial, np.eye(3) * max(mass * POINT**2, NO_MASS**1.5))
+    elif moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+        out.impossible[link.get("name", "")] = moments
+        second = np.maximum(moments.sum() / 2 - moments, 1e-6 * max(moments.max(), mass * POINT**2))
+        _set_inertia(inertial, axes @ np.diag(second.sum() - second) @ axes.T)
+
+
+def _set_inertia(inertial: Element, inertia: np.ndarray) -> None:
+    for old in inertial.findall("inertia"):
+        inertial.remove(old)
+    rows = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+    ElementTree.SubElement(inertial, "inertia", {key: repr(float(inertia[at])) for key, at in rows.items()})
+
+
+def _number(element: Element | None, key: str) -> float:
+    """A number of the file; 0 where it has none, ConfigError where it is not finite."""
+    text = element.get(key, "0") if element is not None else "0"
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f'<{element.tag if element is not None else ""} {key}="{text}">: every number must be finite; write the real value')
+    return value
 
 
 def _set_meshes(link: Element, file: Path, root: Path | None, out: Urdf) -> None:
@@ -116,6 +152,7 @@ def mesh_file(address: str, model: Path, root: Path | None) -> Path | None:
     ConfigError where an address is of another kind, or leaves its package.
     """
     scheme, separator, rest = address.partition("://")
+    rest = rest if scheme == "file" else rest.lstrip("/")
     if not separator:
         places = [model.parent / address]
     elif scheme == "file":

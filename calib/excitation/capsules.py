@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from safety.reach import spine
+from sim.enclosing import enclosing_capsules
 from sim.tree import Shape
 
 POINTS = 5  # along a capsule, for its distance from a box
@@ -52,11 +54,8 @@ def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
     points, radius = spine(shape)
     if len(points) <= 2:
         return [(np.stack([points[0], points[-1]]), radius)]
-    centre = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
-    along = (points - centre) @ axes[0]
-    across = np.linalg.norm((points - centre) - along[:, None] * axes[0], axis=1).max()
-    return [(centre + np.array([[along.min()], [along.max()]]) * axes[0], float(across + radius))]
+    faces = ConvexHull(points).simplices if shape.faces is None else shape.faces
+    return [(c.ends, c.radius) for c in enclosing_capsules(points, faces)]
 
 
 def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:

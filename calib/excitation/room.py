@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
+from safety.collision import Clearance
+from safety.pairs import EXTRA, KIN_EXTRA, adjacent, never_part
 from safety.torque import torque_interval
 from sim.arm import Arm, require_limits, require_masses
 from sim.cell import BoxObstacle, Cell
@@ -19,7 +21,7 @@ from sim.trajectory import Trajectory
 # Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside
 MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.93}
 CLEARANCE_MARGIN = 0.02
-SELF_MARGIN, KIN_MARGIN = 0.006, 0.002
+SELF_MARGIN, KIN_MARGIN = EXTRA, KIN_EXTRA
 
 
 @dataclass(frozen=True)
@@ -53,13 +55,16 @@ class Room:
         self._ends = [(ends, radius) for _, ends, radius in pieces]
         self._links = [s.link for s, _, _ in pieces]
         self._names = [s.name for s, _, _ in pieces]
+        self.excluded = Clearance(arm, cell).excluded
         self.pairs = [
             (a, b)
             for a in range(len(self._links))
             for b in range(a)
-            if not _near(arm.tree.parent, self._links[a], self._links[b])
+            if not adjacent(arm.tree.parent, self._links[a], self._links[b])
+            and (self._names[b], self._names[a]) not in self.excluded
         ]
         self.pairs = self._changing()
+        self.pairs = self._parting()
 
     def _changing(self) -> list[tuple[int, int]]:
         """The pairs of shapes whose distance depends on the posture; the others, such as a base and the shoulder, are as they were built."""
@@ -74,6 +79,22 @@ class Room:
             nearest[key] = np.minimum(nearest.get(key, np.inf), distance[:, k])
         fixed = {key for key, value in nearest.items() if np.ptp(value) < 0.002}
         return [(i, j) for i, j in self.pairs if (self._names[i], self._names[j]) not in fixed]
+
+    def _parting(self) -> list[tuple[int, int]]:
+        """The pairs of capsules that can part: those around a mesh hold more than its hull, which safety.clear proves."""
+        if not self.pairs:
+            return []
+        a, b, margin = self._pair_arrays
+        radius = self._radius
+
+        def distances(q: np.ndarray) -> np.ndarray:
+            ends, _ = self.segments(q[None])
+            return segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])[0][0] - radius[a] - radius[b]
+
+        near = np.array([_kin(self.arm.tree.parent, self._links[i], self._links[j]) for i, j in self.pairs])
+        stuck = never_part(self.arm, distances, np.where(near, 0.0, self.cell.table.motion.clearance_self))
+        del self._pair_arrays
+        return [pair for k, pair in enumerate(self.pairs) if k not in stuck]
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base, q (N, n)."""
@@ -276,10 +297,6 @@ class Room:
     def _axis_along(self, normal: np.ndarray) -> float:
         tree = self.arm.tree
         return float(normal @ (tree.rotation[0] @ tree.axis[0]))
-
-
-def _near(parent: np.ndarray, a: int, b: int) -> bool:
-    return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
 
 
 def _kin(parent: np.ndarray, a: int, b: int) -> bool:

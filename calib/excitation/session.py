@@ -28,6 +28,7 @@ from drivers.driver import DeviceStop
 from safety.clear import clear
 from safety.latency import stop_to_plan_for
 from safety.plan import Motion
+from safety.reach import spine
 from sim.arm import Arm
 from sim.cell import Cell, CellTable
 from sim.errors import AnswerIsNo, ConfigError, SafetyStop
@@ -145,11 +146,16 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
 
 
 def open_cell(arm: Arm) -> Cell:
-    """The cell of an arm of which nothing else is known: it stands on a plane, 50 mm below its base's origin to leave room for a flange."""
+    """The cell of an arm of which nothing else is known: it stands on a plane, below all shapes that stand still.
+
+    At least 50 mm below its base's origin, to leave room for a flange.
+    """
+    standing = [points[:, 2].min() - radius for points, radius in (spine(s) for s in arm.tree.shapes if s.link < 0)]
+    height = float(np.floor(min([-0.05, *standing]) * 1e3) / 1e3)
     table = CellTable.model_validate(
         {
             "schema": "cell/1", "name": "open", "arm": arm.name, "driver": "mock",
-            "obstacles": [{"kind": "plane", "name": "mounting_plane", "position": [0, 0, -0.05], "normal": [0, 0, 1]}],
+            "obstacles": [{"kind": "plane", "name": "mounting_plane", "position": [0, 0, height], "normal": [0, 0, 1]}],
         }
     )  # fmt: skip
     return Cell(table, Path("open"), "0" * 64)

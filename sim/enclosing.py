@@ -1,0 +1,180 @@
+"""Capsules that together hold a mesh: one collision model for planning and for proving, tight enough that an arm can move.
+
+The triangles are cut into groups; a capsule that holds the corners of a group's triangles holds the triangles, because it is
+convex. So every point of the surface lies in some capsule, however the groups are chosen. They are chosen so that the capsules' volumes
+add up to little: the group whose cut saves most is cut next, in two or three slices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from sim.tree import KinematicTree, Shape
+
+MOST = 6
+# a cut must save this share of the volume
+WORTH = 0.12
+# more triangles than this are put on a grid first, and the radius grows by what that can move a point
+TRIANGLES = 3000
+GRID = 0.01
+CUTS = ((0.2,), (0.35,), (0.5,), (0.65,), (0.8,), (0.33, 0.67), (0.2, 0.8))
+# a triangle longer than this share of the mesh is divided, so that a cut can pass through it
+EDGE = 0.2
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """ends (2, 3) m and radius m."""
+
+    ends: np.ndarray
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        length = float(np.linalg.norm(self.ends[1] - self.ends[0]))
+        return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
+
+
+def with_capsules(tree: KinematicTree) -> KinematicTree:
+    """The tree with every mesh shape replaced by capsules that hold it; other shapes stay as they are."""
+    shapes: list[Shape] = []
+    for shape in tree.shapes:
+        if shape.vertices is None or shape.faces is None:
+            shapes.append(shape)
+            continue
+        for k, capsule in enumerate(enclosing_capsules(shape.vertices, shape.faces)):
+            along = capsule.ends[1] - capsule.ends[0]
+            length = float(np.linalg.norm(along))
+            turn = Rotation.align_vectors([along], [[0.0, 0.0, 1.0]])[0].as_matrix() if length > 1e-9 else np.eye(3)
+            shapes.append(
+                Shape(
+                    shape.link, f"{shape.name}_{k}", "capsule" if length > 1e-9 else "sphere", (capsule.radius, length / 2, 0.0),
+                    shape.rotation @ turn, shape.position + shape.rotation @ capsule.ends.mean(axis=0),
+                )
+            )  # fmt: skip
+    return replace(tree, shapes=tuple(shapes))
+
+
+def enclosing_capsules(vertices: np.ndarray, faces: np.ndarray, most: int = MOST) -> list[Capsule]:
+    """At most `most` capsules whose union holds every triangle of a mesh: vertices (V, 3) m, faces (F, 3)."""
+    corners, grown = _divided(*_on_grid(vertices, faces))
+    groups = [(corners, _capsule(corners.reshape(-1, 3)))]
+    while len(groups) < most:
+        total = sum(c.volume for _, c in groups)
+        cuts = [(_cut(*group), k) for k, group in enumerate(groups)]
+        (saved, parts), k = max(cuts, key=lambda cut: cut[0][0])
+        if saved < WORTH * total:
+            break
+        groups[k : k + 1] = parts
+    # rounding of the fit and of what a model file holds
+    return [Capsule(c.ends, c.radius + grown + 1e-6) for _, c in groups]
+
+
+def _on_grid(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, float]:
+    """Corners (T, 3, 3) of the triangles, few enough, and how far a corner can have moved."""
+    corners = np.asarray(vertices, dtype=float)[faces]
+    if len(corners) <= TRIANGLES:
+        return corners, 0.0
+    step = GRID * float(np.ptp(vertices, axis=0).max())
+    while True:
+        cells = np.unique(np.round(corners / step).astype(np.int64).reshape(-1, 9), axis=0)
+        if len(cells) <= TRIANGLES:
+            return cells.reshape(-1, 3, 3) * step, step * np.sqrt(3) / 2
+        step *= 1.4
+
+
+def _divided(corners: np.ndarray, grown: float) -> tuple[np.ndarray, float]:
+    """The triangles with long ones divided at the middle of their longest edge."""
+    limit = EDGE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    done = []
+    for _ in range(12):
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        long = edges.max(axis=1) > limit
+        done.append(corners[~long])
+        if not long.any() or sum(len(d) for d in done) + 2 * long.sum() > 4 * TRIANGLES:
+            done.append(corners[long])
+            break
+        part, first = corners[long], edges[long].argmax(axis=1)
+        rows = np.arange(len(part))
+        a, b, c = (part[rows, (first + i) % 3] for i in range(3))
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done), grown
+
+
+def _cut(corners: np.ndarray, capsule: Capsule) -> tuple[float, list[tuple[np.ndarray, Capsule]]]:
+    """The volume that the best cut in two or three slices saves, and the slices."""
+    best, least = [], capsule.volume
+    centres = corners.mean(axis=1)
+    axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=False)[2]
+    for axis in axes:
+        along = centres @ axis
+        low, high = along.min(), along.max()
+        for shares in CUTS:
+            slices = np.searchsorted([low + share * (high - low) for share in shares], along)
+            groups = [corners[slices == k] for k in range(len(shares) + 1) if (slices == k).any()]
+            if len(groups) < 2:
+                continue
+            parts = [(group, _capsule(group.reshape(-1, 3), quick=True)) for group in groups]
+            volume = sum(c.volume for _, c in parts)
+            if volume < least:
+                best, least = parts, volume
+    parts = [(group, min(_capsule(group.reshape(-1, 3)), c, key=lambda x: x.volume)) for group, c in best]
+    return capsule.volume - sum(c.volume for _, c in parts) if parts else 0.0, parts
+
+
+def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:
+    """A small capsule that holds points (P, 3): about the main axes of the points, then turned while that makes it smaller."""
+    try:
+        points = points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        points = np.unique(points, axis=0)
+    centre = points.mean(axis=0)
+    axes = np.linalg.svd(points - centre, full_matrices=False)[2]
+    if quick:
+        return min((_along(points, axis, 12) for axis in axes), key=lambda c: c.volume)
+    found = min((_along(points, axis) for axis in (*axes, *np.eye(3))), key=lambda c: c.volume)
+    rng, size = np.random.default_rng(0), 0.3
+    for _ in range(40):
+        axis = found.ends[1] - found.ends[0]
+        axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-9 else axes[0]
+        trial = _along(points, axis + size * rng.normal(size=3))
+        found, size = (trial, size * 1.2) if trial.volume < found.volume else (found, size * 0.9)
+    return found
+
+
+def _along(points: np.ndarray, axis: np.ndarray, rounds: int = 40) -> Capsule:
+    """The smallest capsule of this direction: the smallest circle about the points seen along it, and ends as near as the radius allows."""
+    axis = axis / np.linalg.norm(axis)
+    side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    side /= np.linalg.norm(side)
+    plane = np.stack([side, np.cross(axis, side)], axis=1)
+    seen, along = points @ plane, points @ axis
+    middle, radius = _circle(seen, rounds)
+    room = np.sqrt(np.maximum(radius**2 - np.sum((seen - middle) ** 2, axis=1), 0.0))
+    low, high = float((along + room).min()), float((along - room).max())
+    if low > high:
+        low = high = (low + high) / 2
+    ends = plane @ middle + np.array([[low], [high]]) * axis
+    return Capsule(ends, float(radius))
+
+
+def _circle(points: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
+    """A circle about points (P, 2), nearly the smallest: the centre goes to the farthest point, by less each time.
+
+    Badoiu and Clarkson 2003, "Smaller core-sets for balls".
+    """
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    best, least = centre, np.inf
+    for k in range(rounds):
+        away = np.sum((points - centre) ** 2, axis=1)
+        far = int(np.argmax(away))
+        if away[far] < least:
+            best, least = centre, float(away[far])
+        centre = centre + (points[far] - centre) / (k + 2)
+    return best, float(np.sqrt(least))
