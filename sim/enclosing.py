@@ -18,9 +18,9 @@ from sim.tree import KinematicTree, Shape
 MOST = 6
 # a cut must save this share of the volume
 WORTH = 0.12
-# more triangles than this are put on a grid first, and the radius grows by what that can move a point
-TRIANGLES = 3000
-GRID = 0.01
+# cuts are compared on a sample of so many triangles; what a cut leaves is held whole
+SAMPLE = 500
+MOST_DIVIDED = 20_000
 CUTS = ((0.2,), (0.35,), (0.5,), (0.65,), (0.8,), (0.33, 0.67), (0.2, 0.8))
 # a triangle longer than this share of the mesh is divided, so that a cut can pass through it
 EDGE = 0.2
@@ -62,41 +62,29 @@ def with_capsules(tree: KinematicTree) -> KinematicTree:
 
 def enclosing_capsules(vertices: np.ndarray, faces: np.ndarray, most: int = MOST) -> list[Capsule]:
     """At most `most` capsules whose union holds every triangle of a mesh: vertices (V, 3) m, faces (F, 3)."""
-    corners, grown = _divided(*_on_grid(vertices, faces))
-    groups = [(corners, _capsule(corners.reshape(-1, 3)))]
+    corners = _divided(np.asarray(vertices, dtype=float)[faces])
+    whole = _capsule(corners.reshape(-1, 3))
+    groups = [(whole, _cut(corners, whole))]
     while len(groups) < most:
-        total = sum(c.volume for _, c in groups)
-        cuts = [(_cut(*group), k) for k, group in enumerate(groups)]
-        (saved, parts), k = max(cuts, key=lambda cut: cut[0][0])
+        total = sum(c.volume for c, _ in groups)
+        k = max(range(len(groups)), key=lambda i: groups[i][1][0])
+        saved, parts = groups[k][1]
         if saved < WORTH * total:
             break
-        groups[k : k + 1] = parts
+        groups[k : k + 1] = [(c, _cut(group, c)) for group, c in parts]
     # rounding of the fit and of what a model file holds
-    return [Capsule(c.ends, c.radius + grown + 1e-6) for _, c in groups]
+    return [Capsule(c.ends, c.radius + 1e-6) for c, _ in groups]
 
 
-def _on_grid(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, float]:
-    """Corners (T, 3, 3) of the triangles, few enough, and how far a corner can have moved."""
-    corners = np.asarray(vertices, dtype=float)[faces]
-    if len(corners) <= TRIANGLES:
-        return corners, 0.0
-    step = GRID * float(np.ptp(vertices, axis=0).max())
-    while True:
-        cells = np.unique(np.round(corners / step).astype(np.int64).reshape(-1, 9), axis=0)
-        if len(cells) <= TRIANGLES:
-            return cells.reshape(-1, 3, 3) * step, step * np.sqrt(3) / 2
-        step *= 1.4
-
-
-def _divided(corners: np.ndarray, grown: float) -> tuple[np.ndarray, float]:
-    """The triangles with long ones divided at the middle of their longest edge."""
+def _divided(corners: np.ndarray) -> np.ndarray:
+    """The triangles (T, 3, 3) with long ones divided at the middle of their longest edge."""
     limit = EDGE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     done = []
     for _ in range(12):
         edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
         long = edges.max(axis=1) > limit
         done.append(corners[~long])
-        if not long.any() or sum(len(d) for d in done) + 2 * long.sum() > 4 * TRIANGLES:
+        if not long.any() or sum(len(d) for d in done) + 2 * long.sum() > max(MOST_DIVIDED, len(corners)):
             done.append(corners[long])
             break
         part, first = corners[long], edges[long].argmax(axis=1)
@@ -104,28 +92,29 @@ def _divided(corners: np.ndarray, grown: float) -> tuple[np.ndarray, float]:
         a, b, c = (part[rows, (first + i) % 3] for i in range(3))
         middle = (a + b) / 2
         corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done), grown
+    return np.concatenate(done)
 
 
 def _cut(corners: np.ndarray, capsule: Capsule) -> tuple[float, list[tuple[np.ndarray, Capsule]]]:
     """The volume that the best cut in two or three slices saves, and the slices."""
-    best, least = [], capsule.volume
     centres = corners.mean(axis=1)
-    axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=False)[2]
+    axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=False)[2] if len(centres) > 1 else np.eye(3)
+    few = np.random.default_rng(0).permutation(len(corners))[:SAMPLE]
+    least, best = np.inf, None
     for axis in axes:
         along = centres @ axis
-        low, high = along.min(), along.max()
         for shares in CUTS:
-            slices = np.searchsorted([low + share * (high - low) for share in shares], along)
-            groups = [corners[slices == k] for k in range(len(shares) + 1) if (slices == k).any()]
-            if len(groups) < 2:
+            slices = np.searchsorted(along.min() + np.array(shares) * np.ptp(along), along)
+            if len(np.unique(slices[few])) < 2:
                 continue
-            parts = [(group, _capsule(group.reshape(-1, 3), quick=True)) for group in groups]
-            volume = sum(c.volume for _, c in parts)
+            groups = [corners[few][slices[few] == k] for k in np.unique(slices[few])]
+            volume = sum(_capsule(group.reshape(-1, 3), quick=True).volume for group in groups)
             if volume < least:
-                best, least = parts, volume
-    parts = [(group, min(_capsule(group.reshape(-1, 3)), c, key=lambda x: x.volume)) for group, c in best]
-    return capsule.volume - sum(c.volume for _, c in parts) if parts else 0.0, parts
+                least, best = volume, slices
+    if best is None:
+        return 0.0, []
+    parts = [(group, _capsule(group.reshape(-1, 3))) for group in (corners[best == k] for k in np.unique(best))]
+    return capsule.volume - sum(c.volume for _, c in parts), parts
 
 
 def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:

@@ -178,7 +178,9 @@ def _check_possible(
             home = parents[home]
         if home not in tree.link_names or choice.geometry_only:
             continue
-        what = f"inertia of link {link} has principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2, which no body has"
+        what = (
+            f"inertia of link {link} has principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2, which no body has"
+        )
         if choice.numbers != "guessed":
             raise ConfigError(
                 f"{file}: {what} (none is negative, and two add up to more than the third); correct it, or say --numbers guessed: "

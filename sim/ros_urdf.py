@@ -122,7 +122,9 @@ def _number(element: Element | None, key: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ConfigError(f'<{element.tag if element is not None else ""} {key}="{text}">: every number must be finite; write the real value')
+        raise ConfigError(
+            f'<{element.tag if element is not None else ""} {key}="{text}">: every number must be finite; write the real value'
+        )
     return value
 
 

@@ -84,7 +84,7 @@ class Room:
         """The pairs of capsules that can part: those around a mesh hold more than its hull, which safety.clear proves."""
         if not self.pairs:
             return []
-        a, b, margin = self._pair_arrays
+        a, b, _ = self._pair_arrays
         radius = self._radius
 
         def distances(q: np.ndarray) -> np.ndarray:

@@ -135,6 +135,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "identifiable": [e for e in model.names if e not in weak],
         "not_identifiable": weak,
         "home": [float(x) for x in home],
+        "never_part": [f"{a} and {b}: {why}" for (a, b), why in room.excluded.items()],
         "harmonics": session.harmonics,
         "period_s": float(session.period),
         "periods": session.periods,

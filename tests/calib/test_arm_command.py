@@ -179,6 +179,22 @@ def test_masses_that_nobody_knows_are_unknown_to_every_fit(gripper, tmp_path, ca
         require_masses(arm)
 
 
+def test_an_inertia_that_no_body_has_is_named_unless_it_is_not_the_arms_or_only_guessed(gripper, tmp_path, capsys):
+    text = gripper.read_text()
+    gripper.write_text(text.replace('izz="0.025"', 'izz="0.25"', 1))
+    command = ["arm", "new", str(gripper), "--lock", "f1"]
+    assert main([*command, "--numbers", "cad", "--out", str(tmp_path / "no")]) == 2
+    assert "inertia of link a has principal moments" in _err(capsys)
+    assert main([*command, "--lock", "a", "--numbers", "cad", "--out", str(tmp_path / "b")]) == 0, (
+        "a stands still: nothing feels it"
+    )
+    assert main([*command, "--numbers", "guessed", "--out", str(tmp_path / "guessed")]) == 0
+    assert "the nearest possible one stands there" in load_arm(tmp_path / "guessed").provenance["left out"]
+    gripper.write_text(text.replace('ixx="0.01" iyy="0.02" izz="0.025" ixy="0.001"', 'ixx="0" iyy="0" izz="0" ixy="0"', 1))
+    assert main([*command, "--numbers", "cad", "--out", str(tmp_path / "point")]) == 0
+    assert load_arm(tmp_path / "point").tree.inertia[0].max() < 1e-5
+
+
 def test_friction_is_free_where_nobody_measured_it_and_relative_where_somebody_did(gripper, tmp_path):
     assert main(["arm", "new", str(gripper), "--tool", "hand", "--numbers", "cad", "--out", str(tmp_path / "cad")]) == 0
     assert main(["arm", "new", str(gripper), "--tool", "hand", "--numbers", "measured", "--out", str(tmp_path / "known")]) == 0
