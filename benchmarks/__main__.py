@@ -30,6 +30,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "excitation": {},
     "peers.compare": {},
     "logs": {"kill_count": 20, "hours": 0.1},
+    "hostile": {"count": 900, "names": 100},
     "clocks": {"repeats": 10, "delays": 2},
     "safety": {"repeats": 2},
     "ur": {"seconds": 10.0, "repeats": 2},

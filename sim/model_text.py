@@ -104,13 +104,13 @@ def _check_attributes(path: Path, root: Path, element: ElementTree.Element, body
 def _check_inertia(where: str, element: ElementTree.Element) -> None:
     """Principal moments must be positive and obey the triangle inequality (Traversaro et al. 2016, arXiv:1610.08703)."""
     if element.get("diaginertia"):
-        moments = np.array([_number(x, math.nan) for x in element.get("diaginertia", "").split()])
+        moments = np.array(_numbers(where, element, "diaginertia", 3))
     elif element.get("fullinertia"):
-        xx, yy, zz, xy, xz, yz = (_number(x, math.nan) for x in element.get("fullinertia", "").split())
-        moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        xx, yy, zz, xy, xz, yz = _numbers(where, element, "fullinertia", 6)
+        moments = _principal([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     elif element.tag == "inertia" and element.get("ixx"):
         xx, xy, xz, yy, yz, zz = (_number(element.get(k, "0"), math.nan) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-        moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        moments = _principal([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     else:
         return
     small, middle, large = np.sort(moments)
@@ -123,6 +123,19 @@ def _check_inertia(where: str, element: ElementTree.Element) -> None:
             f"{where}: principal moments of inertia {moments.tolist()} kg m^2; the two smaller add up to less "
             "than the largest, which no body can have (triangle inequality); check the unit and the axes"
         )
+
+
+def _principal(inertia: list[list[float]]) -> np.ndarray:
+    """Principal moments (3,), NaN where an entry is not finite."""
+    matrix = np.array(inertia)
+    return np.linalg.eigvalsh(matrix) if np.all(np.isfinite(matrix)) else np.full(3, math.nan)
+
+
+def _numbers(where: str, element: ElementTree.Element, key: str, count: int) -> list[float]:
+    words = element.get(key, "").split()
+    if len(words) != count:
+        raise ConfigError(f"{where} {key}={element.get(key, '')!r:.80}: {len(words)} numbers where {count} are needed")
+    return [_number(word, math.nan) for word in words]
 
 
 def asset_files(text: str, folder: Path) -> dict[str, Path]:
