@@ -116,8 +116,9 @@ class McapStream:
         crc = int.from_bytes(tail[25:29], "little")
         if crc and zlib.crc32(tail[:25], zlib.crc32(summary)) == crc:
             ops, starts, _ = walk(summary)
-            keep = (ops == Opcode.SCHEMA) | (ops == Opcode.CHANNEL)
-            self._define(summary, ops[keep], starts[keep], f"byte {start}")
+            for kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                keep = ops == kind
+                self._define(summary, ops[keep], starts[keep], f"byte {start}", repeated=True)
 
     def _oversize(self, data: bytes, at: int) -> int | None:
         """What to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
@@ -185,16 +186,17 @@ class McapStream:
                 self._definition(op, content, place)
         yield from self._batch(data, ops[begin:], starts[begin:], where)
 
-    def _define(self, data: bytes, ops: np.ndarray, starts: np.ndarray, where: str) -> None:
+    def _define(self, data: bytes, ops: np.ndarray, starts: np.ndarray, where: str, repeated: bool = False) -> None:
         for k in np.flatnonzero(ops != Opcode.MESSAGE).tolist():
             op, start = int(ops[k]), int(starts[k])
             if op in (Opcode.SCHEMA, Opcode.CHANNEL):
                 content = data[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(data, start)[1]]
-                self._definition(op, content, f"{where}, byte {start} in it")
+                self._definition(op, content, f"{where}, byte {start} in it", repeated)
             elif op < SEAL:
                 self.damage.report(f"{where}, byte {start} in it", f"a record with opcode {op:#x} cannot stand in a chunk")
 
-    def _definition(self, op: int, content: bytes, where: str) -> None:
+    def _definition(self, op: int, content: bytes, where: str, repeated: bool = False) -> None:
+        """Take a schema, channel or metadata record; a summary may repeat channels without their schemas, which then stand before."""
         fields = Fields(content)
         try:
             if op == Opcode.SCHEMA:
@@ -206,6 +208,8 @@ class McapStream:
                 number, schema = fields.number(2), fields.number(2)
                 topic, encoding = fields.text(), fields.text()
                 if schema and schema not in self._schemas:
+                    if repeated:
+                        return
                     raise RecordError(f"channel {number} ({topic}) names schema {schema}, which does not stand before it")
                 name, kind, text = self._schemas.get(schema, ("", "", ""))
                 self._once(self.channels, number, Channel(topic, encoding, name, kind, text), "channel")
