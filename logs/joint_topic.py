@@ -26,6 +26,7 @@ class JointTopic:
     damage: Damage
     stamp: list[np.ndarray] = field(default_factory=list)
     host: list[np.ndarray] = field(default_factory=list)
+    sequence: list[np.ndarray] = field(default_factory=list)
     values: list[list[np.ndarray]] = field(default_factory=list)
     others: int = 0
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
@@ -62,7 +63,7 @@ class JointTopic:
                     stamp[places], sound[places] = layout.stamps(matching)
                     self._late(batch, starts[places[~sound[places]]])
                     self._place(layout, matching, places, values, sound, count, batch, starts)
-        self._append(stamp, heads["log"].astype(np.int64), values, sound)
+        self._append(stamp, heads["log"].astype(np.int64), heads["sequence"].astype(np.int64), values, sound)
 
     def _parsed(self, row: np.ndarray, batch: Batch, start: int) -> Layout | None:
         try:
@@ -103,12 +104,15 @@ class JointTopic:
                 target = values[k] = np.full((count, len(self.wanted)), np.nan)
             target[places] = part[:, columns]
 
-    def _append(self, stamp: np.ndarray, host: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray) -> None:
+    def _append(
+        self, stamp: np.ndarray, host: np.ndarray, sequence: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray
+    ) -> None:  # fmt: skip
         if not sound.any():
             return
         n = len(self.wanted or ())
         self.stamp.append(stamp[sound])
         self.host.append(host[sound])
+        self.sequence.append(sequence[sound])
         nothing = np.broadcast_to(np.float64(np.nan), (int(sound.sum()), n))
         everything = bool(sound.all())
         self.values.append([nothing if part is None else part if everything else part[sound] for part in values])
@@ -116,13 +120,13 @@ class JointTopic:
         if self._loose >= BLOCK:
             loose = self.values[self._blocks :]
             self.values[self._blocks :] = [[_apart([parts[k] for parts in loose]) for k in range(self.fields)]]
-            for times in (self.stamp, self.host):
+            for times in (self.stamp, self.host, self.sequence):
                 times[self._blocks :] = [_apart(times[self._blocks :])]
             self._blocks, self._loose = len(self.values), 0
 
     def clear(self) -> None:
         """Forget what was taken, but not what was learnt of its layout."""
-        self.stamp, self.host, self.values, self._blocks, self._loose = [], [], [], 0, 0
+        self.stamp, self.host, self.sequence, self.values, self._blocks, self._loose = [], [], [], [], 0, 0
 
     def joined(self, k: int) -> np.ndarray:
         """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""

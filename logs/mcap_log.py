@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from logs.align import held, tell_losses, time_order
 from logs.cdr import CdrError, log_message
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
@@ -16,7 +17,7 @@ from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.recover import is_recording
 from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, FAILURE, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES
-from logs.timing import checked_times, unwrapped
+from logs.timing import checked_times
 from sim.errors import EmptyLog
 
 MAX_EVENTS = 100_000
@@ -175,14 +176,22 @@ def assembled(
     if states.others:
         damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
+    sequence = np.concatenate(states.sequence)
     states.stamp = []
     for topic in topics.values():
-        topic.host = []
+        topic.host, topic.sequence = [], []
+    order = time_order(stamp, host)
+    if order is not None:
+        stamp, host, sequence = stamp[order], host[order], sequence[order]
+        damage.note(f"messages on {states.topic} do not stand in the order of their log times; they were read in that order")
+    tell_losses(stamp, sequence, states, damage)
     t, t_host, host_origin = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9, int(host[0])
     del host
     if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
         t_host = np.full(len(t), np.nan)
-    q, dq, tau = (states.joined(k) for k in range(3))
+    q, dq, tau = (
+        values if order is None or not values.strides[0] else values[order] for values in map(states.joined, range(3))
+    )
     t, clock = checked_times(t, t_host, damage)
     n = len(names)
     q_cmd, dq_cmd, tau_cmd = held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
@@ -223,53 +232,3 @@ def _named(topics: dict[str, JointTopic], name: str, joints: tuple[str, ...], da
         topic.values = [[part[:, columns] for part in piece] for piece in topic.values]
         topic.wanted = joints
     return topic
-
-
-def held(
-    topic: JointTopic | None,
-    stamp: np.ndarray,
-    t: np.ndarray,
-    n: int,
-    fields: int,
-    damage: Damage,
-    between: tuple[int, ...] = (),
-) -> list[np.ndarray]:
-    """The last message at or before each sample: fields x (N, n); NaN before the first, and where there is no topic.
-
-    Fields in `between` are readings at instants of their own and are taken from the line through the readings before and after:
-    the last one alone would be old by half its period on average, which looks like a delay.
-    """
-    if topic is None:
-        return [np.broadcast_to(np.float64(np.nan), (len(stamp), n))] * fields
-    own = np.concatenate(topic.stamp)
-    parts = [topic.joined(k) for k in range(fields)]
-    if len(own) == len(stamp) and np.array_equal(own, stamp):
-        return parts
-    at = unwrapped((own - stamp[0]) * 1e-9, damage)
-    if np.any(np.diff(at) < 0):
-        order = np.argsort(at, kind="stable")
-        at, parts = at[order], [part[order] for part in parts]
-        damage.note(f"messages on {topic.topic} are not in the order of their stamps; they were read in that order")
-    place = np.searchsorted(at, t, side="right") - 1
-    out = []
-    for k, part in enumerate(parts):
-        if not part.strides[0]:
-            out.append(np.broadcast_to(np.float64(np.nan), (len(stamp), n)))
-            continue
-        value = part[np.maximum(place, 0)]
-        value[place < 0] = np.nan
-        if k in between:
-            value += _share(at, place, t)[:, None] * (part[np.minimum(place + 1, len(part) - 1)] - value)
-            if np.any(at[np.maximum(place, 0)] != t):
-                damage.note(f"readings on {topic.topic} have instants of their own; they were interpolated on the device clock")
-        out.append(value)
-    return out
-
-
-def _share(at: np.ndarray, place: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(N,) how far t lies between its reading and the next, 0 to 1; NaN after the last."""
-    after = np.minimum(place + 1, len(at) - 1)
-    step = at[after] - at[np.maximum(place, 0)]
-    past = t - at[np.maximum(place, 0)]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(past == 0, 0.0, np.where(step > 0, past / step, np.nan))

@@ -8,10 +8,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from logs.align import held
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.log import Log, State
-from logs.mcap_log import FIELDS, check_count, check_schema, held, killed_now, recording_state
+from logs.mcap_log import FIELDS, check_count, check_schema, killed_now, recording_state
 from logs.mcap_records import Batch, Channel
 from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault

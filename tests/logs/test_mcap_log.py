@@ -1,11 +1,15 @@
 """MCAP recordings into arrays: by name, in bulk or message by message, and what is refused."""
 
+import io
+
 import numpy as np
 import pytest
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 
 from logs import State, joint_topic, read_log
+from logs.schemas import SCHEMAS
 from sim.errors import BadLog
+from tests.logs.conftest import JOINTS, cdr, joint_message
 
 
 def write(path, data):
@@ -172,3 +176,42 @@ def test_blocks_change_no_value_of_any_channel(tmp_path, mcap_bytes, motion, mon
     again = read_log(tmp_path / "a.mcap")
     for name in ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd"):
         np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+
+
+def test_messages_out_of_file_order_are_read_by_log_time(tmp_path, mcap_bytes, motion):
+    """Threads of a recorder write when they can: two messages in ten change places, and so do the official readers' results back."""
+    stamps, q = motion
+    swapped = np.arange(len(stamps))
+    swapped[3::10], swapped[4::10] = swapped[4::10].copy(), swapped[3::10].copy()
+    whole, mixed = tmp_path / "whole.mcap", tmp_path / "mixed.mcap"
+    whole.write_bytes(mcap_bytes())
+    mixed.write_bytes(reordered(stamps[swapped], q[swapped], swapped))
+    log = read_log(mixed)
+    np.testing.assert_array_equal(log.q, read_log(whole).q)
+    np.testing.assert_allclose(log.t, 0.002 * np.arange(len(stamps)), atol=1e-9)
+    assert log.findings == (
+        "messages on /joint_states do not stand in the order of their log times; they were read in that order",
+    )
+
+
+def reordered(stamps, q, sequence):
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start("ros2", "a test")
+    kind = "sensor_msgs/msg/JointState"
+    channel = writer.register_channel("/joint_states", "cdr", writer.register_schema(kind, "ros2msg", SCHEMAS[kind].encode()))
+    for stamp, angles, k in zip(stamps.tolist(), q, sequence.tolist(), strict=True):
+        message = cdr(kind, joint_message(stamp, JOINTS, position=angles, velocity=[], effort=[]))
+        writer.add_message(channel, stamp + 5_000_000, message, stamp, k)
+    writer.finish()
+    return stream.getvalue()
+
+
+def test_losses_are_told_by_sequence_numbers(tmp_path, motion):
+    stamps, q = motion
+    keep = np.r_[0:100, 103:250, 251:400]
+    (tmp_path / "a.mcap").write_bytes(reordered(stamps[keep], q[keep], keep))
+    findings = read_log(tmp_path / "a.mcap").findings
+    assert "4 messages on /joint_states are missing by their sequence numbers, first after 0.1980 s" in findings
+    (tmp_path / "b.mcap").write_bytes(reordered(stamps[keep], q[keep], 0 * keep))
+    assert not any("sequence numbers" in finding for finding in read_log(tmp_path / "b.mcap").findings)

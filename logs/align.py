@@ -1,0 +1,80 @@
+"""Messages of several topics on the instants of the samples, and what order and sequence numbers say of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logs.damage import Damage
+from logs.joint_topic import JointTopic
+from logs.timing import unwrapped
+
+
+def time_order(stamp: np.ndarray, log: np.ndarray) -> np.ndarray | None:
+    """The order of the log times, as other readers give messages out; None where the file's is to be kept.
+
+    A file whose own order is that of the device's stamps keeps it: log times may be those of a clock that was set.
+    """
+    if not np.any(np.diff(stamp) < 0) or not np.any(np.diff(log) < 0):
+        return None
+    return np.argsort(log, kind="stable")
+
+
+def tell_losses(stamp: np.ndarray, sequence: np.ndarray, states: JointTopic, damage: Damage) -> None:
+    """Say how many messages are missing, where the sequence numbers count messages (many writers leave them zero)."""
+    steps = np.diff(sequence)
+    if states.others or not len(steps) or np.any(steps < 1):
+        return
+    gaps = np.flatnonzero(steps > 1)
+    if len(gaps):
+        lost, first = int((steps[gaps] - 1).sum()), (int(stamp[gaps[0]]) - int(stamp[0])) * 1e-9
+        damage.note(f"{lost} messages on {states.topic} are missing by their sequence numbers, first after {first:.4f} s")
+
+
+def held(
+    topic: JointTopic | None,
+    stamp: np.ndarray,
+    t: np.ndarray,
+    n: int,
+    fields: int,
+    damage: Damage,
+    between: tuple[int, ...] = (),
+) -> list[np.ndarray]:
+    """The last message at or before each sample: fields x (N, n); NaN before the first, and where there is no topic.
+
+    Fields in `between` are readings at instants of their own and are taken from the line through the readings before and after:
+    the last one alone would be old by half its period on average, which looks like a delay.
+    """
+    if topic is None:
+        return [np.broadcast_to(np.float64(np.nan), (len(stamp), n))] * fields
+    own = np.concatenate(topic.stamp)
+    parts = [topic.joined(k) for k in range(fields)]
+    if len(own) == len(stamp) and np.array_equal(own, stamp):
+        return parts
+    at = unwrapped((own - stamp[0]) * 1e-9, damage)
+    if np.any(np.diff(at) < 0):
+        order = np.argsort(at, kind="stable")
+        at, parts = at[order], [part[order] for part in parts]
+        damage.note(f"messages on {topic.topic} are not in the order of their stamps; they were read in that order")
+    place = np.searchsorted(at, t, side="right") - 1
+    out = []
+    for k, part in enumerate(parts):
+        if not part.strides[0]:
+            out.append(np.broadcast_to(np.float64(np.nan), (len(stamp), n)))
+            continue
+        value = part[np.maximum(place, 0)]
+        value[place < 0] = np.nan
+        if k in between:
+            value += _share(at, place, t)[:, None] * (part[np.minimum(place + 1, len(part) - 1)] - value)
+            if np.any(at[np.maximum(place, 0)] != t):
+                damage.note(f"readings on {topic.topic} have instants of their own; they were interpolated on the device clock")
+        out.append(value)
+    return out
+
+
+def _share(at: np.ndarray, place: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(N,) how far t lies between its reading and the next, 0 to 1; NaN after the last."""
+    after = np.minimum(place + 1, len(at) - 1)
+    step = at[after] - at[np.maximum(place, 0)]
+    past = t - at[np.maximum(place, 0)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(past == 0, 0.0, np.where(step > 0, past / step, np.nan))
