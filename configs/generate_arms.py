@@ -147,24 +147,29 @@ def _geom(body: str, index: int, capsule: list[float]) -> str:
 
 def arm_table(name: str, arm: dict, sources: dict) -> ArmTable:
     """The arm.toml of an arm, with the provenance of every number in it and in its model."""
-    own = arm["frame"] == "link"
+    own = arm.get("own", False)
     ddq_max = [float(x) for x in arm.get("ddq_max", [UR_DDQ_MAX] * 6)]
-    source = "own design" if own else f"{sources['dh']}; {sources['description']}"
+    masses = f"{sources['dh']}; {sources['description']}"
+
+    def cited(key: str, usual: str) -> str:
+        return sources["own"] if own else sources[arm[key]] if key in arm else usual
+
     guess = (
         "nobody publishes friction or rotor inertia: generic estimates of the size that identification papers report for a UR10e"
         + (
             ""
-            if name in ("ur10e", "ur16e")
+            if name in ("ur10e", "ur12e", "ur16e")
             else "; scaled here from the UR10e joint of the nearest size in proportion to rated torque"
         )
         + "; identify the arm to replace them"
     )
     provenance = {
         "frames": "link frames of ur_description; the base frame is the controller's own ('base', turned by pi about z against 'base_link')",
-        "kinematics": sources["own"] if own else f"{sources['dh']}; nominal, without the calibration that each controller holds",
-        "mass and centre of mass": sources["own"] if own else source,
-        "inertia": sources[arm["inertia_source"]] + "; rotors are not in it",
-        "tau_max and dq_max": sources["own"] if own else f"{sources['description']}, joint_limits.yaml: the maker's rated maxima",
+        "kinematics": cited("kinematics_source", sources["dh"])
+        + ("" if own else "; nominal, without the calibration that each controller holds"),
+        "mass and centre of mass": cited("mass_source", masses),
+        "inertia": cited("inertia_source", "") + "; rotors are not in it",
+        "tau_max and dq_max": cited("limits_source", f"{sources['description']}, joint_limits.yaml: the maker's rated maxima"),
         "q_min and q_max": sources["own"] if own else "maker's working range, -360 to 360 deg on every joint; self-collision and cables end it earlier",
         "ddq_max": sources["own"] + "; estimate from torque limit and inertia"
         if own
@@ -174,7 +179,7 @@ def arm_table(name: str, arm: dict, sources: dict) -> ArmTable:
         "coulomb, viscous, rotor inertia": sources["own"] + "; generic values of small geared servos" if own else guess,
         "sensors": "estimate: 16-bit encoder at the joint, noise of small servo drives"
         if own
-        else "rate: RTDE, 500 Hz; encoder_resolution not published, 20 bits assumed; torque_noise: part above about 20 Hz of the current of "
+        else f"rate: RTDE, {arm.get('rate', 500)} Hz; encoder_resolution not published, 20 bits assumed; torque_noise: part above about 20 Hz of the current of "
         "published UR10e recordings times torque constant, scaled by rated torque; velocity_noise from the same recordings",
         "capsules": arm["capsules"]["source"],
     }  # fmt: skip
@@ -193,11 +198,12 @@ def arm_table(name: str, arm: dict, sources: dict) -> ArmTable:
             "ddq_max": ddq_max, "jerk_max": [x / JERK_TIME for x in ddq_max], "tau_max": [float(x) for x in arm["tau_max"]],
         },
         "sensors": {
-            "rate": 200.0 if own else 500.0, "encoder_resolution": 2 * math.pi / 2 ** (16 if own else 20),
+            "rate": 200.0 if own else float(arm.get("rate", 500)), "encoder_resolution": 2 * math.pi / 2 ** (16 if own else 20),
             "velocity_noise": [0.005 if own else 0.003] * 6,
             "torque_noise": arm.get("torque_noise") or estimate(arm, "torque_noise"),
         },
-        "torque_constant": arm.get("torque_constant"), "prior": UR_PRIOR, "provenance": provenance,
+        "torque_constant": arm.get("torque_constant"), "prior": {**UR_PRIOR, "inertia": arm.get("prior_inertia", UR_PRIOR["inertia"])},
+        "provenance": provenance,
     }  # fmt: skip
     return ArmTable.model_validate(table)
 

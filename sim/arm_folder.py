@@ -200,12 +200,17 @@ def _swap(draft: Path, folder: Path) -> None:
 
 def arm_toml_text(table: ArmTable) -> str:
     """The text of an arm.toml; rows of numbers on one line, every number as repr() has it."""
-    data = {key: value for key, value in table.model_dump(by_alias=True, exclude_none=True).items() if value != []}
-    text = tomli_w.dumps(data)
+    text = tomli_w.dumps(_stated(table.model_dump(by_alias=True, exclude_none=True)))
     # strings are escaped onto one line, so a bracket before a line break is an array
     return re.sub(
         r"\[\n((?: +[-+.\w]+,\n)+) *\]", lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text
     )
+
+
+def _stated(data: dict[str, Any]) -> dict[str, Any]:
+    """What is worth writing: nothing empty, and no torque_at where the torque is measured as nearly always."""
+    said = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
+    return {key: value for key, value in said.items() if value != [] and (key, value) != ("torque_at", "motor")}
 
 
 def write_atomically(file: Path, text: str) -> None:

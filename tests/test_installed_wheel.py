@@ -55,5 +55,6 @@ def test_an_installed_wheel_works_outside_the_checkout(installed):
         ],
         home,
     )
-    assert names.split() == ["servo6", "ur10e", "ur16e", "ur20", "ur3e", "ur5e"]
+    family = "ur10 ur10e ur12e ur15 ur16e ur18 ur20 ur3 ur30 ur3e ur5 ur5e ur7e ur8l"
+    assert names.split() == ["servo6", *family.split()]
     assert "mock-ur10e" in run([str(python), "-c", "from sim.cell import load_cell; print(load_cell('mock-ur10e').name)"], home)

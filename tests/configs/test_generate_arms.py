@@ -17,7 +17,7 @@ def regenerated(tmp_path_factory):
 
 
 def test_every_shipped_arm_comes_from_the_table(regenerated):
-    assert SHIPPED == sorted(p.name for p in regenerated.iterdir()) == ["servo6", "ur10e", "ur16e", "ur20", "ur3e", "ur5e"]
+    assert sorted(p.name for p in regenerated.iterdir()) == SHIPPED
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -11,7 +11,10 @@ import pytest
 from sim.arm import load_arm
 from sim.rigid_body import RigidBody, link_inertia, link_parameters
 
-ARMS = ("ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6")
+ARMS = (
+    *["ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur15", "ur18", "ur20", "ur30", "ur8l"],
+    "servo6",
+)
 
 
 def states(n: int, count: int = 50, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
