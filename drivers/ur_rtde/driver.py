@@ -9,15 +9,15 @@ from collections.abc import Collection
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
-from drivers.preflight import lifted
-from drivers.ur_rtde import checks
+from drivers.preflight import STANDSTILL, lifted
+from drivers.ur_rtde import checks, family
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
 from drivers.ur_rtde.dashboard import Said, said
 from drivers.ur_rtde.options import UrOptions
 from drivers.ur_rtde.receiver import Frame, LinkCount, Receiver
 from sim.arm import Arm
-from sim.cell import Cell
+from sim.cell import Cell, PayloadTable
 from sim.clock import MonotonicClock
 from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
@@ -28,6 +28,7 @@ PERIODS = 3.0
 LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
 REASON_TIME = 0.3  # s of readings in which the controller's own reason is looked for when the command process fails
 START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
+REST_TIME = 0.2  # s over which the torque at rest is averaged
 TORQUE = "actual_current_as_torque"
 
 
@@ -48,11 +49,12 @@ class UrDriver(Driver):
         options: UrOptions,
         receiver: Receiver | None = None,
         assume: Collection[str] = (),
+        payload: PayloadTable | None = None,
         where: str = "the cell",
     ) -> None:
         if arm.n != JOINTS:
             raise ConfigError(f"arm {arm.name} has {arm.n} joints, a UR has {JOINTS}; choose the arm that stands in the cell")
-        self.arm, self.options, self.assumed = arm, options, tuple(assume)
+        self.arm, self.options, self.assumed, self._payload = arm, options, tuple(assume), payload
         self.clock = MonotonicClock()
         self.rate = arm.sensors.rate
         if options.frame_timeout < PERIODS / self.rate:
@@ -76,7 +78,7 @@ class UrDriver(Driver):
     def from_cell(cls, cell: Cell, arm: Arm) -> UrDriver:
         """The driver of a cell; its [options] are UrOptions."""
         options = validated(UrOptions, cell.table.options, cell.path)
-        return cls(arm, options, assume=cell.table.assume, where=str(cell.path))
+        return cls(arm, options, assume=cell.table.assume, payload=cell.table.payload, where=str(cell.path))
 
     @property
     def link(self) -> LinkCount:
@@ -124,8 +126,13 @@ class UrDriver(Driver):
             raise
 
     def _readiness(self, frame: Frame) -> list[Check]:
-        asked = checks.readiness(frame.values, self._said, self._receiver.version, self.assumed)
-        return lifted([*asked, checks.serial(self._said, self.options)], self.assumed)
+        version = self._receiver.version
+        found = [
+            family.model(self._said.model, version[0], self.arm),
+            checks.serial(self._said, self.options),
+            *checks.readiness(frame.values, self._said, version, self.assumed),
+        ]
+        return lifted(found, self.assumed)
 
     def _require_no_program(self) -> None:
         """The last look before control is taken: a program that began meanwhile is left alone."""
@@ -224,11 +231,23 @@ class UrDriver(Driver):
         self._receiver.close()
 
     def checks(self) -> list[Check]:
-        """What the robot says of itself: version, identity, remote control, safety, power, program, slider, source of torque."""
-        frame = self._next()
-        source = checks.torque(self._source(frame.values), self.arm.torque_constant is not None)
-        ours = self._commands is not None
-        return [*(c for c in self._readiness(frame) if not (ours and c.name == "program")), source]
+        """What the robot says of itself: version, identity, remote control, safety, power, program, slider, torque, and which arm it is."""
+        frames = [self._next() for _ in range(max(2, round(REST_TIME * self.rate)))]
+        found = self._readiness(frames[-1])
+        if self._commands is not None:
+            found = [c for c in found if c.name != "program"]  # it is our own
+        source = self._source(frames[-1].values)
+        return [*found, checks.torque(source, self.arm.torque_constant is not None), self._arm_at_rest(frames)]
+
+    def _arm_at_rest(self, frames: list[Frame]) -> Check:
+        q, dq, tau, current = (
+            np.mean([f.values.get(name, (np.nan,) * JOINTS) for f in frames], axis=0)
+            for name in ("actual_q", "actual_qd", TORQUE, "actual_current")
+        )
+        if self.arm.torque_constant is not None:
+            tau = np.where(np.isfinite(tau), tau, self.arm.torque_constant * current)
+        at_rest = self._condition(frames[-1])[0] is Status.RUNNING and bool(np.all(np.abs(dq) <= STANDSTILL))
+        return family.torque(self.arm, self._payload, q, tau if at_rest else np.full(JOINTS, np.nan))
 
     def _next(self) -> Frame:
         """The next frame in order. In motion an old one is an error; at rest those that waited for nobody are passed over."""

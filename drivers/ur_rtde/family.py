@@ -1,0 +1,107 @@
+"""Which arm of the family stands there: by what the controller calls itself, and by the torque that holds the arm up."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.driver import Check
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.cell import PayloadTable
+from sim.effects import with_effect
+from sim.rigid_body import RigidBody
+
+# shipped arm -> robot type of its controller and whether that is a CB3. Types: RobotType in the client library of Universal Robots; it has none
+# of its own for the UR7e and UR12e, which are a UR5e and a UR10e of a larger rating. Their own names are taken as well
+FAMILY: dict[str, tuple[tuple[str, ...], bool]] = {
+    "ur3": (("UR3",), True), "ur5": (("UR5",), True), "ur10": (("UR10",), True), "ur3e": (("UR3",), False), "ur5e": (("UR5",), False),
+    "ur7e": (("UR5", "UR7"), False), "ur10e": (("UR10",), False), "ur12e": (("UR10", "UR12"), False), "ur16e": (("UR16",), False),
+    "ur8l": (("UR8L",), False), "ur15": (("UR15",), False), "ur18": (("UR18",), False), "ur20": (("UR20",), False),
+    "ur30": (("UR30",), False),
+}  # fmt: skip
+CB3 = 3  # major version of its software
+# how far a link's mass times its lever may be from the published ones, and the reading from zero, in parts of the torque and of tau_max
+GRAVITY_DOUBT, ZERO_DOUBT = 0.05, 0.01
+SIGMAS = 3.0
+
+
+def member(arm: Arm) -> str | None:
+    """The shipped arm that an arm folder is of, by its name (`ur10e`, `ur10e-20235501234`); None for any other."""
+    return next((name for name in sorted(FAMILY, key=len, reverse=True) if re.match(rf"{name}(?![0-9A-Za-z])", arm.name)), None)
+
+
+def called(model: str, major: int) -> list[str]:
+    """The shipped arms that a controller of this software calls by this name."""
+    short = re.sub(r"[\s_-]|ONG", "", model.upper())
+    names = {short, short.removesuffix("E")}
+    return [name for name, (models, cb3) in FAMILY.items() if names & set(models) and cb3 == (major == CB3)]
+
+
+def model(told: str, major: int, arm: Arm) -> Check:
+    """Whether the controller's own word for the robot is the arm of the cell file."""
+    own = member(arm)
+    if not told or own is None:
+        why = "this version does not tell its model" if not told else f"{arm.name} is not named after an arm of the family"
+        return Check("model", None, why)
+    found = called(told, major)
+    series = "CB3" if major == CB3 else "e-Series or newer"
+    return Check(
+        "model", own in found, f"the controller says {told} ({series}), the cell file {arm.name}",
+        f"this looks like {_either(found)}: set arm in the cell file" if found else "no arm folder is known for it: make one with `calib arm new`",
+        "arm-as-stated",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How far the torque at rest is beyond what an arm can explain, in its own doubt: up to 1 it fits. The joint that is worst."""
+
+    name: str
+    miss: float
+    joint: int
+
+
+def at_rest(arm: Arm, name: str, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarray) -> Fit:
+    """max_j (|tau - g(q)| - friction - noise)_j / doubt_j: friction at rest holds up to its Coulomb level either way."""
+    loaded = arm
+    if payload is not None and payload.mass > 0:
+        com = dict(zip(("com_x", "com_y", "com_z"), payload.com, strict=True))
+        loaded = with_effect(arm, ArmEffect("payload", None, {"mass": payload.mass, **com}))
+    gravity = RigidBody(loaded).gravity_torque(q)[0]
+    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
+    held = np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
+    noise = SIGMAS * np.array(arm.sensors.torque_noise)
+    doubt = GRAVITY_DOUBT * np.abs(gravity) + ZERO_DOUBT * arm.tau_max
+    miss = np.maximum(np.abs(tau - gravity) - held - noise, 0.0) / doubt
+    worst = int(np.argmax(np.where(np.isfinite(miss), miss, np.inf)))
+    return Fit(name, float(miss[worst]) if np.isfinite(miss[worst]) else np.inf, worst)
+
+
+def torque(arm: Arm, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarray) -> Check:
+    """Whether the torque that holds the arm up, q rad and tau N m (n,), is that of the cell's arm, and which others it could be."""
+    title = "arm of the family"
+    own = member(arm)
+    if own is None or not (np.all(np.isfinite(tau)) and np.all(np.isfinite(q))):
+        return Check(title, None, "there is no torque at rest to compare with the arms of the family")
+    mine = at_rest(arm, own, payload, q, tau)
+    others = sorted(
+        (at_rest(load_arm(name), name, payload, q, tau) for name in FAMILY if name != own), key=lambda fit: fit.miss
+    )
+    fitting = [fit.name for fit in others if fit.miss <= 1.0]
+    if mine.miss <= 1.0:
+        said = f"the torque at rest is that of a {own}" + (
+            f"; {', '.join(fitting)} would show the same here" if fitting else ""
+        )
+        return Check(title, True, said)
+    looks = _either(fitting) if fitting else f"{_either([others[0].name])} most of all, which does not fit either"
+    return Check(
+        title, False,
+        f"{arm.joint_names[mine.joint]} has {tau[mine.joint]:.1f} N m, {mine.miss:.1f} times what a {own} can differ by; this looks like {looks}",
+        "set arm in the cell file to the arm that stands there; look for a tool that is not declared, or another mounting", "arm-as-stated",
+    )  # fmt: skip
+
+
+def _either(names: list[str]) -> str:
+    return "a " + " or ".join(names)
