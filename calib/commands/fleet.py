@@ -17,7 +17,7 @@ def command(
     ],
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://host:port; processes of this computer if not given."),
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, tls://host:port; processes of this computer if not given."),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=0, help="Processes of this computer; one for each processor if not given, none for 0.")
@@ -41,9 +41,17 @@ def command(
 
         calib fleet /data/plant-a --workers 2
     """
-    from calib.fleet.fleet import Progress, Settings, run_fleet
-    from calib.fleet.told import arm_rows, deviation_rows, sentence
-    from calib.report import fleet as page
+    from sim.extras import needing
+
+    with needing("fleet", "calib fleet"):
+        from calib.fleet.fleet import Progress, Settings, run_fleet
+        from calib.fleet.told import arm_rows, deviation_rows, sentence
+        from calib.report import fleet as page
+
+    if scheduler is not None and not scheduler.startswith("tls://"):
+        console.warn(
+            f"{scheduler}: without TLS whoever reaches this scheduler can run programs on its workers and read the recordings; see docs/fleet.md"
+        )
 
     place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
     run = new_run("fleet", "fleet", place, continues=True, recordings=folder)

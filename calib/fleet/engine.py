@@ -12,6 +12,7 @@ from typing import Any
 import dask
 from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
+from distributed.security import Security
 
 from sim.errors import ConfigError
 
@@ -23,9 +24,11 @@ CONNECT_SECONDS = 10.0
 
 @contextmanager
 def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client | None]:
-    """A client of the scheduler at an address (tcp://host:port), or of so many processes of this computer (one for each processor if
+    """A client of the scheduler at an address (tls://host:port), or of so many processes of this computer (one for each processor if
     None); with no worker at all, none, and `results` does the work itself.
 
+    The processes of this computer speak TLS with keys that are made for this call alone and never written down: who cannot show one
+    cannot give them work. A scheduler at an address is spoken to with the keys of Dask's own settings (distributed.comm.tls).
     ConfigError where nobody answers at the address. `client.dashboard_link` is the page that shows what the workers do.
     """
     if scheduler is not None:
@@ -33,8 +36,8 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
             client = Client(scheduler, timeout=CONNECT_SECONDS)
         except (OSError, TimeoutError, ValueError) as error:
             raise ConfigError(
-                f"--scheduler {scheduler}: nobody answers ({error}); start one with `dask scheduler`, or leave the option away to use "
-                "this computer"
+                f"--scheduler {scheduler}: nobody answers ({error}); start one with `dask scheduler`, set the keys of a tls:// scheduler in "
+                "Dask's settings (distributed.comm.tls), or leave the option away to use this computer"
             ) from error
         with client:
             yield client
@@ -47,12 +50,13 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
         "distributed.nanny.pre-spawn-environ": ONE_THREAD,
     }
     with dask.config.set(settings):
+        security = Security.temporary()
         local = LocalCluster(
             n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, processes=True, host="127.0.0.1",
-            dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
+            dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL, protocol="tls://", security=security,
         )  # fmt: skip
         try:
-            with Client(local) as client:
+            with Client(local, security=security) as client:
                 yield client
         finally:
             # every answer is home by now: a process that is slow to die on a busy computer must not undo them
@@ -70,7 +74,11 @@ def results(
     """
     if client is None:
         for key, item in items:
-            yield key, task(item), ""
+            try:
+                result, why = task(item), ""
+            except Exception as error:  # as on a cluster: the other arms go on
+                result, why = None, f"{type(error).__name__}: {error}"
+            yield key, result, why
         return
     run = uuid.uuid4().hex[:12]  # a cluster may still hold the results of an earlier run under the same names
     futures = {client.submit(task, item, key=f"{key}-{run}"): key for key, item in items}

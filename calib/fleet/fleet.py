@@ -17,10 +17,11 @@ from calib.console import plain
 from calib.fleet.engine import cluster, results
 from calib.fleet.inventory import Recorded, by_arm, inventory
 from calib.fleet.job import Answer, Job, Status, refusal
-from calib.fleet.shrunk import Shrunk, shrunk_files
+from calib.fleet.parcel import unpacked
+from calib.fleet.shrunk import Shrunk, shrunk_packed
 from calib.fleet.siblings import OUTLIER, Siblings, compare
-from calib.fleet.table import write_table
-from calib.fleet.task import work
+from calib.fleet.table import require_row, write_table
+from calib.fleet.task import work_packed
 from sim.arm import Arm, load_arm
 from sim.errors import CalibError
 
@@ -86,19 +87,24 @@ def run_fleet(
         with cluster(settings.scheduler, settings.workers) as client:
             if client is not None:
                 told(Progress(len(missing), dashboard=client.dashboard_link))
-            for arm_id, answer, why in results(client, work, missing):
-                answers[arm_id] = answer if answer is not None else refusal(jobs[arm_id], Status.WORKER_LOST, why)
+            for arm_id, data, why in results(client, work_packed, missing):
+                answers[arm_id] = _received(jobs[arm_id], data, why)
                 store(out / ARMS / arm_id, answers[arm_id])
                 shutil.rmtree(out / PORTIONS / arm_id, ignore_errors=True)
                 told(Progress(len(missing), arm_id=arm_id, status=answers[arm_id].status))
             rows, asked = _compared(answers, arms)
             changed = {answers[arm_id].row.get("model_sha256") for arm_id, _ in missing}
             helped = [(arm_id, item) for arm_id, item in asked if item.arm.sha256 in changed]
-            for arm_id, files, why in results(client, shrunk_files, helped):
+            for arm_id, data, why in results(client, shrunk_packed, helped):
+                files: dict[str, bytes] = {}
+                try:
+                    files = unpacked(data, arm_id).files if data is not None else {}
+                except CalibError as error:
+                    why = str(error)
                 rows[arm_id]["notes"] = (
                     [] if files else [f"no arm folder with the siblings' help: {why or 'no such arm can exist'}"]
                 )
-                _write(out / ARMS / arm_id, files or {})
+                _write(out / ARMS / arm_id, files)
     else:
         rows, _ = _compared(answers, arms)
     ordered = [
@@ -109,18 +115,29 @@ def run_fleet(
     return Fleet(ordered, unassigned, tuple(arm_id for arm_id, _ in missing))
 
 
+def _received(job: Job, data: object, why: str) -> Answer:
+    """What a worker answered; where it did not, or not in words that can be read, a row that says so."""
+    if data is None:
+        return refusal(job, Status.WORKER_LOST, why)
+    try:
+        return unpacked(data, job.arm_id)
+    except CalibError as error:
+        return refusal(job, Status.FAILED, str(error))
+
+
 def stored(folder: Path, job: Job) -> Answer | None:
     """The answer that `folder` holds, if it is one to this very job and would not come out differently now."""
     try:
         row = json.loads((folder / ANSWER).read_text(encoding="utf-8"))
         status = Status[row["status"].upper()]
+        require_row(row)
         if row["digest"] != job.digest or not status.settled:
             return None
         if status is not Status.DONE:
             return Answer(job.arm_id, status, row)
         with np.load(folder / ESTIMATE, allow_pickle=False) as file:
             return Answer(job.arm_id, status, row, {}, tuple(row["parameters"]), file["theta"], file["covariance"])
-    except (OSError, ValueError, KeyError):
+    except Exception:  # whatever is wrong with what stands there, the arm is done again
         return None
 
 
@@ -168,14 +185,22 @@ def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[st
             families.setdefault(arms[answer.arm_id].sha256, []).append(answer)
     for family in families.values():
         family.sort(key=lambda a: a.arm_id)
-        together = compare(np.array([a.theta for a in family]), [a.covariance for a in family])
+        try:
+            together = compare(np.array([a.theta for a in family]), [a.covariance for a in family])
+        except (
+            ValueError,
+            np.linalg.LinAlgError,
+        ) as error:  # numbers that cannot be compared must not take the arms' own results
+            together = None
+            for answer in family:
+                rows[answer.arm_id]["notes"] = [f"not compared with its siblings: {error}"]
         for k, answer in enumerate(family):
             rows[answer.arm_id]["siblings"] = len(family) - 1
             if together is None:
                 continue
             rows[answer.arm_id] |= _beside(together, k, answer.names)
             if together.borrowed[k].max() > BORROWED:
-                item = Shrunk(arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
+                item = Shrunk(answer.arm_id, arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
                 asked.append((answer.arm_id, item))
     return rows, asked
 

@@ -5,6 +5,8 @@ An arm is told apart by its model, the cell it stands in and its serial number: 
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,8 +20,12 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from logs.mcap_records import MAGIC, MAX_RECORD
 from logs.schemas import RECORDING
 from sim.errors import BadLog, ConfigError
+from sim.files import is_name, printable
 
 SUFFIX = ".mcap"
+MAX_WORD = 500  # characters of what a recording says of itself; six serial numbers are a hundred
+MAX_FOLDER = 120
+LATEST = 4_102_444_800 * 10**9  # ns, 2100: a later time is no time
 
 
 @dataclass(frozen=True)
@@ -41,10 +47,25 @@ class Recorded:
     started: str
 
     @property
+    def identity(self) -> tuple[str, str, tuple[str, ...]]:
+        """Which arm this is: its model's name, its cell, and the serial numbers of its parts."""
+        return self.arm, self.cell, tuple(part.strip() for part in self.serial.split(","))
+
+    @property
     def arm_id(self) -> str:
-        """The arm's name in the fleet."""
-        words = [re.sub(r"[^A-Za-z0-9._-]+", "_", word) for word in (self.arm, self.cell, self.serial) if word]
-        return "-".join(words)
+        """The arm's name in the fleet, and that of its folder: different for every identity.
+
+        Model, cell and serial numbers between plus signs, which none of them holds; where one holds more than letters, digits, dots,
+        dashes and underscores, or all are too long, these are replaced and a hash of the identity follows after "~".
+        """
+        arm, cell, parts = self.identity
+        words = [arm, cell, ",".join(parts)]
+        plain = [re.sub(r"[^A-Za-z0-9._,-]", "_", word, flags=re.ASCII) for word in words]
+        name = "+".join(plain).rstrip("+")
+        if plain == words and "," not in arm + cell and len(name) <= MAX_FOLDER:
+            return name
+        digest = hashlib.sha256(json.dumps(self.identity).encode()).hexdigest()[:16]
+        return f"{name[:MAX_FOLDER]}~{digest}"
 
 
 def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
@@ -69,7 +90,9 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
         try:
             recordings.append(_recorded(system, path, full, about))
         except (BadLog, OSError) as error:
-            unknown.append((full, str(error)))
+            unknown.append((printable(full), printable(error)))
+        except Exception as error:  # one recording, whatever is in it, must not take the others
+            unknown.append((printable(full), printable(f"{full}: cannot be read ({type(error).__name__}: {str(error)[:200]})")))
     if not recordings and not unknown:
         raise ConfigError(f"{address}: holds no {SUFFIX} file; give the folder that the recordings are below")
     return recordings, unknown
@@ -77,10 +100,11 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
 
 def by_arm(recordings: Iterable[Recorded]) -> dict[str, tuple[Recorded, ...]]:
     """The recordings of every arm, oldest first; arms in the order of their names."""
-    out: dict[str, list[Recorded]] = {}
+    arms: dict[tuple[str, str, tuple[str, ...]], list[Recorded]] = {}
     for recording in recordings:
-        out.setdefault(recording.arm_id, []).append(recording)
-    return {arm: tuple(sorted(out[arm], key=lambda r: (r.started, r.address))) for arm in sorted(out)}
+        arms.setdefault(recording.identity, []).append(recording)
+    named = {own[0].arm_id: own for own in arms.values()}
+    return {arm_id: tuple(sorted(named[arm_id], key=lambda r: (r.started, r.address))) for arm_id in sorted(named)}
 
 
 def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded:
@@ -90,14 +114,29 @@ def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Re
         words = _words(file, address)
     if not words.get("arm"):
         raise BadLog(f"{address}: does not say of which arm it is; record with `calib record`, which writes that down")
-    started = ""
-    if words.get("wall_clock_start_ns", "").isdigit():
-        started = datetime.fromtimestamp(int(words["wall_clock_start_ns"]) / 1e9, UTC).isoformat(timespec="seconds")
+    for key in ("arm", "arm_sha256", "cell", "serial", "motion"):
+        if len(words.get(key, "")) > MAX_WORD or printable(words.get(key, "")) != words.get(key, ""):
+            raise BadLog(f"{address}: its {key} is longer than {MAX_WORD} characters or cannot be printed; record it again")
+    if not is_name(words["arm"]):
+        raise BadLog(
+            f"{address}: says that it is of the arm {words['arm']!r}; an arm is named by 1 to 64 letters, digits, dots, dashes and underscores, "
+            "and never by a path"
+        )
+    started = _started(words.get("wall_clock_start_ns", ""), address)
     mark = next((str(about[key]) for key in ("ETag", "etag", "md5Hash", "mtime", "LastModified") if about.get(key)), "")
     return Recorded(
         address, int(about["size"]), mark, words["arm"], words.get("arm_sha256", ""), words.get("cell", ""), words.get("serial", ""),
         words.get("motion", ""), started,
     )  # fmt: skip
+
+
+def _started(ns: str, address: str) -> str:
+    """The ISO form of an instant in nanoseconds since 1970; "" where there is none."""
+    if not ns:
+        return ""
+    if not re.fullmatch(r"[0-9]{1,19}", ns, re.ASCII) or int(ns) > LATEST:
+        raise BadLog(f"{address}: wall_clock_start_ns = {ns[:24]!r} is no time; nanoseconds since 1970, before 2100, are one")
+    return datetime.fromtimestamp(int(ns) // 10**9, UTC).isoformat(timespec="seconds")
 
 
 def _words(file: Any, address: str) -> dict[str, str]:

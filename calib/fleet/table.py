@@ -69,12 +69,19 @@ COLUMNS = pa.schema(
 )
 
 
+def require_row(row: Mapping[str, Any]) -> None:
+    """ValueError or TypeError where the table has no column for what a row holds, or a column of another type."""
+    unknown = sorted(set(row) - set(COLUMNS.names))
+    if unknown:
+        raise ValueError(f"the fleet table has no column {unknown[0]!r}")
+    pa.Table.from_pylist([dict(row)], schema=COLUMNS)
+
+
 def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """The rows as a Parquet file; what a row does not have is null, what the columns do not know is an error."""
     rows = list(rows)
-    unknown = sorted({key for row in rows for key in row} - set(COLUMNS.names))
-    if unknown:
-        raise ValueError(f"the fleet table has no column {unknown[0]!r}")
+    for row in rows:
+        require_row(row)
     about = {"schema": SCHEMA, "software": software_version()}
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=COLUMNS.with_metadata(about))
     draft = path.with_name(f".{path.name}")

@@ -20,6 +20,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, Job, Status, base_row, refusal
+from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Identification, identify
@@ -45,6 +46,11 @@ class Opened:
     apart: Pieces
     older: list[Recorded]
     bad: list[str]
+
+
+def work_packed(job: Job) -> bytes:
+    """`work`, as bytes to travel."""
+    return packed(work(job))
 
 
 def work(job: Job) -> Answer:

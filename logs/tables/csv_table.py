@@ -7,13 +7,20 @@ import io
 import re
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
 
 from logs.damage import Damage
 from logs.tables.table import MAX_COLUMNS, Format, Table, number
+from sim.extras import Lazily
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.csv as arrow_csv
+else:
+    pa = Lazily("pyarrow", "tables", "a CSV file")
+    arrow_csv = Lazily("pyarrow.csv", "tables", "a CSV file")
 
 SEPARATORS = (",", ";", "\t", " ")
 MAX_HEADER = 1 << 18

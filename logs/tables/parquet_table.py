@@ -7,14 +7,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as parquet
 
 from logs.damage import Damage
 from logs.tables.table import MAX_CELLS, MAX_COLUMNS, Format, Table
+from sim.extras import Lazily
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as parquet
+else:
+    pa = Lazily("pyarrow", "tables", "a Parquet file")
+    parquet = Lazily("pyarrow.parquet", "tables", "a Parquet file")
 
 MAX_FILES = 10_000
 INFO = Path("meta") / "info.json"

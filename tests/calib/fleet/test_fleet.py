@@ -34,9 +34,9 @@ def test_recordings_are_found_by_what_they_say(plant: Path) -> None:
     recordings, unknown = inventory(str(plant))
     arms = by_arm(recordings)
     assert list(arms) == [
-        "nobodys-unknown-S-unknown", "ur5e-bad-S-bad", *[f"ur5e-cell-{k}-S-cell-{k}" for k in range(5)], "ur5e-still-S-still",
+        "nobodys+unknown+S-unknown", "ur5e+bad+S-bad", *[f"ur5e+cell-{k}+S-cell-{k}" for k in range(5)], "ur5e+still+S-still",
     ]  # fmt: skip
-    assert [r.motion for r in arms["ur5e-cell-2-S-cell-2"]] == ["excitation", "validation"]
+    assert [r.motion for r in arms["ur5e+cell-2+S-cell-2"]] == ["excitation", "validation"]
     assert {r.started for r in recordings} == {"2026-01-01T00:00:00+00:00"}
     assert [Path(address).name for address, _ in unknown] == ["junk.mcap"]
 
@@ -64,16 +64,16 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
     assert program.main(arguments) == 1
     answer = json.loads(capsys.readouterr().out)
     status = {row["arm"]: row["status"] for row in answer["arms"]}
-    assert status == {f"ur5e-cell-{k}-S-cell-{k}": "done" for k in range(5)} | {
-        "ur5e-still-S-still": "no_excitation", "ur5e-bad-S-bad": "bad_logs", "nobodys-unknown-S-unknown": "configuration",
+    assert status == {f"ur5e+cell-{k}+S-cell-{k}": "done" for k in range(5)} | {
+        "ur5e+still+S-still": "no_excitation", "ur5e+bad+S-bad": "bad_logs", "nobodys+unknown+S-unknown": "configuration",
     }  # fmt: skip
     told = {row["arm"]: row["sentence"] for row in answer["arms"]}
-    assert "wrist_2_joint" in told["ur5e-still-S-still"]
-    assert "check sum" in told["ur5e-bad-S-bad"]
-    assert "nobodys" in told["nobodys-unknown-S-unknown"]
+    assert "wrist_2_joint" in told["ur5e+still+S-still"]
+    assert "check sum" in told["ur5e+bad+S-bad"]
+    assert "nobodys" in told["nobodys+unknown+S-unknown"]
     table = pq.read_table(out / "fleet.parquet").to_pylist()
     assert [row["arm"] for row in table] == sorted(status)
-    row = next(r for r in table if r["arm"] == "ur5e-cell-1-S-cell-1")
+    row = next(r for r in table if r["arm"] == "ur5e+cell-1+S-cell-1")
     assert row["siblings"] == 4
     assert len(row["values"]) == len(row["shrunk"]) == len(row["parameters"]) == 58
     assert np.all(np.array(row["shrunk_std"]) <= 1.0001 * np.array(row["std"]))
@@ -86,9 +86,9 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
     assert "junk.mcap" in page
 
     first = {r["arm"]: r for r in table}
-    shutil.rmtree(out / "arms" / "ur5e-cell-3-S-cell-3")
+    shutil.rmtree(out / "arms" / "ur5e+cell-3+S-cell-3")
     found = run_fleet(str(plant), out, HERE)
-    assert found.done == ("ur5e-cell-3-S-cell-3",)
+    assert found.done == ("ur5e+cell-3+S-cell-3",)
     for r in read_table(out / "fleet.parquet"):
         assert {k: v for k, v in r.items() if k != "cpu_seconds"} == {
             k: v for k, v in first[r["arm"]].items() if k != "cpu_seconds"
@@ -101,7 +101,7 @@ def test_a_new_recording_is_news_for_its_arm_only(tmp_path: Path, ur5e: Arm) -> 
     assert len(run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done) == 2
     assert run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done == ()
     write_recording(tmp_path / "plant" / "cell-1" / "b.mcap", ur5e, varied(ur5e, 1), 5, day=0.5)
-    assert run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done == ("ur5e-cell-1-S-cell-1",)
+    assert run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done == ("ur5e+cell-1+S-cell-1",)
 
 
 def test_recordings_are_read_from_any_address(tmp_path: Path, ur5e: Arm) -> None:
@@ -193,6 +193,7 @@ def test_a_worker_that_dies_takes_only_what_kills_it(tmp_path: Path, deaths: int
     assert any("workers died" in why for _, _, why in found) == lost
 
 
-def test_a_scheduler_that_is_not_there_is_named() -> None:
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calib.fleet.engine.CONNECT_SECONDS", 0.5)
     with pytest.raises(ConfigError, match="nobody answers"), cluster("tcp://127.0.0.1:9"):
         pass
