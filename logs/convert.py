@@ -18,7 +18,7 @@ from logs.log import Log, State
 from logs.mcap_records import is_journal
 from logs.read import read_log
 from logs.sampling import Sampling, examine
-from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, TOPICS
+from logs.schemas import COMMANDS, DEVICE_CLOCK, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, TOPICS, UNITS
 from logs.tables import FORMATS, Table, read_table
 from sim.errors import DeviceError
 from sim.version import software_version
@@ -130,6 +130,8 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     stamps = log.t_origin + np.rint(log.t * 1e9).astype(np.int64)
     has_host = bool(np.isfinite(log.t_host).all())
     hosts = log.t_host_origin + np.rint(log.t_host * 1e9).astype(np.int64) if has_host else stamps
+    offset = int(hosts[0] - stamps[0])
+    stamps = stamps + offset
     encoder = JointEncoder(log.joint_names)
     slow = bool(np.isfinite(log.current).any() or np.isfinite(log.temperature).any())
     commanded = bool(np.isfinite(log.q_cmd).any() or np.isfinite(log.tau_cmd).any())
@@ -140,16 +142,19 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     def body(writer: Writer) -> dict[int, int]:
         numbers = {kind: writer.register_schema(kind, "ros2msg", text.encode()) for kind, text in SCHEMAS.items()}
         for topic, kind in TOPICS.items():
-            writer.register_channel(topic, "cdr", numbers[kind])
+            writer.register_channel(topic, "cdr", numbers[kind], UNITS[topic])
         for k, (stamp, host) in enumerate(zip(stamps.tolist(), hosts.tolist(), strict=True)):
             for topic, arrays in sources:
                 data = encoder.body(stamp, [np.ascontiguousarray(array[k]) for array in arrays])
                 writer.add_message(channels[topic], host, data, stamp, k)
         for k, event in enumerate(log.events):
-            stamp = max(log.t_origin + round(event.t * 1e9), 0)
+            stamp = max(log.t_origin + round(event.t * 1e9) + offset, 0)
             data = log_body(stamp, event.level, event.name, event.message)
             writer.add_message(channels[EVENTS], int(hosts[-1]), data, stamp, k)
-        about = log.metadata | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
+        if offset:
+            writer.add_metadata(DEVICE_CLOCK, {"offset_ns": str(offset)})
+        own = {key: value for key, value in log.metadata.items() if not key.startswith(f"{DEVICE_CLOCK}.")}
+        about = own | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
         writer.add_metadata(RECORDING, about if has_host else about | NO_HOST_CLOCK)
         add_clock_fit(writer, fit_clocks(log.t, log.t_host))
         return {channels[topic]: len(log) for topic, _ in sources} | {channels[EVENTS]: len(log.events)}

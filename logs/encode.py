@@ -70,6 +70,11 @@ def log_body(stamp_ns: int, level: int, name: str, text: str) -> bytes:
     return _CDR + bytes(out)
 
 
+def text_body(text: str) -> bytes:
+    """A `std_msgs/msg/String`."""
+    return _CDR + _string(text, 0)
+
+
 def _string(text: str, at: int) -> bytes:
     raw = text.encode("utf-8") + b"\x00"
     return bytes(-at % 4) + struct.pack("<I", len(raw)) + raw

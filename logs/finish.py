@@ -32,7 +32,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
 
     def body(writer: Writer) -> dict[int, int]:
         with journal.open("rb") as file:
-            stream = McapStream(file, journal.stat().st_size, damage)
+            stream = McapStream(file, journal.stat().st_size, damage, attachments={})
             numbers: dict[int, int] = {}
             clocks: list[np.ndarray] = []
             for batch in stream.batches():
@@ -48,6 +48,8 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
                         numbers[channel] = _register(writer, stream, channel)
                     data = batch.data[start + MESSAGE.itemsize : start + 9 + length]
                     writer.add_message(numbers[channel], log, data, publish, sequence)
+            for item in (stream.attachments or {}).values():
+                writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
             for name, record in stream.metadata.items():
                 own = {key: value for key, value in record.items() if (name, key) != (RECORDING, "ring")}
                 writer.add_metadata(name, own | ({**words, "state": state} if name == RECORDING else {}))
@@ -122,4 +124,4 @@ def put_in_place(part: Path, target: Path) -> None:
 def _register(writer: Writer, stream: McapStream, number: int) -> int:
     channel = stream.channels[number]
     schema = writer.register_schema(channel.schema, channel.schema_encoding, channel.definition.encode())
-    return writer.register_channel(channel.topic, channel.encoding, schema)
+    return writer.register_channel(channel.topic, channel.encoding, schema, channel.metadata)

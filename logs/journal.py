@@ -12,13 +12,14 @@ import fcntl
 import os
 import threading
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, Header, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, McapRecord, Metadata, Schema
 
 from logs.mcap_records import JOURNAL, MAGIC, SEAL, SEAL_TAG
-from logs.schemas import FAILURE, RECORDING, SCHEMAS, TOPICS
+from logs.schemas import FAILURE, RECORDING, SCHEMAS, TOPICS, UNITS
 from sim.errors import DeviceError
 
 AHEAD = 16 << 20
@@ -34,14 +35,15 @@ def record_bytes(record: McapRecord) -> bytes:
     return builder.end()
 
 
-def journal_head(metadata: dict[str, str]) -> bytes:
-    """Header, what the recording says of itself (state open), schemas and channels: after the magic, a valid start of a file."""
+def journal_head(metadata: dict[str, str], attachments: Sequence[Attachment] = ()) -> bytes:
+    """Header, what the recording says of itself (state open), attachments, schemas and channels: after the magic, a valid start of a file."""
     numbers = {kind: k for k, kind in enumerate(SCHEMAS, start=1)}
     records: list[McapRecord] = [Header(profile="ros2", library=JOURNAL)]
     records.append(Metadata(name=RECORDING, metadata={**metadata, "state": "open"}))
+    records += attachments
     records += [Schema(id=numbers[kind], name=kind, encoding="ros2msg", data=text.encode()) for kind, text in SCHEMAS.items()]
     records += [
-        Channel(id=k, topic=topic, message_encoding="cdr", metadata={}, schema_id=numbers[kind])
+        Channel(id=k, topic=topic, message_encoding="cdr", metadata=UNITS[topic], schema_id=numbers[kind])
         for k, (topic, kind) in enumerate(TOPICS.items(), start=1)
     ]
     return b"".join(record_bytes(record) for record in records)
@@ -78,7 +80,9 @@ class Disk:
 class Journal:
     """`append(records)` is one write and a seal; a kill at any moment loses at most the sample that was being written."""
 
-    def __init__(self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None) -> None:
+    def __init__(
+        self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None, attachments: Sequence[Attachment] = ()
+    ) -> None:  # fmt: skip
         """A new file at `path`; `reserve` bytes are asked of the file system first, and more in time when they run low."""
         self._prepare(path, reserve, disk)
         try:
@@ -99,7 +103,7 @@ class Journal:
             self._reserve(reserve)
             self._check()
             self._size = self.disk.write(self._fd, MAGIC)
-            self.append(journal_head(metadata))
+            self.append(journal_head(metadata, attachments))
         except (OSError, DeviceError) as error:
             os.close(self._fd)
             path.unlink()

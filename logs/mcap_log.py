@@ -16,7 +16,7 @@ from logs.mcap_records import MESSAGE, Batch, Channel
 from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.recover import is_recording
-from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, FAILURE, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES
+from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, FAILURE, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, device_offset
 from logs.timing import checked_times
 from sim.errors import EmptyLog
 
@@ -214,7 +214,7 @@ def assembled(
     lines = tuple(Event((at - int(stamp[0])) * 1e-9, level, name, text) for at, level, name, text in events)
     return Log(
         names, **arrays, metadata=words, events=lines, findings=damage.all_findings(), path=damage.path, state=state, clock=clock,
-        t_origin=int(stamp[0]), t_host_origin=host_origin,
+        t_origin=int(stamp[0]) - (device_offset(metadata) or 0), t_host_origin=host_origin,
     )  # fmt: skip
 
 

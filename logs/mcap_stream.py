@@ -16,6 +16,7 @@ from typing import BinaryIO
 import numpy as np
 import zstandard
 from mcap.opcode import Opcode
+from mcap.records import Attachment
 
 from logs.damage import Damage
 from logs.mcap_records import (
@@ -41,6 +42,7 @@ MAX_RATIO = 200
 RATIO_FREE = 64 << 20  # a standing arm compresses well: the ratio counts from here on
 MAX_MESSAGES = 10**8
 MAX_DEFINITIONS = 10_000
+MAX_ATTACHED = 128 << 20
 WINDOW = 4 << 20
 FOOTER = 37  # bytes of the footer record and the closing magic
 _CHUNK = struct.Struct("<QQQI")
@@ -57,6 +59,7 @@ class McapStream:
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
+    attachments: dict[str, Attachment] | None = None  # give a dictionary to have them kept
     journal: bool = False
     ended: bool = False
     unsealed: int = 0
@@ -212,14 +215,26 @@ class McapStream:
                         return
                     raise RecordError(f"channel {number} ({topic}) names schema {schema}, which does not stand before it")
                 name, kind, text = self._schemas.get(schema, ("", "", ""))
-                self._once(self.channels, number, Channel(topic, encoding, name, kind, text), "channel")
+                self._once(self.channels, number, Channel(topic, encoding, name, kind, text, fields.map()), "channel")
             elif op == Opcode.METADATA:
                 name = fields.text()
                 if len(self.metadata) >= MAX_DEFINITIONS:
                     raise RecordError(f"more than {MAX_DEFINITIONS} metadata records")
                 self.metadata[name] = fields.map()
+            elif op == Opcode.ATTACHMENT and self.attachments is not None:
+                self._attach(fields, self.attachments)
         except RecordError as error:
             self.damage.report(where, str(error))
+
+    def _attach(self, fields: Fields, kept: dict[str, Attachment]) -> None:
+        log, created, name, media = fields.number(8), fields.number(8), fields.text(), fields.text()
+        data = fields.bytes(fields.number(8))
+        crc = zlib.crc32(memoryview(fields.data)[: fields.at])
+        if (said := fields.number(4)) and said != crc:
+            raise RecordError(f"the check sum of the attachment {name!r:.80} is wrong")
+        if sum(len(a.data) for a in kept.values()) + len(data) > MAX_ATTACHED or len(kept) >= MAX_DEFINITIONS:
+            raise RecordError(f"more than {MAX_ATTACHED} bytes or {MAX_DEFINITIONS} of attachments")
+        kept[name] = Attachment(create_time=created, log_time=log, name=name, media_type=media, data=data)
 
     @staticmethod
     def _once(known: dict, number: int, value: object, what: str) -> None:

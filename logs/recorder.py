@@ -13,18 +13,20 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from mcap.records import Metadata
 
-from logs.encode import JointEncoder, log_body, message_record
+from logs.about import About
+from logs.encode import JointEncoder, log_body, message_record, text_body
 from logs.finish import finish, killed_sentence
-from logs.journal import AHEAD, Disk, Journal
-from logs.schemas import STATES, TOPICS
+from logs.journal import AHEAD, Disk, Journal, record_bytes
+from logs.schemas import DEVICE_CLOCK, STATES, TOPICS
 from sim.errors import CalibError, DeviceError
 from sim.joint_state import JointState, Status
 from sim.version import software_version
 
 COMPLETED = "completed"  # the only end reason that makes a recording clean
 INFO, WARN, ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
-_STATES, _COMMANDS, _DIAGNOSTICS, _EVENTS = range(1, len(TOPICS) + 1)
+_STATES, _COMMANDS, _DIAGNOSTICS, _EVENTS, _DESCRIPTION = range(1, len(TOPICS) + 1)
 
 
 def metadata_text(metadata: Mapping[str, Any]) -> dict[str, str]:
@@ -83,12 +85,13 @@ class Recorder(Recording):
         path: str | Path,
         joint_names: Sequence[str],
         metadata: Mapping[str, Any] | None = None,
+        about: About | None = None,
         *,
         reserve: int = AHEAD,
         disk: Disk | None = None,
         wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """`reserve` bytes of disk are set aside first; `wall_clock` (ns) is read once here and once at the end."""
+        """`about` travels with the samples; `reserve` bytes of disk are set aside first; `wall_clock` (ns) is read once here and once at the end."""
         self.path = Path(path)
         self.joint_names = tuple(joint_names)
         if not self.joint_names or len(set(self.joint_names)) != len(self.joint_names):
@@ -98,6 +101,7 @@ class Recorder(Recording):
         self._wall_start = wall_clock()
         self._host_start: float | None = None
         self._host_last = math.nan
+        self._offset: int | None = None  # ns from the device clock to the stamps
         self._counts = [0] * (len(TOPICS) + 1)
         self._encoder = JointEncoder(self.joint_names)
         self._temperature = b""
@@ -108,14 +112,23 @@ class Recorder(Recording):
             "joint_names": json.dumps(self.joint_names),
             "wall_clock_start_ns": str(self._wall_start),
         }
-        self._journal = Journal(self.path, head, reserve, disk)
+        about = about or About()
+        self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start))
         self._lock = self._journal.lock()
+        if about.urdf:
+            self._journal.append(self._record(_DESCRIPTION, self._wall_start, self._wall_start, text_body(about.urdf)))
 
     @classmethod
     def resumed(
-        cls, journal: Journal, metadata: Mapping[str, str], counts: Mapping[str, int], host_start: float | None
+        cls,
+        journal: Journal,
+        metadata: Mapping[str, str],
+        counts: Mapping[str, int],
+        host_start: float | None,
+        offset: int | None,
     ) -> Self:
-        """Go on with the journal of a program that is gone; `counts` of messages by topic, `host_start` s the host clock of its first sample.
+        """Go on with the journal of a program that is gone; `counts` of messages by topic, `host_start` s
+        the host clock of its first sample, `offset` ns from the device clock to its stamps.
 
         ValueError or KeyError where `metadata` is not what a recorder writes.
         """
@@ -124,7 +137,7 @@ class Recorder(Recording):
         recorder.joint_names = tuple(map(str, json.loads(metadata["joint_names"])))
         recorder.samples = counts.get(STATES, 0)
         recorder._wall_clock, recorder._wall_start = time.time_ns, int(metadata["wall_clock_start_ns"])
-        recorder._host_start, recorder._host_last = host_start, math.nan
+        recorder._host_start, recorder._host_last, recorder._offset = host_start, math.nan, offset
         recorder._counts = [0, *(counts.get(topic, 0) for topic in TOPICS)]
         recorder._encoder = JointEncoder(recorder.joint_names)
         recorder._temperature, recorder._status, recorder._closed = b"", Status.RUNNING, False
@@ -146,7 +159,13 @@ class Recorder(Recording):
             self._host_start = state.t
         self._host_last = state.t
         host = self._host_ns(state.t)
-        records = [self._joints(_STATES, host, stamp, (state.q, state.dq, state.tau))]
+        records = []
+        if self._offset is None:
+            self._offset = host - stamp
+            clock = {"offset_ns": str(self._offset), "meaning": "stamp = device clock + offset: wall time at the first sample"}
+            records.append(record_bytes(Metadata(name=DEVICE_CLOCK, metadata=clock)))
+        stamp += self._offset
+        records.append(self._joints(_STATES, host, stamp, (state.q, state.dq, state.tau)))
         if q_cmd is not None:
             command = [self._array(value) for value in (q_cmd, dq_cmd, tau_cmd)]
             records.append(self._joints(_COMMANDS, host, stamp, command))
@@ -163,7 +182,7 @@ class Recorder(Recording):
         """Append a line to /events at `t_device`, s on the device clock."""
         # before the first sample there is no instant of the host clock to count from: the start of the recording stands for it
         host = self._wall_start if self._host_start is None else self._host_ns(self._host_last)
-        stamp = self._stamp(t_device, 0.0)
+        stamp = host if self._offset is None else self._stamp(t_device, 0.0) + self._offset
         self._journal.append(self._event(host, stamp, level, name, message))
 
     def close(self, end_reason: str = COMPLETED) -> None:

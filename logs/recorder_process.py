@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from logs.about import About
 from logs.journal import AHEAD
 from logs.recorder import COMPLETED, Recorder, Recording, metadata_text
 from logs.recover import recovered
@@ -53,6 +54,7 @@ class RecorderProcess(Recording):
         path: str | Path,
         joint_names: Sequence[str],
         metadata: Mapping[str, Any] | None = None,
+        about: About | None = None,
         *,
         reserve: int = AHEAD,
         slots: int = SLOTS,
@@ -65,16 +67,17 @@ class RecorderProcess(Recording):
         slot = -(-(256 + 64 * len(self.joint_names)) // 64) * 64
         self._put_count = 0
         fd, self._ring_name = shared_memory(Ring.size(slots, slot))
+        about_fd = (about or About()).shared()
         try:
             self._ring = Ring(fd, slots, slot)
             task = {
-                "fd": fd, "slots": slots, "slot": slot, "parent": os.getpid(), "path": str(self.path), "reserve": reserve,
+                "fd": fd, "about": about_fd, "slots": slots, "slot": slot, "parent": os.getpid(), "path": str(self.path), "reserve": reserve,
                 "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}) | {"ring": self._ring_name}, "stall": stall,
             }  # fmt: skip
             root = str(Path(__file__).resolve().parent.parent)
             self._process = subprocess.Popen(
                 [sys.executable, "-c", PROGRAM, json.dumps(task)],
-                pass_fds=(fd,), start_new_session=True, stdin=subprocess.DEVNULL,
+                pass_fds=(fd, about_fd), start_new_session=True, stdin=subprocess.DEVNULL,
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))},
             )  # fmt: skip
         except BaseException:
@@ -82,6 +85,7 @@ class RecorderProcess(Recording):
             raise
         finally:
             os.close(fd)
+            os.close(about_fd)
         self._await_start()
 
     def _await_start(self) -> None:
@@ -171,9 +175,10 @@ def serve(task_text: str) -> None:
     task = json.loads(task_text)
     ring = Ring(task["fd"], task["slots"], task["slot"])
     os.close(task["fd"])
+    about = About.received(task["about"])
     _prefer(True)
     try:
-        recorder = Recorder(task["path"], task["joint_names"], task["metadata"], reserve=task["reserve"])
+        recorder = Recorder(task["path"], task["joint_names"], task["metadata"], about, reserve=task["reserve"])
         ring.say("ready", "yes")
         _record(ring, recorder, task)
     except Exception as error:  # whatever it is, the control loop must learn of it

@@ -19,7 +19,7 @@ from logs.journal import Journal
 from logs.mcap_records import is_journal
 from logs.mcap_stream import McapStream
 from logs.ring import forget, left_behind
-from logs.schemas import FAILURE, RECORDING, STATES
+from logs.schemas import FAILURE, RECORDING, STATES, device_offset
 from sim.errors import BadLog, DeviceError
 
 GONE = "and what the ring held when the computer stopped"
@@ -35,6 +35,7 @@ class _Found:
     end: int = 0
     last: int | None = None
     failure: str = ""
+    offset: int | None = None
 
 
 def is_recording(path: Path) -> bool | None:
@@ -105,6 +106,7 @@ def _read(path: Path) -> _Found:
         found.counts[topic] = found.counts.get(topic, 0) + count
     found.metadata = stream.metadata.get(RECORDING, {})
     found.failure = stream.metadata.get(FAILURE, {}).get("reason", "")
+    found.offset = device_offset(stream.metadata)
     found.seals, found.end = stream.seals, stream.sealed_to
     return found
 
@@ -125,7 +127,9 @@ def _drain(path: Path, found: _Found) -> str:
     )
     journal = Journal.reopened(path, found.end)
     try:
-        recorder = Recorder.resumed(journal, found.metadata, found.counts, float(said) if said and samples else None)
+        recorder = Recorder.resumed(
+            journal, found.metadata, found.counts, float(said) if said and samples else None, found.offset
+        )
         n = len(recorder.joint_names)
         while (message := ring.look()) is not None:
             if INDEX.unpack_from(message)[0] >= found.seals - 1:  # one seal a message, and one for the head

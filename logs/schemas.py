@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 STATES = "/joint_states"
 COMMANDS = "/joint_commands"
 DIAGNOSTICS = "/joint_diagnostics"
+DESCRIPTION = "/robot_description"
 EVENTS = "/events"
 RECORDING = "recording"  # metadata record with what the recording says of itself
 FAILURE = "failure"  # metadata record of a recording that could not be written to its end
+DEVICE_CLOCK = "device_clock"  # metadata record: what was added to the device clock to make the stamps wall time
 NO_HOST_CLOCK = {"host_clock": "none"}  # in that record: log times repeat the device clock
 
 _RULE = "=" * 80
@@ -34,6 +38,7 @@ string[] name
 float64[] current
 float64[] temperature
 {_HEADER}""",
+    "std_msgs/msg/String": "string data\n",
     "rcl_interfaces/msg/Log": f"""byte DEBUG=10
 byte INFO=20
 byte WARN=30
@@ -53,4 +58,18 @@ TOPICS = {
     COMMANDS: "sensor_msgs/msg/JointState",
     DIAGNOSTICS: "calib_msgs/msg/JointDiagnostics",
     EVENTS: "rcl_interfaces/msg/Log",
+    DESCRIPTION: "std_msgs/msg/String",
 }
+UNITS = {
+    STATES: {"position": "rad", "velocity": "rad/s", "effort": "N*m", "stamp": "device clock on wall time"},
+    COMMANDS: {"position": "rad", "velocity": "rad/s", "effort": "N*m", "stamp": "device clock on wall time"},
+    DIAGNOSTICS: {"current": "A", "temperature": "degC", "stamp": "device clock on wall time"},
+    EVENTS: {},
+    DESCRIPTION: {"format": "URDF"},
+}
+
+
+def device_offset(metadata: dict[str, dict[str, str]]) -> int | None:
+    """ns from the device clock to the stamps, where the recording says so; None for stamps that are the device clock."""
+    text = metadata.get(DEVICE_CLOCK, {}).get("offset_ns", "")
+    return int(text) if re.fullmatch(r"-?[0-9]{1,19}", text, re.ASCII) else None

@@ -17,7 +17,7 @@ from logs.mcap_records import Batch, Channel
 from logs.mcap_stream import McapStream
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.rosbag2 import bag_parts
-from logs.schemas import DIAGNOSTICS, RECORDING, STATES
+from logs.schemas import DIAGNOSTICS, RECORDING, STATES, device_offset
 
 LATTICE_SECONDS = 10.0
 
@@ -26,7 +26,7 @@ LATTICE_SECONDS = 10.0
 class Spool:
     """N samples on disk: stamps int64 ns and rows of q and tau, float64; readings of the current with stamps of their own.
 
-    marks: the first sample of every LATTICE_SECONDS of the device clock that holds one.
+    offset: ns from the device clock to the stamps. marks: the first sample of every LATTICE_SECONDS of the device clock that holds one.
     """
 
     path: Path
@@ -40,6 +40,7 @@ class Spool:
     readings: int
     duration: float
     marks: list[int]
+    offset: int = 0
 
     def log(self, lo: int, hi: int) -> Log:
         """Samples lo to hi; NaN for what is not kept."""
@@ -51,7 +52,7 @@ class Spool:
         return Log(
             self.joint_names, t=t, t_host=np.full(len(t), np.nan), q=values[:, :n].copy(), dq=nothing, tau=values[:, n:].copy(),
             current=self._current(stamp), temperature=nothing, q_cmd=nothing, dq_cmd=nothing, tau_cmd=nothing,
-            metadata=self.metadata, findings=self.findings if lo == 0 else (), path=self.path, state=self.state, t_origin=self.origin,
+            metadata=self.metadata, findings=self.findings if lo == 0 else (), path=self.path, state=self.state, t_origin=self.origin - self.offset,
         )  # fmt: skip
 
     def _current(self, stamp: np.ndarray) -> np.ndarray:
@@ -110,7 +111,7 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
     words |= {f"{name}.{key}": value for name, record in metadata.items() if name != RECORDING for key, value in record.items()}
     return Spool(
         path, folder, joint_names, words, damage.all_findings(), state, out.origin, out.samples, out.readings,
-        (out.last - out.origin) * 1e-9, out.marks,
+        (out.last - out.origin) * 1e-9, out.marks, device_offset(metadata) or 0,
     )  # fmt: skip
 
 

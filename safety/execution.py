@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.driver import Driver
 from drivers.preflight import preflight
+from logs.about import about_recording
 from logs.recorder import COMPLETED, Recorder, Recording
 from logs.recorder_process import RecorderProcess
 from safety.approach import SHARES, Joined, joined, move
@@ -284,7 +285,7 @@ class _Run:
         }  # fmt: skip
         kept = {key: value for key, value in metadata.items() if value is not None}
         kind = Recorder if self.simulated else RecorderProcess
-        return kind(path, self.arm.joint_names, kept)
+        return kind(path, self.arm.joint_names, kept, about_recording(self.arm, self.cell, self.plan.folder))
 
     def _watch_cycle(self, cycle: Cycle) -> None:
         self.frames += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -53,6 +54,23 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
         _add_shape(links[shape.link + 1], shape, (meshes or {}).get(shape.name, Path(f"shape_{k}.stl")))
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def viewer_text(arm: Arm) -> str:
+    """A URDF for viewers: a box about each mesh in its place, so that no other file is needed; "" where `urdf_text` has none."""
+    shapes = tuple(shape if shape.vertices is None else _boxed(shape) for shape in arm.tree.shapes)
+    try:
+        return urdf_text(replace(arm, tree=replace(arm.tree, shapes=shapes)))
+    except ConfigError:
+        return ""
+
+
+def _boxed(shape: Shape) -> Shape:
+    """The box about a mesh."""
+    corners = np.asarray(shape.vertices, dtype=float)
+    least, most = corners.min(axis=0), corners.max(axis=0)
+    place = shape.position + shape.rotation @ (0.5 * (least + most))
+    return replace(shape, kind="box", size=0.5 * (most - least), position=place, vertices=None, faces=None)
 
 
 def rpy(rotation: np.ndarray) -> np.ndarray:

@@ -12,7 +12,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs import Recorder, read_log
-from logs.schemas import SCHEMAS, TOPICS
+from logs.about import About
+from logs.schemas import SCHEMAS, TOPICS, UNITS
 from sim.joint_state import JointState
 
 NAMES = ("shoulder", "elbow", "wrist_with_a_long_name")
@@ -23,7 +24,8 @@ COUNT = 300
 def recording(tmp_path):
     rng = np.random.default_rng(3)
     x = np.cumsum(rng.normal(0, 1e-3, (COUNT, 3)), axis=0)
-    with Recorder(tmp_path / "a.mcap", NAMES, {"arm": "servo3"}, wall_clock=lambda: 1_700_000_000 * 10**9) as recorder:
+    about = About("<robot name='servo3'/>", {"arm/arm.toml": b"name = 'servo3'", "cell.toml": b"a cell"})
+    with Recorder(tmp_path / "a.mcap", NAMES, {"arm": "servo3"}, about, wall_clock=lambda: 1_700_000_000 * 10**9) as recorder:
         for k in range(COUNT):
             nothing = np.full(3, np.nan)
             recorder.write(
@@ -39,19 +41,30 @@ def test_the_reference_reader_and_ros2_decoder(recording):
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
-        assert summary.statistics.message_count == 3 * COUNT + 1
+        assert summary.statistics.message_count == 3 * COUNT + 2
         assert {channel.topic for channel in summary.channels.values()} == set(TOPICS)
         assert len(summary.chunk_indexes) >= 1
-        assert {record.name for record in reader.iter_metadata()} == {"recording"}
+        assert {record.name for record in reader.iter_metadata()} == {"recording", "device_clock"}
+        assert {channel.topic: channel.metadata for channel in summary.channels.values()} == UNITS
+        attached = {item.name: (item.media_type, item.data) for item in reader.iter_attachments()}
+        assert attached == {
+            "arm/arm.toml": ("application/toml", b"name = 'servo3'"),
+            "cell.toml": ("application/toml", b"a cell"),
+        }
+        (described,) = [decoded.data for *_, decoded in reader.iter_decoded_messages(topics=["/robot_description"])]
+        assert described == "<robot name='servo3'/>"
         states = [decoded for _, channel, _, decoded in reader.iter_decoded_messages(topics=["/joint_states"])]
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for topic in TOPICS:
-            assert len(list(reader.iter_decoded_messages(topics=[topic]))) == (1 if topic == "/events" else COUNT)
+            assert len(list(reader.iter_decoded_messages(topics=[topic]))) == (
+                1 if topic in ("/events", "/robot_description") else COUNT
+            )
     np.testing.assert_array_equal([state.position for state in states], x)
     assert tuple(states[0].name) == NAMES
     assert list(states[0].effort) == []
-    assert states[5].header.stamp.sec == 100
+    assert states[5].header.stamp.sec == 1_700_000_000  # the device's own clock says 100: the stamps are put on wall time
+    assert read_log(path).t_origin == 100 * 10**9
     assert states[5].header.stamp.nanosec == 10_000_000
 
 

@@ -204,7 +204,7 @@ def test_a_stop_closes_the_log_as_aborted_and_says_why_in_the_trail(arm: Arm, ce
         go(tmp_path, arm, cell, [short(), replace(short(), name="second")], hot)
     log = read_log(tmp_path / "run" / "probe.mcap", accept_partial=True)
     assert "temperature" in log.metadata["end_reason"]
-    with pytest.raises(BadLog, match="no message"):
+    with pytest.raises(BadLog, match="holds no sample"):
         read_log(tmp_path / "run" / "second.mcap", accept_partial=True)
     last = audit.verify(tmp_path / "audit.jsonl")[-1]
     assert last["event"] == "run stopped"

@@ -1,0 +1,111 @@
+"""What travels with a recording so that a stranger can use it: the arm as URDF, and its folder, the cell and the plan as attachments."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import mimetypes
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mcap.records import Attachment
+
+from sim.errors import CalibError
+from sim.files import MAX_TABLE, read_bytes
+
+if TYPE_CHECKING:
+    from sim.arm import Arm
+    from sim.cell import Cell
+
+ARM_FOLDER, CELL_FILE, PLAN_FILE = "arm", "cell.toml", "plan.toml"
+MOST = 16 << 20  # bytes of an arm's folder; a larger one travels without its meshes
+_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .+-]{0,99}", re.ASCII)
+_DEEP = 6
+
+
+@dataclass(frozen=True)
+class About:
+    """urdf: the arm for viewers, "" where there is none; files: name in the recording -> content."""
+
+    urdf: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    def attached(self, now: int) -> list[Attachment]:
+        """The files as MCAP attachments of the instant `now` (ns since 1970)."""
+        return [
+            Attachment(create_time=now, log_time=now, name=name, media_type=_media(name), data=data)
+            for name, data in self.files.items()
+        ]
+
+    def shared(self) -> int:
+        """A descriptor for another process to read this from; the caller closes it."""
+        text = json.dumps([self.urdf, {name: base64.b64encode(data).decode() for name, data in self.files.items()}])
+        fd = os.memfd_create("arm-calib-about", os.MFD_CLOEXEC)
+        with os.fdopen(os.dup(fd), "wb") as stream:
+            stream.write(text.encode())
+        return fd
+
+    @staticmethod
+    def received(fd: int) -> About:
+        """What `shared` was given; closes the descriptor."""
+        with os.fdopen(fd, "rb") as stream:
+            stream.seek(0)
+            urdf, files = json.loads(stream.read())
+        return About(urdf, {name: base64.b64decode(data) for name, data in files.items()})
+
+
+def about_recording(arm: Arm, cell: Cell | None = None, plan: Path | None = None) -> About:
+    """What a recording of this arm takes along; a file that is not as it was read is left out."""
+    from sim.urdf import viewer_text
+
+    files = _arm_files(arm)
+    if cell is not None:
+        raw = _content(cell.path, MAX_TABLE)
+        if raw is not None and hashlib.sha256(raw).hexdigest() == cell.sha256:
+            files[CELL_FILE] = raw
+    sealed = None if plan is None else _content(plan / PLAN_FILE, MAX_TABLE)
+    if sealed is not None:
+        files[PLAN_FILE] = sealed
+    return About(viewer_text(arm), files)
+
+
+def _arm_files(arm: Arm) -> dict[str, bytes]:
+    from sim.model_text import asset_files
+
+    folder = arm.model_path.parent
+    table = _content(folder / "arm.toml", MAX_TABLE)
+    model = arm.model_text.encode()
+    if table is None or hashlib.sha256(table + model).hexdigest() != arm.sha256:
+        return {}
+    files = {f"{ARM_FOLDER}/arm.toml": table, f"{ARM_FOLDER}/{arm.model_path.name}": model}
+    meshes: dict[str, bytes | None] = {}
+    room = MOST
+    for name, source in asset_files(arm.model_text, folder).items():
+        data = _content(source, room)
+        meshes[f"{ARM_FOLDER}/{name}"] = data
+        room -= len(data or b"")
+    whole = all(data is not None and is_inside(name) for name, data in meshes.items())
+    return files | {name: data for name, data in meshes.items() if data is not None} if whole else files
+
+
+def _content(file: Path, most: int) -> bytes | None:
+    try:
+        return read_bytes(file, max(most, 0))
+    except CalibError:
+        return None
+
+
+def is_inside(name: str) -> bool:
+    """Whether an attachment's name is a plain path below the arm's folder; anything else is never made a file of."""
+    parts = name.split("/")
+    return parts[0] == ARM_FOLDER and 2 <= len(parts) <= _DEEP and all(_PART.fullmatch(part) for part in parts[1:])
+
+
+def _media(name: str) -> str:
+    known = {".toml": "application/toml", ".xml": "application/xml", ".stl": "model/stl", ".obj": "model/obj"}
+    return known.get(Path(name).suffix.lower()) or mimetypes.guess_type(name)[0] or "application/octet-stream"
