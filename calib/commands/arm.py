@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -153,6 +154,47 @@ def drive(
     with staging_folder() as staging:
         arm = drive_arm(name, joint, None if known is None else (known[0], known[1]), load == "unknown", Path(staging))
         _finish(arm, name, limit, torque_at, out, json, sys.stdin.isatty() and not json, [], "`calib arm drive`")
+
+
+@app.command()
+def read(
+    cell: console.CellArgument,
+    out: Folder = None,
+    json: console.Json = False,
+    configs: console.Configs = None,
+) -> None:
+    """Read the kinematics and limits that a UR controller holds of its own arm, and write them as an arm folder of that robot.
+
+    Only listens. The folder is named after the arm and its serial number; masses and all else stay those of the cell's arm.
+
+    Example:
+
+        calib arm read emulated-ur10e
+    """
+    from drivers.ur_rtde.driver import UrDriver
+    from drivers.ur_rtde.own_folder import moved, write_own
+    from drivers.ur_rtde.primary import own_arm
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+
+    table = load_cell(cell, configs)
+    if table.table.driver != "ur_rtde":
+        raise ConfigError(f"{table.path}: driver = {table.table.driver!r}: only a UR controller holds its arm's kinematics")
+    arm = load_arm(table.table.arm, configs)
+    driver = UrDriver.from_cell(table, arm)
+    with console.progress(f"listening to {table.name}"), closing(driver):
+        serial = driver.inspect().serial or "serial-not-told"
+        own = own_arm(driver.options.host)
+    written = write_own(out or Path("configs") / "arms" / f"{arm.name}-{serial}", arm, own, serial)
+    folder, far = written.model_path.parent, moved(arm, own)
+    if json:
+        console.print_json(
+            {"arm": written.name, "folder": folder, "serial": serial, "checksum": own.checksum, "moved": far.tolist()}
+        )
+        return
+    rows = zip(written.joint_names, 1e3 * far, written.q_min, written.q_max, written.dq_max, strict=True)
+    console.table(["joint", "moved from nominal mm", "q_min rad", "q_max rad", "dq_max rad/s"], rows)
+    console.say(f"{folder}: use it by arm = {written.name!r} in {table.path.name}")
 
 
 def _finish(

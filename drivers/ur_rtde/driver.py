@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from drivers.preflight import STANDSTILL, lifted
-from drivers.ur_rtde import checks, family
+from drivers.ur_rtde import checks, family, own_folder, primary
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
 from drivers.ur_rtde.dashboard import Said, said
@@ -236,8 +236,16 @@ class UrDriver(Driver):
         found = self._readiness(frames[-1])
         if self._commands is not None:
             found = [c for c in found if c.name != "program"]  # it is our own
+        else:
+            found.append(self._kinematics())
         source = self._source(frames[-1].values)
         return [*found, checks.torque(source, self.arm.torque_constant is not None), self._arm_at_rest(frames)]
+
+    def _kinematics(self) -> Check:
+        try:
+            return own_folder.kinematics(self.arm, primary.own_arm(self.options.host))
+        except DeviceError as error:
+            return Check("kinematics", None, str(error))
 
     def _arm_at_rest(self, frames: list[Frame]) -> Check:
         q, dq, tau, current = (

@@ -16,7 +16,7 @@ from sim.resources import config_folders
 from sim.version import software_version
 
 ROOT = Path(__file__).resolve().parents[2]
-SUBCOMMANDS = ["arm new", "arm drive"]
+SUBCOMMANDS = ["arm new", "arm drive", "arm read"]
 
 # what the hand does most often at half past five, and what answers it
 MISTAKES = [

@@ -11,6 +11,7 @@ from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell
 from sim.effects import with_effect
 from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.primary import held
 from sim.emulated.ur.robot import Robot
 from sim.errors import ConfigError
 from sim.plant import Plant
@@ -23,13 +24,14 @@ class UrEmulation(StrictTable):
     """[emulation.options] of a UR cell.
 
     polyscope, the version that the controller says it has; remote, whether it starts so; arm, what really stands there where it is not
-    the cell's, and model, what it then answers.
+    the cell's, and model, what it then answers; calibration, a seed of the kinematic calibration that the controller holds.
     """
 
     polyscope: str = "5.25.1"
     remote: bool = True
     arm: str | None = None
     model: str | None = None
+    calibration: int | None = None
 
     @field_validator("polyscope")
     @classmethod
@@ -67,4 +69,5 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
         payload=(payload.mass, (payload.com[0], payload.com[1], payload.com[2])) if payload else (0.0, (0.0, 0.0, 0.0)),
     )
     robot.remote = settings.remote
+    robot.held = held(arm, settings.calibration)
     return UrEmulator(robot, str(cell.table.options.get("host", "")))

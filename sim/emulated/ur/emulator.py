@@ -14,12 +14,14 @@ from sim.emulated.promptness import answer_promptly
 from sim.emulated.ur import line
 from sim.emulated.ur.dashboard import GREETING, respond
 from sim.emulated.ur.frames import Malformed
+from sim.emulated.ur.primary import greeting
 from sim.emulated.ur.robot import Robot
 from sim.emulated.ur.rtde import RtdeSession
 from sim.errors import ConfigError, DeviceError
 from sim.resources import nearest
 
 RTDE, DASHBOARD, SCRIPT, SECONDARY = 30004, 29999, 30003, 30002
+PRIMARY, PRIMARY_READ_ONLY = 30001, 30011
 UNREAD_MAX = 1 << 20  # bytes that a client may leave unread before the controller closes the connection
 BEHIND_MAX = 0.5  # s of lost time that is made up for; beyond it the controller's clock stands still
 
@@ -54,7 +56,8 @@ class UrEmulator:
             )
         self.robot, self.host = robot, host
         # PolyScope X has no dashboard server
-        self.ports = (SECONDARY, SCRIPT, RTDE) if robot.version[0] >= 10 else (DASHBOARD, SECONDARY, SCRIPT, RTDE)
+        own = () if robot.version[0] >= 10 else (DASHBOARD,)
+        self.ports = (*own, PRIMARY, SECONDARY, SCRIPT, RTDE, PRIMARY_READ_ONLY)
         self._todo: deque[Callable[[], None]] = deque()
         self._listeners: dict[socket.socket, int] = {}
         self._clients: dict[socket.socket, _Client] = {}
@@ -192,6 +195,8 @@ class UrEmulator:
         self._selector.register(connection, selectors.EVENT_READ)
         if client.port == DASHBOARD:
             self._send(client, GREETING.encode() + b"\n")
+        if client.port in (PRIMARY, PRIMARY_READ_ONLY) and self.robot.held is not None:
+            self._send(client, greeting(self.robot.held, self.robot.model))
 
     def _receive(self, client: _Client) -> None:
         try:
@@ -213,7 +218,7 @@ class UrEmulator:
             *lines, client.text = (client.text + data).split(b"\n")
             for text in lines:
                 self._send(client, respond(self.robot, text.decode("utf-8", "replace")).encode() + b"\n")
-        else:
+        elif client.port != PRIMARY_READ_ONLY:
             # a program ends with `end` in the first column
             *programs, client.text = (client.text + data).split(b"\nend\n")
             for program in programs:

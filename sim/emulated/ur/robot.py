@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from sim.emulated.ur.motion import Motion
+from sim.emulated.ur.primary import HeldArm
 from sim.emulated.ur.program import control_program, register_offset
 from sim.joint_state import JointState
 
@@ -59,6 +60,7 @@ class Robot:
         self.speed_slider, self.idle_speed_scaling = 1.0, IDLE_SPEED_SCALING
         self.operational_mode = "AUTOMATIC"
         self.program_name = ""
+        self.held: HeldArm | None = None
         self.ended: list[str] = []  # programs of others that somebody's upload ended
         self.payload, self.payload_cog = payload[0], list(payload[1])
         # set_gravity of URScript gives the acceleration away from the earth's centre; taken to hold for its read-back too

@@ -1,0 +1,111 @@
+"""The primary interface, only listened to: what the controller knows of its own arm's kinematics and limits.
+
+Universal Robots, "Client Interfaces": a robot state message holds sub-packages, among them kinematics info (5) and configuration data (6),
+which come on connecting. Layout as parsed by the maker's client library (kinematics_info.cpp, configuration_data.cpp).
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.dh import DhRows
+from sim.errors import DeviceError
+
+PORTS = (30011, 30001)  # the first takes no commands; controllers before 3.4 and 5.0 have only the second
+TIMEOUT = 3.0
+PACKAGE_MAX = 1 << 16  # bytes; a robot state has some 1500
+ROBOT_STATE, KINEMATICS, CONFIGURATION = 16, 5, 6
+HEADER = struct.Struct(">IB")
+KINEMATICS_ROWS = struct.Struct(">6I24dI")
+CONFIGURATION_ROWS = struct.Struct(">24d5d24d4i")
+JOINTS = 6
+
+
+@dataclass(frozen=True)
+class OwnArm:
+    """What a controller says of its arm: calibrated kinematics, position limits rad, largest speed rad/s, its number for the robot type.
+
+    checksum is the controller's own of its kinematic calibration, as text.
+    """
+
+    kinematics: DhRows
+    q_min: np.ndarray
+    q_max: np.ndarray
+    dq_max: np.ndarray
+    robot_type: int
+    checksum: str
+
+
+def own_arm(host: str) -> OwnArm:
+    """What the controller says of its arm; DeviceError where it does not within a bounded time."""
+    refusal: OSError | None = None
+    for port in PORTS:
+        try:
+            with socket.create_connection((host, port), timeout=TIMEOUT) as connection:
+                return _listened(connection, f"{host}:{port}")
+        except OSError as error:
+            refusal = error
+    raise DeviceError(
+        f"no primary interface at {host} ({refusal}); enable it in Settings > Security > Services, or do without the controller's own "
+        "kinematics"
+    )
+
+
+def _listened(connection: socket.socket, where: str) -> OwnArm:
+    buffer, found = b"", dict[int, bytes]()
+    end = time.monotonic() + TIMEOUT
+    while not {KINEMATICS, CONFIGURATION} <= set(found):
+        connection.settimeout(max(0.01, end - time.monotonic()))
+        data = connection.recv(65536)
+        if not data or time.monotonic() > end:
+            raise TimeoutError("it does not send its kinematics and configuration")
+        buffer += data
+        while len(buffer) >= HEADER.size:
+            size, kind = HEADER.unpack_from(buffer)
+            if not HEADER.size <= size <= PACKAGE_MAX:
+                raise DeviceError(f"{where} sent a package of {size} bytes; is it a UR controller's primary interface?")
+            if len(buffer) < size:
+                break
+            if kind == ROBOT_STATE:
+                found |= parts(buffer[HEADER.size : size], where)
+            buffer = buffer[size:]
+    return parsed(found, where)
+
+
+def parts(state: bytes, where: str) -> dict[int, bytes]:
+    """The sub-packages of a robot state by their type; DeviceError where their lengths do not add up."""
+    found, at = {}, 0
+    while at < len(state):
+        if at + HEADER.size > len(state):
+            raise DeviceError(f"{where}: a sub-package is cut off")
+        size, kind = HEADER.unpack_from(state, at)
+        if size < HEADER.size or at + size > len(state):
+            raise DeviceError(f"{where}: sub-package {kind} claims {size} of {len(state) - at} bytes")
+        found[kind] = state[at + HEADER.size : at + size]
+        at += size
+    return found
+
+
+def parsed(found: dict[int, bytes], where: str) -> OwnArm:
+    """The arm of both sub-packages; newer versions append fields, which are left unread."""
+    try:
+        kinematics = KINEMATICS_ROWS.unpack_from(found[KINEMATICS])
+        configuration = CONFIGURATION_ROWS.unpack_from(found[CONFIGURATION])
+    except struct.error as error:
+        raise DeviceError(f"{where}: kinematics or configuration is too short ({error}); this version is not known") from error
+    theta, a, d, alpha = np.reshape(kinematics[6:30], (4, JOINTS))
+    limits, motion = np.reshape(configuration[:12], (JOINTS, 2)), np.reshape(configuration[12:24], (JOINTS, 2))
+    numbers = [theta, a, d, alpha, limits, motion]
+    if not all(np.all(np.isfinite(x)) for x in numbers) or not (
+        np.all(limits[:, 0] < limits[:, 1]) and np.all(motion[:, 0] > 0)
+    ):
+        raise DeviceError(f"{where}: kinematics or limits are no numbers that an arm can have; nothing was taken from them")
+    return OwnArm(
+        DhRows(theta, a, d, alpha), limits[:, 0].copy(), limits[:, 1].copy(), motion[:, 0].copy(), configuration[55],
+        "-".join(f"{x:08x}" for x in kinematics[:6]),
+    )  # fmt: skip
