@@ -8,6 +8,7 @@ from drivers.driver import Driver
 from sim.arm import Arm
 from sim.cell import Cell, require_postures
 from sim.errors import ConfigError
+from sim.plugins import check_names, loaded, origin, plugins
 from sim.resources import nearest
 
 # driver named in the cell file -> module and class; imported only when a cell names it
@@ -24,10 +25,24 @@ def open_driver(cell: Cell, arm: Arm) -> Driver:
 
     ConfigError where the cell's driver, options, home or rest do not fit.
     """
-    name = cell.table.driver
-    if name not in DRIVERS:
-        raise ConfigError(f"{cell.path}: driver = {name!r} is not known; {nearest(name, DRIVERS)}")
     require_postures(cell, arm)
-    module, class_name = DRIVERS[name]
-    driver: Driver = getattr(import_module(module), class_name).from_cell(cell, arm)
+    driver: Driver = driver_class(cell.table.driver, str(cell.path)).from_cell(cell, arm)  # type: ignore[attr-defined]
     return driver
+
+
+def driver_class(name: str, where: str = "driver") -> type[Driver]:
+    """The class of that name, ours or a package's (entry point arm_calib.drivers); ConfigError names the nearest."""
+    check_names("drivers", DRIVERS)
+    if name in plugins("drivers"):
+        found: type[Driver] = loaded(plugins("drivers")[name], Driver)
+        return found
+    if name not in DRIVERS:
+        raise ConfigError(f"{where}: driver = {name!r} is not known; {nearest(name, [*DRIVERS, *plugins('drivers')])}")
+    module, class_name = DRIVERS[name]
+    own: type[Driver] = getattr(import_module(module), class_name)
+    return own
+
+
+def driver_origin(name: str) -> str:
+    """The package and version that a driver comes from."""
+    return origin(plugins("drivers").get(name))

@@ -19,6 +19,7 @@ from sim.errors import ConfigError
 from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_text import checked_text, urdf_speed_limits
+from sim.plugins import arm_folder, plugins
 from sim.prior import stated_prior
 from sim.resources import config_folders, nearest
 from sim.strict import validated
@@ -105,7 +106,11 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
     for folder in config_folders(configs, "arms"):
         if (folder / str(reference) / "arm.toml").is_file():
             return _folder(folder / str(reference))
+    added = arm_folder(str(reference))
+    if added is not None:
+        return _folder(added)
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})
+    known += sorted(plugins("arms"))
     raise ConfigError(
         f"there is no arm {str(reference)!r}; {nearest(str(reference), known)}; an arm is a name from configs/arms, "
         "a folder with arm.toml, or a .xml or .urdf file"

@@ -33,7 +33,7 @@ def command(
 
         calib check emulated-ur10e
     """
-    from drivers import open_driver
+    from drivers import driver_origin, open_driver
     from drivers.preflight import preflight
     from safety import realtime
     from safety.confirmation import check_answer, check_yes, question
@@ -41,6 +41,7 @@ def command(
     from safety.stop_sources import StopSignals
     from sim.arm import load_arm
     from sim.cell import load_cell
+    from sim.plugins import OWN, arm_origin
 
     table = load_cell(cell, configs)
     arm = load_arm(table.table.arm, configs)
@@ -49,6 +50,10 @@ def command(
         check_yes(table)
     elif move:
         check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
+    if driver_origin(table.table.driver) != OWN and not as_json:
+        console.say(f"driver {table.table.driver} comes from {driver_origin(table.table.driver)}")
+    if arm_origin(table.table.arm) != OWN and not as_json:
+        console.say(f"arm {table.table.arm} comes from {arm_origin(table.table.arm)}")
     lock_cell(table)
     with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
         waits = table.table.driver not in ("mock", "replay")

@@ -28,25 +28,33 @@ def command(
 
         calib effects stribeck_friction
     """
-    from sim.effects import EFFECTS, effect_named
+    from sim.effects import BROKEN, EFFECTS, effect_named, effect_origin
 
     chosen = EFFECTS if name is None else (effect_named(name),)
     if as_json:
         console.print_json({"schema": "effects/1", "effects": [_plain(e) for e in chosen]})
     elif name is None:
         rows = [[e.name, e.scope, ", ".join(f"{p.name} [{_unit(p.unit)}]" for p in e.parameters), e.summary] for e in EFFECTS]
-        console.table(["effect", "of", "parameters", "what it is"], rows)
+        origins = [effect_origin(e.name) for e in EFFECTS]
+        if len(set(origins)) > 1:
+            rows = [[*row, where] for row, where in zip(rows, origins, strict=True)]
+        console.table(["effect", "of", "parameters", "what it is", *(["from"] if len(set(origins)) > 1 else [])], rows)
+        for sentence in BROKEN.values():
+            console.warn(sentence)
     else:
         _describe(chosen[0])
 
 
 def _describe(effect: Effect) -> None:
+    from sim.effects import effect_origin
+
     console.say(f"{effect.name}: {effect.summary}")
     console.say(f"  law         {effect.law}.")
     console.say(f"  looks like  {effect.looks}")
     if effect.experiment:
         console.say(f"  shown by    {effect.experiment}")
     console.say(f"  reference   {effect.reference}")
+    console.say(f"  comes from  {effect_origin(effect.name)}")
     console.say(f"  belongs to  {'one joint' if effect.scope == 'joint' else 'the whole arm'}")
     console.table(
         ["parameter", "unit", "least", "greatest", "meaning"],
@@ -55,8 +63,11 @@ def _describe(effect: Effect) -> None:
 
 
 def _plain(effect: Effect) -> dict[str, object]:
+    from sim.effects import effect_origin
+
     return {
         "name": effect.name,
+        "from": effect_origin(effect.name),
         "scope": effect.scope,
         "summary": effect.summary,
         "law": effect.law,

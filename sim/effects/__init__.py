@@ -31,9 +31,10 @@ from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
 from sim.effects.viscous_friction import ViscousFriction
 from sim.errors import ConfigError
+from sim.plugins import OWN, check_names, loaded, origin, plugins
 from sim.resources import nearest
 
-EFFECTS: tuple[Effect, ...] = (
+OWN_EFFECTS: tuple[Effect, ...] = (
     CoulombFriction(),
     ViscousFriction(),
     AsymmetricFriction(),
@@ -60,11 +61,41 @@ EFFECTS: tuple[Effect, ...] = (
     ExternalContact(),
 )
 
+# effects of other packages that cannot be used -> why; the others are as good as our own
+BROKEN: dict[str, str] = {}
+
+
+def _of_packages() -> tuple[Effect, ...]:
+    """The effects that installed packages add (entry point arm_calib.effects), in the order of their names."""
+    found = []
+    check_names("effects", (e.name for e in OWN_EFFECTS))
+    for name, entry in sorted(plugins("effects").items()):
+        try:
+            effect = loaded(entry, Effect)
+            effect = effect() if isinstance(effect, type) else effect
+            if effect.name != name:
+                raise ConfigError(f"effect {name!r} of {origin(entry)} calls itself {effect.name!r}; ask its authors")
+        except ConfigError as error:
+            BROKEN[name] = str(error)
+            continue
+        found.append(effect)
+    return tuple(found)
+
+
+EFFECTS: tuple[Effect, ...] = (*OWN_EFFECTS, *_of_packages())
 _BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
+def effect_origin(name: str) -> str:
+    """The package and version that an effect comes from."""
+    entry = plugins("effects").get(name)
+    return origin(entry) if entry else OWN
+
+
 def effect_named(name: str) -> Effect:
-    """The effect of that name; ConfigError names the nearest."""
+    """The effect of that name; ConfigError names the nearest, or says why that of another package cannot be used."""
+    if name in BROKEN:
+        raise ConfigError(BROKEN[name])
     try:
         return _BY_NAME[name]
     except KeyError:
@@ -101,4 +132,16 @@ def with_effect(arm: Arm, instance: ArmEffect) -> Arm:
     return replace(arm, effects=(*others, instance))
 
 
-__all__ = ["EFFECTS", "Effect", "Mjcf", "Parameter", "PathState", "Stage", "checked", "effect_named", "with_effect"]
+__all__ = [
+    "BROKEN",
+    "EFFECTS",
+    "Effect",
+    "Mjcf",
+    "Parameter",
+    "PathState",
+    "Stage",
+    "checked",
+    "effect_named",
+    "effect_origin",
+    "with_effect",
+]

@@ -1,0 +1,232 @@
+"""The promises of a driver (drivers.driver.Driver). Run them against an emulated device: commands beyond the arm's range are among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+
+from calib.testing.promise import Promise, Promises
+from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
+from sim.arm import Arm
+from sim.errors import CalibError, ConfigError, DeviceError
+from sim.joint_state import JointState
+
+SAMPLES = 50
+QUANTUM = 2e-3
+REFUSALS = (DeviceError, ConfigError)
+
+
+def check_driver(
+    make: Callable[[], Driver],
+    arm: Arm,
+    standing: np.ndarray | None = None,
+    position: Callable[[Driver], np.ndarray] | None = None,
+) -> tuple[Promise, ...]:
+    """Every promise of a driver, tried on devices that `make` opens anew; none may move by more than 2e-3 rad unless it is told to.
+
+    standing (n,) rad: where the device stands before it is connected; position(driver): where it really stands, from outside, if the
+    emulator can say. Without either a motion in `connect` is only seen where it goes on afterwards.
+    """
+    out, n = Promises(), arm.n
+    still, zero = np.zeros(n), np.zeros(n)
+
+    def session(use: Callable[[Driver], object]) -> Callable[[], object]:
+        def run() -> object:
+            driver = make()
+            try:
+                driver.info = driver.connect()
+                return use(driver)
+            finally:
+                # what close itself does wrong is a promise of its own
+                with suppress(Exception):
+                    driver.close()
+
+        return run
+
+    out.keep("the driver is a Driver of this arm", lambda: _is_driver(make(), arm))
+    out.refuse("before connect, read is refused", lambda: make().read(), *REFUSALS)
+    out.refuse("before connect, send is refused", lambda: make().send(still, zero, zero), *REFUSALS)
+    out.keep("before connect, stop and close are harmless", lambda: _harmless(make()))
+    out.keep("connect says what the device is", session(lambda d: _info(d.info, d)))
+    out.keep("connect moves nothing", session(lambda d: _unmoved(d, standing, position)))
+    out.keep("a reading has one number for each joint, and angles are finite", session(lambda d: _shape(d.read(), n)))
+    out.keep("readings are new: both clocks go on, none comes twice", session(_new))
+    out.keep("readings come at the rate that is stated", session(_rate))
+    for what, q in {
+        "NaN": np.full(n, np.nan), "infinity": np.full(n, np.inf), "one number too many": np.zeros(n + 1),
+        "one NaN among good numbers": np.r_[np.zeros(n - 1), np.nan],
+    }.items():  # fmt: skip
+        out.refuse(f"a command of {what} is refused", session(partial(_send, q=q)), *REFUSALS)
+    for what, dq, tau in (("speed", np.full(n, np.nan), zero), ("torque", zero, np.full(n, np.nan))):
+        out.refuse(
+            f"a command whose {what} is NaN is refused",
+            session(partial(_spoilt, dq=dq, tau=tau)),
+            *REFUSALS,
+        )
+    out.keep("send returns what was sent", session(lambda d: _echo(d, d.read().q)))
+    out.keep("send never clamps", session(lambda d: _no_clamp(d, arm)))
+    out.keep("send does not change the arrays it is given", session(_untouched))
+    out.keep("stop may be called at any time and again", session(_stopped_twice))
+    out.keep("close ends without an error, and again", lambda: _closed_twice(make()))
+    out.refuse("after close, send is refused", lambda: _after_close(make(), n), *REFUSALS)
+    out.keep("with `with`, the device is released after an error", lambda: _released(make()))
+    out.keep("a closed device can be connected again", lambda: _again(make()))
+    out.keep("checks are Checks with words, and remedies where the answer is no", session(_checks))
+    return tuple(out.found)
+
+
+def _is_driver(driver: Driver, arm: Arm) -> str:
+    if not isinstance(driver, Driver):
+        return f"{type(driver).__name__} is no subclass of drivers.driver.Driver"
+    if driver.arm.joint_names != arm.joint_names:
+        return f"driver.arm has joints {driver.arm.joint_names}, the arm {arm.joint_names}"
+    if not isinstance(driver.device_stop, DeviceStop):
+        return f"device_stop is {driver.device_stop!r}, not a DeviceStop"
+    return "" if np.isfinite(driver.rate) and driver.rate > 0 else f"rate is {driver.rate!r} Hz"
+
+
+def _harmless(driver: Driver) -> None:
+    driver.stop()
+    driver.close()
+
+
+def _info(info: DeviceInfo, driver: Driver) -> str:
+    if not isinstance(info, DeviceInfo):
+        return f"connect returned {info!r}, not a DeviceInfo"
+    if not (info.model and info.serial and info.firmware):
+        return f"model {info.model!r}, serial {info.serial!r}, firmware {info.firmware!r}: none may be empty"
+    return (
+        "" if abs(info.rate - driver.rate) < 0.05 * driver.rate else f"it states {info.rate} Hz, driver.rate is {driver.rate}"
+    )
+
+
+def _unmoved(driver: Driver, standing: np.ndarray | None, position: Callable[[Driver], np.ndarray] | None) -> str:
+    look = position or (lambda d: d.read().q)
+    first = np.array(look(driver), dtype=float)
+    if standing is not None and not np.all(np.abs(first - standing) < QUANTUM):
+        return f"it stood at {np.round(standing, 4).tolist()} rad and stands at {np.round(first, 4).tolist()} after connect"
+    for _ in range(SAMPLES):
+        driver.read()
+    moved = np.abs(np.array(look(driver)) - first).max()
+    return "" if moved < QUANTUM else f"it moved by {moved:.3g} rad without a command"
+
+
+def _shape(state: JointState, n: int) -> str:
+    if not isinstance(state, JointState) or state.n != n:
+        return f"read returned {state!r}"
+    return "" if np.isfinite(state.q).all() else f"q is {state.q.tolist()}: a device without angles is no device"
+
+
+def _new(driver: Driver) -> str:
+    states = [driver.read() for _ in range(SAMPLES)]
+    for name in ("t", "t_device"):
+        steps = np.diff([getattr(s, name) for s in states])
+        if not np.all(steps > 0):
+            return f"{name} does not go on: smallest step {np.min(steps):.3g} s in {SAMPLES} readings"
+    return ""
+
+
+def _rate(driver: Driver) -> str:
+    t = [driver.read().t_device for _ in range(SAMPLES)]
+    found = (SAMPLES - 1) / (t[-1] - t[0]) if t[-1] > t[0] else 0.0
+    return "" if 0.8 < found / driver.rate < 1.25 else f"{found:.4g} Hz by the device's clock; {driver.rate:g} Hz is stated"
+
+
+def _send(driver: Driver, q: np.ndarray) -> np.ndarray:
+    zero = np.zeros(len(q))
+    driver.read()
+    driver.engage()
+    return driver.send(q, zero, zero)
+
+
+def _spoilt(driver: Driver, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    q = driver.read().q
+    driver.engage()
+    return driver.send(q, dq, tau)
+
+
+def _echo(driver: Driver, q: np.ndarray) -> str:
+    driver.engage()
+    sent = np.asarray(driver.send(q, np.zeros(len(q)), np.zeros(len(q))))
+    ok = sent.shape == q.shape and np.all(np.abs(sent - q) < QUANTUM)
+    return "" if ok else f"told {np.round(q, 4).tolist()}, it says that it sent {sent!r}"
+
+
+def _no_clamp(driver: Driver, arm: Arm) -> str:
+    q = np.where(np.isfinite(arm.q_max), arm.q_max, 3.0) + 1.0
+    driver.read()
+    driver.engage()
+    try:
+        sent = np.asarray(driver.send(q, np.zeros(arm.n), np.zeros(arm.n)))
+    except CalibError:
+        return ""
+    return (
+        ""
+        if np.all(np.abs(sent - q) < QUANTUM)
+        else f"told {q[0]:.4g} rad, beyond its range, it sent {sent[0]:.4g} without a word"
+    )
+
+
+def _untouched(driver: Driver) -> str:
+    q = np.array(driver.read().q)
+    given = (q.copy(), np.zeros(len(q)), np.zeros(len(q)))
+    driver.engage()
+    driver.send(*given)
+    return "" if np.array_equal(given[0], q) and not np.any(given[1]) and not np.any(given[2]) else "it changed its arguments"
+
+
+def _stopped_twice(driver: Driver) -> None:
+    driver.stop()
+    driver.stop()
+
+
+def _closed_twice(driver: Driver) -> None:
+    driver.connect()
+    driver.read()
+    driver.close()
+    driver.close()
+
+
+def _after_close(driver: Driver, n: int) -> object:
+    driver.connect()
+    q = np.array(driver.read().q)
+    with suppress(Exception):
+        driver.close()
+    return driver.send(q, np.zeros(n), np.zeros(n))
+
+
+def _released(driver: Driver) -> str:
+    closed: list[bool] = []
+    close = driver.close
+
+    def noted() -> None:
+        closed.append(True)
+        close()
+
+    driver.close = noted  # type: ignore[method-assign]
+    try:
+        with driver:
+            raise DeviceError("an error in the middle of a motion, made by calib.testing")
+    except DeviceError as error:
+        if "made by calib.testing" not in str(error):
+            return f"the error became {error}"
+    return "" if closed else "close was not called"
+
+
+def _again(driver: Driver) -> None:
+    for _ in range(2):
+        driver.connect()
+        driver.read()
+        driver.close()
+
+
+def _checks(driver: Driver) -> str:
+    for check in driver.checks():
+        if not isinstance(check, Check) or not (check.name and check.detail):
+            return f"{check!r} says nothing"
+        if check.ok is False and not check.remedy:
+            return f"{check.name}: no remedy"
+    return ""

@@ -1,0 +1,135 @@
+"""The promises of an effect (sim.effects.Effect): it says what it is, its bounds are kept, and without strength it changes nothing."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from calib.testing.promise import Promise, Promises
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.arm_folder import write_arm
+from sim.effects import Effect, Stage, checked, effect_named, with_effect
+from sim.errors import ConfigError
+from sim.prediction import predict
+from sim.trajectory import Trajectory
+
+RATE, SECONDS = 250.0, 8.0
+
+
+def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promise, ...]:
+    """Every promise of an effect that is in the catalogue (its own, or added by an entry point), on one motion of `arm`."""
+    out = Promises()
+    arm = load_arm(arm) if isinstance(arm, str) else arm
+    effect = effect_named(effect) if isinstance(effect, str) else effect
+    joint = arm.joint_names[min(1, arm.n - 1)] if effect.scope == "joint" else None
+    item = ArmEffect(effect.name, joint, _typical(effect))
+    motion = _motion(arm)
+    out.keep(
+        "the catalogue has it under its name", lambda: effect_named(effect.name) is effect or "another effect has this name"
+    )
+    out.keep("it says what it is, how it looks, and from where", lambda: _words(effect))
+    out.keep("its law is the first paragraph of its docstring", lambda: bool(effect.law) or "no docstring")
+    out.keep("every parameter has a unit, a meaning, and typical values within its bounds", lambda: _parameters(effect))
+    out.keep("typical values are accepted", lambda: checked(arm, item) is item)
+    for p in effect.parameters:
+        for bound, beyond in ((p.lower, -np.inf), (p.upper, np.inf)):
+            if math.isfinite(bound):
+                outside = replace(item, parameters=item.parameters | {p.name: float(np.nextafter(bound, beyond))})
+                out.refuse(f"{p.name} beyond {bound:g} is refused", partial(checked, arm, outside), ConfigError)
+        spoilt = replace(item, parameters=item.parameters | {p.name: math.nan})
+        out.refuse(f"{p.name} of NaN is refused", partial(checked, arm, spoilt), ConfigError)
+    out.keep("with strength it changes the torque, to finite numbers", lambda: _changes(arm, effect, item, motion))
+    out.keep("without strength it changes nothing", lambda: _nothing(arm, effect, item, motion))
+    out.keep("it leaves the motion that it is given as it is", lambda: _leaves(arm, item, motion))
+    out.keep("the same twice is the same", lambda: _same_twice(arm, item, motion))
+    out.keep("an arm folder carries it", lambda: _carried(arm, item, motion))
+    out.keep("its probes are values that the catalogue accepts", lambda: _probes(arm, effect, joint))
+    return tuple(out.found)
+
+
+def _typical(effect: Effect) -> dict[str, float]:
+    middle = {p: p.grid[len(p.grid) // 2] for p in effect.parameters}
+    return {p.name: x if x != p.zero else x + 0.1 for p, x in middle.items()}
+
+
+def _motion(arm: Arm) -> Trajectory:
+    """Three harmonics a joint from rest to rest about the middle of its range, a third of it wide at most."""
+    rng, t = np.random.default_rng(4), np.arange(0, SECONDS, 1 / RATE)
+    wave = 2 * np.pi / SECONDS * np.arange(1, 4)
+    low, high = np.nan_to_num(arm.q_min, nan=-np.pi), np.nan_to_num(arm.q_max, nan=np.pi)
+    home = np.clip((low + high) / 2 - 1.2 * (np.arange(arm.n) == 1), low, high)
+    a, b = rng.uniform(-1, 1, (2, 3, arm.n)) * np.minimum((high - low) / 10, 0.4)
+    q = home + (np.sin(np.pi * t / SECONDS) ** 2)[:, None] * (np.sin(np.outer(t, wave)) @ a + np.cos(np.outer(t, wave)) @ b)
+    dq = np.gradient(q, t, axis=0)
+    return Trajectory(t, q, dq, np.gradient(dq, t, axis=0))
+
+
+def _words(effect: Effect) -> str:
+    empty = [key for key in ("name", "summary", "looks", "reference") if not getattr(effect, key, "").strip()]
+    return f"{', '.join(empty)}: empty" if empty else ""
+
+
+def _parameters(effect: Effect) -> str:
+    for p in effect.parameters:
+        if not (p.unit and p.meaning):
+            return f"{p.name}: no unit or no meaning"
+        if not (p.lower < p.upper and p.grid and all(p.lower <= x <= p.upper and math.isfinite(x) for x in p.grid)):
+            return f"{p.name}: grid {p.grid} within [{p.lower:g}, {p.upper:g}]"
+        if p.zero is not None and not p.lower <= p.zero <= p.upper:
+            return f"{p.name}: its zero {p.zero:g} is outside its bounds"
+    return "" if effect.parameters else "no parameters"
+
+
+def _bare(arm: Arm, item: ArmEffect) -> Arm:
+    return replace(arm, effects=tuple(e for e in arm.effects if (e.effect, e.joint) != (item.effect, item.joint)))
+
+
+def _changes(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> str:
+    bare = _bare(arm, item)
+    change = predict(with_effect(bare, item), motion) - predict(bare, motion)
+    if not np.isfinite(change).all():
+        return "the torque with it is not finite"
+    return "" if np.abs(change).max() > 1e-6 else "the torque is the same with it"
+
+
+def _nothing(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> str:
+    bare, values = _bare(arm, item), effect.none()
+    if effect.stage is Stage.RIGID and effect.scope == "joint" and item.joint is not None and "mass" in values:
+        j = arm.joint_index(item.joint)
+        values = values | dict(zip(("mass", "com_x", "com_y", "com_z"), (arm.tree.mass[j], *arm.tree.com[j]), strict=True))
+    without = predict(bare, motion)
+    strength = np.abs(predict(with_effect(bare, item), motion) - without).max()
+    left = np.abs(predict(with_effect(bare, replace(item, parameters=values)), motion) - without).max()
+    # a gear is never quite rigid: its stiffest leaves a trace
+    return "" if left <= max(2e-3 * strength, 1e-9 * np.abs(without).max()) else f"{left:.3g} N m are left of {strength:.3g}"
+
+
+def _leaves(arm: Arm, item: ArmEffect, motion: Trajectory) -> bool:
+    before = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
+    predict(with_effect(arm, item), motion)
+    return all(np.array_equal(a, b) for a, b in zip(before, (motion.q, motion.dq, motion.ddq), strict=True))
+
+
+def _same_twice(arm: Arm, item: ArmEffect, motion: Trajectory) -> bool:
+    first, second = (predict(with_effect(arm, item), motion) for _ in range(2))
+    return bool(np.array_equal(first, second))
+
+
+def _carried(arm: Arm, item: ArmEffect, motion: Trajectory) -> str:
+    expected = predict(with_effect(arm, item), motion)
+    with tempfile.TemporaryDirectory() as folder:
+        read = predict(write_arm(Path(folder) / "arm", arm, effects=[item]), motion)
+    off = np.abs(read - expected).max()
+    return "" if off <= 1e-9 * np.abs(expected).max() else f"read back, the torque differs by {off:.3g} N m"
+
+
+def _probes(arm: Arm, effect: Effect, joint: str | None) -> None:
+    for probe in effect.probes(None):
+        for values in (probe.base, *probe.points):
+            if not any(math.isinf(v) for v in values.values()):
+                checked(arm, ArmEffect(effect.name, joint, dict(values)))

@@ -1,0 +1,74 @@
+"""What other packages add: entry points of the groups arm_calib.drivers, arm_calib.effects and arm_calib.arms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal
+
+from sim.errors import ConfigError
+
+Group = Literal["drivers", "effects", "arms"]
+OWN = "arm-calib"
+
+
+@cache
+def plugins(group: Group) -> dict[str, EntryPoint]:
+    """name -> entry point of what installed packages add to a group; ConfigError where two add the same name."""
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=f"arm_calib.{group}"):
+        if entry.name in found and entry.value != found[entry.name].value:
+            raise ConfigError(
+                f"{group[:-1]} {entry.name!r} comes from {origin(found[entry.name])} and from {origin(entry)}; uninstall one of them"
+            )
+        found[entry.name] = entry
+    return found
+
+
+def origin(entry: EntryPoint | None) -> str:
+    """`package 1.2` from which an entry point comes; arm-calib for its own."""
+    return OWN if entry is None else f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
+
+
+def loaded(entry: EntryPoint, kind: type) -> Any:
+    """What the entry point names: a subclass of `kind`, or an instance of it; ConfigError with the package's name where it is neither."""
+    where = f"{entry.group} {entry.name!r} of {origin(entry)}"
+    try:
+        found = entry.load()
+    except Exception as error:  # another package's code: whatever it raises must not end ours without a word
+        raise ConfigError(f"{where}: cannot be imported ({type(error).__name__}: {error}); ask its authors") from error
+    if not (isinstance(found, kind) or (isinstance(found, type) and issubclass(found, kind))):
+        raise ConfigError(f"{where}: {entry.value} is no {kind.__name__}; ask its authors")
+    return found
+
+
+def check_names(group: Group, own: Iterable[str]) -> None:
+    """ConfigError where a package adds a name that is our own: nobody could tell which of the two is meant."""
+    for name in set(own) & set(plugins(group)):
+        raise ConfigError(
+            f"{origin(plugins(group)[name])} adds {group[:-1]} {name!r}, which arm-calib has; uninstall that package"
+        )
+
+
+def arm_folder(name: str) -> Path | None:
+    """The folder of an arm that a package adds: the entry point names the package that holds arm.toml, or NAME/arm.toml."""
+    entry = plugins("arms").get(name)
+    if entry is None:
+        return None
+    try:
+        spec = find_spec(entry.module)
+    except (ImportError, ValueError):
+        spec = None
+    homes = [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []
+    for folder in (f for home in homes for f in (home, home / name)):
+        if (folder / "arm.toml").is_file():
+            return folder
+    raise ConfigError(f"arm {name!r} of {origin(entry)}: {entry.value} holds no arm.toml; ask its authors")
+
+
+def arm_origin(name: str) -> str:
+    """The package and version that an arm comes from; arm-calib for a shipped one and for one's own folder."""
+    return origin(plugins("arms").get(name))
