@@ -70,4 +70,6 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
     )
     robot.remote = settings.remote
     robot.held = held(arm, settings.calibration)
-    return UrEmulator(robot, str(cell.table.options.get("host", "")))
+    # port 80 is not everybody's: the Robot API is on where the cell gives it a port, as on a robot where its service is enabled
+    port = cell.table.options.get("robot_api_port")
+    return UrEmulator(robot, str(cell.table.options.get("host", "")), port if isinstance(port, int) else None)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from sim.emulated.promptness import answer_promptly
-from sim.emulated.ur import line
+from sim.emulated.ur import line, robot_api
 from sim.emulated.ur.dashboard import GREETING, respond
 from sim.emulated.ur.frames import Malformed
 from sim.emulated.ur.primary import greeting
@@ -49,7 +49,7 @@ class UrEmulator:
         "cable_pulled", "close", "refuse", *line.FAULTS,
     )  # fmt: skip
 
-    def __init__(self, robot: Robot, host: str) -> None:
+    def __init__(self, robot: Robot, host: str, robot_api_port: int | None = None) -> None:
         if not host.startswith("127."):
             raise ConfigError(
                 f"host = {host!r}: an emulated controller stands on a loopback address, 127.x.y.z; change the cell"
@@ -57,6 +57,8 @@ class UrEmulator:
         self.robot, self.host = robot, host
         # PolyScope X has no dashboard server
         own = () if robot.version[0] >= 10 else (DASHBOARD,)
+        self._api = robot_api_port if robot.version[0] >= 10 else None
+        own = own if self._api is None else (self._api,)
         self.ports = (*own, PRIMARY, SECONDARY, SCRIPT, RTDE, PRIMARY_READ_ONLY)
         self._todo: deque[Callable[[], None]] = deque()
         self._listeners: dict[socket.socket, int] = {}
@@ -218,6 +220,10 @@ class UrEmulator:
             *lines, client.text = (client.text + data).split(b"\n")
             for text in lines:
                 self._send(client, respond(self.robot, text.decode("utf-8", "replace")).encode() + b"\n")
+        elif client.port == self._api:
+            *requests, client.text = (client.text + data).split(robot_api.END)
+            for request in requests:
+                self._send(client, robot_api.answer(self.robot, request))
         elif client.port != PRIMARY_READ_ONLY:
             # a program ends with `end` in the first column
             *programs, client.text = (client.text + data).split(b"\nend\n")

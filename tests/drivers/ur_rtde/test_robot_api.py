@@ -1,0 +1,92 @@
+"""What PolyScope X tells over its Robot API, by version, and that nothing hangs or breaks on what answers there."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from drivers import open_driver
+from drivers.ur_rtde import robot_api
+from drivers.ur_rtde.dashboard import Said, said
+from sim.arm import Arm
+from sim.cell import Cell, load_cell
+from sim.emulated import open_emulator
+from sim.emulated.ur.emulator import UrEmulator
+from sim.errors import DeviceError
+
+PORT = 8080
+
+
+@pytest.fixture
+def robot(cell: Callable[..., Cell], arm: Arm):  # type: ignore[no-untyped-def]
+    opened: list[UrEmulator] = []
+
+    def make(polyscope: str) -> tuple[UrEmulator, Cell]:
+        path = cell(polyscope=polyscope).path
+        path.write_text(path.read_text().replace("watchdog =", f"robot_api_port = {PORT}\nwatchdog ="))
+        table = load_cell(path)
+        emulator = open_emulator(table, arm)
+        assert isinstance(emulator, UrEmulator)
+        emulator.start()
+        opened.append(emulator)
+        return emulator, table
+
+    yield make
+    for emulator in opened:
+        emulator.stop()
+
+
+@pytest.mark.parametrize(
+    ("polyscope", "told"),
+    [
+        ("10.11.0", Said("10.11.0")),
+        ("10.12.0", Said("10.12.0", remote=True, operational_mode="AUTOMATIC", safety="NORMAL")),
+        ("10.14.0", Said("10.14.0", "UR10", "20230000000", True, "AUTOMATIC", "NORMAL")),
+    ],
+)
+def test_each_version_tells_what_it_can(robot, polyscope: str, told: Said) -> None:  # type: ignore[no-untyped-def]
+    emulator, _ = robot(polyscope)
+    assert said(emulator.host, emulator.robot.version, PORT) == told
+
+
+def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> None:  # type: ignore[no-untyped-def]
+    emulator, table = robot("10.14.0")
+    emulator.robot.remote = False
+    emulator.do(lambda: emulator.robot.play("palletise"))
+    driver = open_driver(table, arm)
+    with pytest.raises(DeviceError, match=r"local control.*program palletise is playing"):
+        driver.connect()
+    driver.close()
+    assert emulator.robot.ended == []
+
+
+def test_where_the_service_is_off_only_rtde_is_said() -> None:
+    assert said("127.0.0.1", (10, 14, 0, 0), 1) == Said("10.14.0")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"nonsense\r\n\r\n", b"HTTP/1.1 500 \r\nContent-Length: 0\r\n\r\n", b"HTTP/1.1 200 \r\nContent-Length: 4\r\n\r\n[1]}",
+     b'HTTP/1.1 200 \r\nContent-Length: 12\r\n\r\n{"mode": 17}', b"HTTP/1.1 200 \r\nContent-Length: 2\r\n\r\n[]"],
+)  # fmt: skip
+def test_what_is_no_answer_is_none(answer: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with server.accept()[0] as client:
+                client.recv(4096)
+                client.sendall(answer)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            found = robot_api.fetch("127.0.0.1", server.getsockname()[1], "/x")
+        except OSError:
+            found = {}
+        thread.join()
+    assert found in ({}, {"mode": 17})
+    assert json.dumps(found)
