@@ -35,6 +35,7 @@ COMMANDS: dict[str, str] = {
     "runs": "runs",
     "effects": "effects",
     "emulate": "emulate",
+    "capture": "capture",
     "arm": "arm",
     "servo": "servo",
 }

@@ -43,6 +43,11 @@ class OwnArm:
 
 def own_arm(host: str) -> OwnArm:
     """What the controller says of its arm; DeviceError where it does not within a bounded time."""
+    return parsed(parts(state(host)[HEADER.size :], host), host)
+
+
+def state(host: str) -> bytes:
+    """The first robot state message with kinematics and configuration, as it came; DeviceError where none comes in a bounded time."""
     refusal: OSError | None = None
     for port in PORTS:
         try:
@@ -56,10 +61,10 @@ def own_arm(host: str) -> OwnArm:
     )
 
 
-def _listened(connection: socket.socket, where: str) -> OwnArm:
-    buffer, found = b"", dict[int, bytes]()
+def _listened(connection: socket.socket, where: str) -> bytes:
+    buffer = b""
     end = time.monotonic() + TIMEOUT
-    while not {KINEMATICS, CONFIGURATION} <= set(found):
+    while True:
         connection.settimeout(max(0.01, end - time.monotonic()))
         data = connection.recv(65536)
         if not data or time.monotonic() > end:
@@ -71,10 +76,9 @@ def _listened(connection: socket.socket, where: str) -> OwnArm:
                 raise DeviceError(f"{where} sent a package of {size} bytes; is it a UR controller's primary interface?")
             if len(buffer) < size:
                 break
-            if kind == ROBOT_STATE:
-                found |= parts(buffer[HEADER.size : size], where)
+            if kind == ROBOT_STATE and {KINEMATICS, CONFIGURATION} <= set(parts(buffer[HEADER.size : size], where)):
+                return buffer[:size]
             buffer = buffer[size:]
-    return parsed(found, where)
 
 
 def parts(state: bytes, where: str) -> dict[int, bytes]:

@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from drivers.ur_rtde.wire import BrokenStream, Recipe, Splitter, request
@@ -54,10 +54,11 @@ class Receiver:
     """An RTDE client that only listens. After `connect`, a thread takes frames off the socket until `close`.
 
     A failure (closed socket, broken stream, time going backwards, a frozen clock) is kept and raised by every later `next`.
+    `tap(from_device, frame)` is told of every frame in both directions, text messages of the controller excepted.
     """
 
-    def __init__(self, host: str) -> None:
-        self.host = host
+    def __init__(self, host: str, tap: Callable[[bool, bytes], None] = lambda from_device, frame: None) -> None:
+        self.host, self._tap = host, tap
         self.version = (0, 0, 0, 0)
         self.rate = 0.0
         self.count = LinkCount()
@@ -155,10 +156,12 @@ class Receiver:
         connection = self._socket
         assert connection is not None
         connection.sendall(request(kind, payload))
+        self._tap(False, request(kind, payload))
         end = time.monotonic() + CONNECT_TIMEOUT
         while True:
             for answered, content in self._pending:
                 if answered == kind:
+                    self._tap(True, request(answered, content))
                     return content
                 if answered != "M":  # text messages may come at any time
                     raise BrokenStream(f"a frame {answered!r} came as the answer to {kind!r}")
@@ -192,6 +195,7 @@ class Receiver:
         kept = []
         for kind, payload in frames:
             if kind == "U":
+                self._tap(True, request(kind, payload))
                 values = self._recipe.unpack(payload)
                 if self._in_order(values):
                     kept.append(Frame(now, self._age(values["timestamp"][0], now), values))
