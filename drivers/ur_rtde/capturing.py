@@ -57,10 +57,10 @@ def _asked(options: UrOptions, version: tuple[int, ...], begin: float) -> list[M
     if version[0] >= 10:
         for path in dict.fromkeys(path for path, _ in robot_api.QUESTIONS.values()):
             try:
-                answer = robot_api.fetch(options.host, options.robot_api_port, path)
+                told = robot_api.fetch(options.host, options.robot_api_port, path)
             except OSError:
                 break
-            add("robot_api", path, json.dumps({key: _json_without_names(key, value) for key, value in answer.items()}).encode())
+            add("robot_api", path, json.dumps({key: _json_without_names(key, value) for key, value in told.items()}).encode())
     else:
         questions = dashboard.asked_of(version)
         for question, answer in zip(questions, dashboard.ask(options.host, *questions), strict=True):
