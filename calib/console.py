@@ -64,6 +64,13 @@ ArmArgument = Annotated[
     str,
     typer.Argument(metavar="ARM", help="Name from configs/arms, arm folder, or .xml/.urdf file.", autocompletion=arm_names),
 ]
+ArmOrLogArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, or a recording: its arm is inside.",
+        autocompletion=arm_names,
+    ),
+]  # fmt: skip
 CellArgument = Annotated[
     str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
 ]

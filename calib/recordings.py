@@ -2,19 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import atexit
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from calib import console
 from logs import Log, Pieces, open_pieces, read_log
-from sim.arm import Arm
-from sim.errors import ConfigError, EmptyLog
+from logs.about import ARM_FOLDER, attachments, is_inside
+from sim.arm import Arm, load_arm
+from sim.errors import BadLog, ConfigError, EmptyLog
+from sim.files import is_name
 from sim.resources import nearest
 
 T = TypeVar("T", Log, Pieces)
 
 SUFFIXES = (".mcap", ".csv")
+
+
+def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
+    """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside."""
+    logs = list(logs or [])
+    if is_log(first):
+        return recorded_arm(Path(first), configs), [Path(first), *logs]
+    arm = load_arm(first, configs)
+    if not logs:
+        raise ConfigError(f"no recording of {arm.name} was given; name one: .mcap, .csv or a rosbag2 folder")
+    return arm, logs
+
+
+def is_log(word: str) -> bool:
+    """Whether `word` is the path of a recording, and not the name of an arm or a cell."""
+    path = Path(word)
+    return path.suffix in SUFFIXES and path.is_file()
+
+
+def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
+    """The arm folder that the recording holds, else the arm of `configs` that it names and that is the same still."""
+    attached, metadata = attachments(path)
+    name, sha256 = metadata.get("arm", ""), metadata.get("arm_sha256")
+    if "arm/arm.toml" in attached:
+        folder = Path(tempfile.mkdtemp(prefix="calib-arm-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        for inside, data in attached.items():
+            if is_inside(inside):
+                file = folder / inside
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(data)
+        arm = load_arm(folder / ARM_FOLDER)
+        if arm.sha256 != sha256:
+            raise BadLog(f"{path}: the arm in it is not the one that it was recorded of; name the arm: `calib ... ARM {path}`")
+        return arm
+    if not is_name(name):
+        raise ConfigError(f"{path}: neither holds an arm nor names one; name it: `calib ... ARM {path}`")
+    arm = load_arm(name, configs)
+    if sha256 and arm.sha256 != sha256:
+        console.warn(
+            f"{path}: {arm.name} is not as it was when this was recorded; to be sure, name the arm folder of that time"
+        )
+    return arm
 
 
 def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> list[Log]:

@@ -15,8 +15,12 @@ from typing import TYPE_CHECKING
 
 from mcap.records import Attachment
 
-from sim.errors import CalibError
-from sim.files import MAX_TABLE, read_bytes
+from logs.damage import Damage
+from logs.mcap_records import MAGIC
+from logs.mcap_stream import McapStream
+from logs.schemas import RECORDING
+from sim.errors import BadLog, CalibError
+from sim.files import MAX_TABLE, open_regular, read_bytes
 
 if TYPE_CHECKING:
     from sim.arm import Arm
@@ -72,6 +76,18 @@ def about_recording(arm: Arm, cell: Cell | None = None, plan: Path | None = None
     if sealed is not None:
         files[PLAN_FILE] = sealed
     return About(viewer_text(arm), files)
+
+
+def attachments(path: Path) -> tuple[dict[str, bytes], dict[str, str]]:
+    """The attachments of an MCAP file and what its record `recording` says; both empty for another kind of file."""
+    with open_regular(path, BadLog, "give a recording") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return {}, {}
+        file.seek(0)
+        stream = McapStream(file, os.fstat(file.fileno()).st_size, Damage(path, accept_partial=True), attachments={})
+        for _ in stream.batches():
+            pass
+    return {name: item.data for name, item in (stream.attachments or {}).items()}, stream.metadata.get(RECORDING, {})
 
 
 def _arm_files(arm: Arm) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -213,7 +214,8 @@ class Recorder(Recording):
                 },
             )  # fmt: skip
         finally:
-            os.close(self._lock)  # nobody may take the file for a dead one before it is finished
+            with contextlib.suppress(OSError):
+                os.close(self._lock)  # nobody may take the file for a dead one before it is finished
 
     def _brings_reading(self, state: JointState) -> bool:
         """Whether there is a current, or a temperature that differs from the last; currents are written with every sample."""

@@ -15,8 +15,10 @@ LIST_OPTIONS = ("--holdout",)
 
 
 def command(
-    arm: console.ArmArgument,
-    log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
+    arm: console.ArmOrLogArgument,
+    log: Annotated[
+        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+    ] = None,
     holdout: Annotated[
         list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, kept apart to show the gap.")
     ] = None,
@@ -36,15 +38,15 @@ def command(
     """
     from calib import evidence
     from calib.diagnosis.whole import diagnose_pieces
-    from calib.recordings import read_logs, read_pieces, require_unseen
+    from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
 
-    subject = load_arm(arm, configs)
-    require_unseen(log, holdout or [])
+    subject, given = arm_and_logs(arm, log, configs)
+    require_unseen(given, holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
-        logs = read_pieces(log, subject, Path(scratch), accept_partial)
+        logs = read_pieces(given, subject, Path(scratch), accept_partial)
         apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
         found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
         found.write(folder, subject)

@@ -15,8 +15,10 @@ LIST_OPTIONS = ("--holdout", "--loaded")
 
 
 def command(
-    arm: console.ArmArgument,
-    log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
+    arm: console.ArmOrLogArgument,
+    log: Annotated[
+        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+    ] = None,
     holdout: Annotated[
         list[Path] | None, typer.Option("--holdout", metavar="LOG", help="Recordings the fit never sees, one or several.")
     ] = None,
@@ -48,18 +50,17 @@ def command(
     from calib.identification.identify import Options, identify
     from calib.identification.loaded import identify_with_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
-    from calib.recordings import read_logs, read_pieces, require_unseen
+    from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import identification as page
-    from sim.arm import load_arm
     from sim.errors import ConfigError
 
     if known_mass is not None and not loaded:
         raise ConfigError(f"--known-mass {known_mass:g}: needs recordings with that load; give them with --loaded LOG")
-    nominal = load_arm(arm, configs)
-    require_unseen(log, holdout or [])
+    nominal, given = arm_and_logs(arm, log, configs)
+    require_unseen(given, holdout or [])
     folder = new_run(nominal, "identify", out)
     with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
-        logs = read_pieces(log, nominal, Path(scratch), accept_partial)
+        logs = read_pieces(given, nominal, Path(scratch), accept_partial)
         held = read_logs(holdout or [], nominal, accept_partial)
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
 

@@ -13,8 +13,10 @@ from calib.run_folder import conclude, new_run
 
 
 def command(
-    arm: console.ArmArgument,
-    log: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")],
+    arm: console.ArmOrLogArgument,
+    log: Annotated[
+        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+    ] = None,
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
     cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
     accept_partial: console.AcceptPartial = False,
@@ -31,15 +33,14 @@ def command(
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
-    from calib.recordings import read_logs
+    from calib.recordings import arm_and_logs, read_logs
     from calib.report import validation as page
     from calib.validation import HORIZON, validate
-    from sim.arm import load_arm
 
-    subject = load_arm(arm, configs)
+    subject, given = arm_and_logs(arm, log, configs)
     folder = new_run(subject, "validate", out)
     with console.progress("validate") as advance:
-        logs = read_logs(log, subject, accept_partial)
+        logs = read_logs(given, subject, accept_partial)
         found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"))
         found.write(folder)
         page.write(folder / "report.html", found.as_dict(), [evidence.of_check(check) for check in found.checks])
