@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
-FAULTS = ("drop", "delay", "duplicate", "freeze", "reorder")
-DROPPED = 50  # frames that `drop` loses
+FAULTS = ("gap", "drop", "delay", "duplicate", "freeze", "reorder")
+GAP = 8  # frames that `gap` loses: a motion endures them
+DROPPED = 50  # frames that `drop` loses: it does not
 DELAY = 0.25  # s that `delay` holds every later frame back
 
 
@@ -22,7 +23,7 @@ class Line:
     def fault(self, name: str | None) -> None:
         """Switch to a fault; None is a line without faults."""
         self._fault, self._frozen, self._held = name, None, None
-        self._drop = DROPPED if name == "drop" else 0
+        self._drop = {"gap": GAP, "drop": DROPPED}.get(name or "", 0)
 
     def carry(self, frame: bytes | None, now: float) -> bytes:
         """The bytes that leave now, where `frame` (or none) comes in; called in every cycle."""

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers import open_driver
 from drivers.ur_rtde.driver import UrDriver
+from logs.read import read_log
+from logs.recorder import Recorder
 from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
-from safety.guard import Cycle, Guard
+from safety.guard import Cycle, Guard, Window
 from safety.trip import MotionStopped
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.line import GAP
+from sim.errors import ConfigError
 
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
 BUSY = 0.25  # s that the computer of these tests may be late
@@ -40,6 +46,27 @@ def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell
         guard.run(motion, "the move")
         guard.hold(0.5, "the end")
         assert driver.read().q == pytest.approx(target, abs=0.01)
+
+
+def test_a_gap_is_marked_with_its_length_and_the_motion_goes_on(
+    pair: Pair, arm: Arm, cell: Callable[..., Cell], tmp_path: Path
+) -> None:
+    emulator, driver = pair()
+    with driver:
+        guard, motion, target = prepared(
+            driver, arm, cell(), lambda cycle: emulator.inject("gap") if cycle.k == cycle.count // 2 else None
+        )
+        with Recorder(tmp_path / "log.mcap", arm.joint_names, {}) as log:
+            guard.run(motion, "the move", Window(log, 0, len(motion)))
+        guard.hold(0.5, "the end")
+        assert driver.read().q == pytest.approx(target, abs=0.01)
+    marks = [e for e in read_log(tmp_path / "log.mcap").events if e.name == "gap"]
+    assert any(e.message.startswith(f"{GAP} readings are missing: {2 * (GAP + 1)} ms") for e in marks)
+
+
+def test_a_rule_shorter_than_three_periods_is_refused(arm: Arm, cell: Callable[..., Cell]) -> None:
+    with pytest.raises(ConfigError, match="three periods"):
+        open_driver(cell(frame_timeout=0.005), arm)
 
 
 @pytest.mark.parametrize(
