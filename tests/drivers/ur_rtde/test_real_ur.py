@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(not HOST, reason="no UR controller: set CALIB_UR
 
 def test_a_real_controller_passes_the_preflight_and_stands_still() -> None:
     arm = load_arm(os.environ.get("CALIB_UR_ARM", "ur10e"))
-    with UrDriver(arm, UrOptions(host=HOST)) as driver:
+    with UrDriver(arm, UrOptions(host=HOST), assume=("serial-as-found",)) as driver:
         failed = [
             f"{c.name}: {c.detail}; {c.remedy}" for c in preflight(driver, load_cell("emulated-ur10e"), 2.0) if c.ok is False
         ]
