@@ -14,13 +14,13 @@ FAILURE = "failure"  # metadata record of a recording that could not be written 
 DEVICE_CLOCK = "device_clock"  # metadata record: what was added to the device clock to make the stamps wall time
 NO_HOST_CLOCK = {"host_clock": "none"}  # in that record: log times repeat the device clock
 
-_RULE = "=" * 80
-_TIME = f"""{_RULE}
+RULE = "=" * 80
+_TIME = f"""{RULE}
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-_HEADER = f"""{_RULE}
+HEADER = f"""{RULE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
@@ -32,12 +32,12 @@ string[] name
 float64[] position
 float64[] velocity
 float64[] effort
-{_HEADER}""",
+{HEADER}""",
     "calib_msgs/msg/JointDiagnostics": f"""std_msgs/Header header
 string[] name
 float64[] current
 float64[] temperature
-{_HEADER}""",
+{HEADER}""",
     "std_msgs/msg/String": "string data\n",
     "rcl_interfaces/msg/Log": f"""byte DEBUG=10
 byte INFO=20

@@ -28,7 +28,7 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     """
     require_limits(arm, "q_min", "q_max", "dq_max", "tau_max")
     tree = arm.tree
-    base = next(n for n in ("base", "base_link", "arm_base", "calib_base") if n not in tree.link_names)
+    base = base_name(arm)
     root = Element("robot", name=arm.name)
     links = [_add_link(root, base)] + [_add_link(root, name) for name in tree.link_names]
     tilt = _tilt(arm.gravity)
@@ -54,6 +54,11 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
         _add_shape(links[shape.link + 1], shape, (meshes or {}).get(shape.name, Path(f"shape_{k}.stl")))
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def base_name(arm: Arm) -> str:
+    """What the URDF calls the base: a name that no link has."""
+    return next(n for n in ("base", "base_link", "arm_base", "calib_base") if n not in arm.tree.link_names)
 
 
 def viewer_text(arm: Arm) -> str:

@@ -26,13 +26,15 @@ def command(
 ) -> None:
     """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
 
-    Writes validation.json, report.html and prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted).
+    Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
+    Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one.
 
     Example:
 
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
+    from calib.prediction_log import write_predictions
     from calib.recordings import arm_and_logs, read_logs
     from calib.report import validation as page
     from calib.validation import HORIZON, validate
@@ -43,6 +45,7 @@ def command(
         logs = read_logs(given, subject, accept_partial)
         found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"))
         found.write(folder)
+        write_predictions(folder, subject, logs, found.checks)
         page.write(folder / "report.html", found.as_dict(), [evidence.of_check(check) for check in found.checks])
     conclude(found.outcome)
     if as_json:
@@ -64,4 +67,4 @@ def command(
             rows.append(row)
         console.table(headers, rows, check.log)
     console.say(f"{found.outcome}.")
-    console.say(f"{folder}: validation.json, prediction.csv, report.html")
+    console.say(f"{folder}: validation.json, prediction.csv, prediction.mcap, report.html")
