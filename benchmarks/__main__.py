@@ -35,6 +35,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "safety": {"repeats": 2},
     "ur": {"seconds": 10.0, "repeats": 2},
     "can": {"seconds": 10.0, "repeats": 3},
+    "servo_scan": {"repeats": 3},
     "operator": {"seeds": (1,)},
     "fleet": {"arms": 2, "seconds": 60.0, "minutes": (1.0, 3.0)},
     "watch": {"repeats": 1, "minutes": 1.0},

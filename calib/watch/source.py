@@ -75,7 +75,9 @@ def open_source(
 
         yield Source(
             cell.name, model, driver.rate, states(), declared_now, None if info.gravity is None else np.array(info.gravity), live=True,
-            facts={"cell": cell.name, "device": info.model, "serial": info.serial, "firmware": info.firmware},
+            facts={"cell": cell.name, "device": info.model, "serial": info.serial, "firmware": info.firmware,
+                   "assumed": ", ".join(cell.assumed)},
+            findings=tuple(f"assumes {name}: {sentence}" for name, sentence in cell.assumed.items()),
         )  # fmt: skip
     finally:
         driver.close()

@@ -9,7 +9,7 @@ import can
 from pydantic import ValidationError
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame, told
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -181,10 +181,7 @@ class Damiao(Drive):
 
     def _told(self, ask: Ask, number: int) -> int | None:
         """A register, or None for a firmware that does not have it."""
-        try:
-            return self._read(ask, number)
-        except NoAnswer:
-            return None
+        return told(lambda: self._read(ask, number))
 
     def _read(self, ask: Ask, number: int) -> int:
         return self._request(ask, READ, number, 0)

@@ -6,12 +6,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import can
 
 from drivers.can_servo.scaling import Field
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
 from sim.errors import DeviceError
+
+T = TypeVar("T")
 
 
 class NoAnswer(DeviceError):
@@ -202,6 +205,14 @@ class Drive(ABC):
                 f"{self.name}: this drive cannot tell its ranges and the cell file does not state them; add ranges to its servo"
             )
         return self.servo.ranges
+
+
+def told(ask: Callable[[], T]) -> T | None:
+    """What a question brings, or None for a firmware that does not answer it."""
+    try:
+        return ask()
+    except NoAnswer:
+        return None
 
 
 class Senders:

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame, told
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -106,12 +106,13 @@ class ODrive(Drive):
         return None
 
     def identify(self, ask: Ask) -> Identity:
-        version = ask(self._remote(VERSION), self._answer(VERSION), f"{self.name}: version")
-        address = ask(self._remote(ADDRESS), self._answer(ADDRESS), f"{self.name}: serial number")
-        assert isinstance(version, bytes)
-        assert isinstance(address, bytes)
-        firmware = ".".join(str(x) for x in version[4:7])
-        return Identity(f"{int.from_bytes(address[1:7], 'little'):012X}", firmware, self._watchdog(ask), self._spans())
+        version = told(lambda: ask(self._remote(VERSION), self._answer(VERSION), f"{self.name}: version"))
+        address = told(lambda: ask(self._remote(ADDRESS), self._answer(ADDRESS), f"{self.name}: serial number"))
+        if version is None and address is None:  # firmware before 0.6 knows neither, but every one sends its heartbeat
+            ask(self._remote(HEARTBEAT), self._answer(HEARTBEAT), f"{self.name}: version, serial number and heartbeat")
+        firmware = ".".join(str(x) for x in version[4:7]) if isinstance(version, bytes) else "unknown"
+        serial = f"{int.from_bytes(address[1:7], 'little'):012X}" if isinstance(address, bytes) else ""
+        return Identity(serial, firmware, self._watchdog(ask), self._spans())
 
     @staticmethod
     def question(node: int) -> can.Message:

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame
 from sim.errors import DeviceError
 
 HOST = 0xFD
@@ -17,6 +17,10 @@ CAN_TIMEOUT, POSITION = 0x7028, 0x7019
 TICK = 1 / 20000  # s, the unit of parameter 0x7028
 RUNNING = 2
 FAULTS = ("under-voltage", "over-current", "over-temperature", "magnetic encoder", "overload or hall encoder", "not calibrated")
+
+
+class NotTold(DeviceError):
+    """The drive answers that it does not have a parameter."""
 
 
 class RobStride(Drive):
@@ -69,7 +73,7 @@ class RobStride(Drive):
         serial = self._serial(ask)
         self.set_ranges(self.stated_ranges())
         self._check_position_range(ask)
-        return Identity(serial, "unknown", self._read(ask, CAN_TIMEOUT) * TICK, self.stated_ranges())
+        return Identity(serial, "unknown", self._timeout(ask), self.stated_ranges())
 
     @staticmethod
     def question(node: int) -> can.Message:
@@ -83,10 +87,9 @@ class RobStride(Drive):
         return identifier >> 8, HOST
 
     def tell(self, ask: Ask) -> Told:
-        problems, watchdog, q = [], math.nan, math.nan
-        serial = self._serial(ask)
+        problems, q = [], math.nan
+        serial, watchdog = self._serial(ask), self._timeout(ask)
         try:
-            watchdog = self._read(ask, CAN_TIMEOUT) * TICK
             q = self.joint_side(frames.as_float(self._read(ask, POSITION)))
         except DeviceError as error:
             problems.append(str(error))
@@ -102,12 +105,14 @@ class RobStride(Drive):
         return self.joint_side(frames.as_float(raw)) if index == POSITION else None
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
+        if math.isnan(self._timeout(ask)):
+            return math.nan
         ask(
             self._frame(WRITE, frames.parameter(CAN_TIMEOUT, round(seconds / TICK))),
             self._feedback,
             f"{self.name}: set timeout",
         )
-        return self._read(ask, CAN_TIMEOUT) * TICK
+        return self._timeout(ask)
 
     def enable(self) -> can.Message:
         return self._frame(ENABLE)
@@ -135,6 +140,13 @@ class RobStride(Drive):
     def _feedback(self, message: can.Message) -> Reading | None:
         return self.decode(message) if self.key_of(message) == self.key else None
 
+    def _timeout(self, ask: Ask) -> float:
+        """Parameter 0x7028 in s; NaN for firmware that does not have it, as CyberGear's manual does not list it."""
+        try:
+            return self._read(ask, CAN_TIMEOUT) * TICK
+        except (NoAnswer, NotTold):
+            return math.nan
+
     def _serial(self, ask: Ask) -> str:
         node = self.servo.node
 
@@ -152,7 +164,7 @@ class RobStride(Drive):
                 return None
             told, raw = frames.unpack_parameter(bytes(message.data))
             if told == index and identifier >> 16 & 0xFF:
-                raise DeviceError(f"{self.name}: it refuses to tell parameter 0x{index:04X}; use a firmware that can be asked")
+                raise NotTold(f"{self.name}: it refuses to tell parameter 0x{index:04X}; use a firmware that can be asked")
             return raw if told == index else None
 
         answer = ask(self._frame(READ, frames.parameter(index)), reply, f"{self.name}: parameter 0x{index:04X}")

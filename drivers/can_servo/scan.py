@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import can
 
-from drivers.can_servo.bring_up import PROTOCOLS, QUIET_TIME, Enquiry
+from drivers.can_servo.bring_up import PROTOCOLS, Enquiry
 from drivers.can_servo.drive import Drive, Told
 from drivers.can_servo.link import Link
 from sim.can_wiring import CanOptions, ServoTable
@@ -20,6 +20,8 @@ from sim.errors import DeviceError
 
 NODES = {"damiao": range(1, 128), "robstride": range(1, 128), "odrive": range(63), "cubemars": range(1, 128)}
 BURST, BURST_TIME, LINGER = 4, 0.002, 0.05  # frames sent together, s until the next ones, s for the last answers
+HEARTBEAT_TIME = 0.15  # s in which an ODrive sends a heartbeat
+ODRIVE_CYCLIC = (0x01, 0x09, 0x14, 0x15, 0x17, 0x1C)  # what an ODrive sends unasked
 CUBEMARS_STATUS = 0x29  # bits 28-8 of the identifier of what CubeMars drives send unasked in servo mode
 
 
@@ -50,7 +52,7 @@ class Scan:
 
 def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
     """Ask everybody; DeviceError where the bus is not sound. `supported`: drives may be asked with the order off."""
-    notes = list(_unasked(link, clock))
+    beating, notes = _unasked(link, clock)
     seen: dict[tuple[str, int], list[can.Message]] = {}
     for protocol, kind in PROTOCOLS.items():
         if kind.question_switches_off and not supported:
@@ -67,6 +69,11 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
             ]
             for node, message in _sweep(link, clock, kind, nodes, fd):
                 seen.setdefault((protocol, node), []).append(message)
+    notes += [
+        f"node {node} sends heartbeats as an ODrive does, and no serial number: firmware before 0.6; write its servo by hand"
+        for node in sorted(beating)
+        if ("odrive", node) not in seen
+    ]
     enquiry = Enquiry(link, clock, patience=0.05, tries=2)
     found = [_described(enquiry, protocol, node, answers, options) for (protocol, node), answers in sorted(seen.items())]
     serials = Counter(f.told.serial for f in found if f.told.serial)
@@ -78,16 +85,22 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
     return Scan(tuple(found), tuple(notes))
 
 
-def _unasked(link: Link, clock: Clock) -> Iterator[str]:
-    """What is on the bus before anybody is asked: other hosts must not be, some drives send by themselves."""
-    end, heard = clock.now() + QUIET_TIME, Counter[tuple[bool, int]]()
+def _unasked(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
+    """What is on the bus before anybody is asked: nodes with an ODrive's heartbeat, and sentences about everything that no drive sends."""
+    end, heard = clock.now() + HEARTBEAT_TIME, Counter[tuple[bool, int]]()
     while (message := link.receive(end)) is not None:
         heard[message.is_extended_id, message.arbitration_id] += 1
+    notes = []
     for (wide, identifier), count in sorted(heard.items()):
         if wide and identifier >> 8 == CUBEMARS_STATUS:
-            yield f"node {identifier & 0xFF} looks like a CubeMars drive in servo mode: set it to MIT mode with the maker's tool"
-        elif wide or identifier & 0x1F not in (1, 9, 0x15, 0x17, 0x1C):  # what an ODrive sends unasked
-            yield f"identifier {identifier:#x} was on the bus before anybody was asked ({count} frames): is another program running?"
+            notes.append(
+                f"node {identifier & 0xFF} looks like a CubeMars drive in servo mode: set it to MIT mode with the maker's tool"
+            )
+        elif wide or identifier & 0x1F not in ODRIVE_CYCLIC:
+            notes.append(
+                f"identifier {identifier:#x} was on the bus before anybody was asked ({count} frames): is another program running?"
+            )
+    return {identifier >> 5 for wide, identifier in heard if not wide and identifier & 0x1F == 1}, notes
 
 
 def _sweep(link: Link, clock: Clock, kind: type[Drive], nodes: Sequence[int], fd: bool) -> Iterator[tuple[int, can.Message]]:

@@ -122,3 +122,24 @@ def test_a_turn_outside_the_limits_is_asked_about_anywhere(bench):
         b.driver.connect()
     assuming(b.driver, "turns-as-read")
     b.driver.connect()
+
+
+def test_a_robstride_without_a_timeout_parameter_needs_a_tried_watchdog(bench):
+    b = bench("robstride")
+    for servo in b.bus.servos:
+        del servo.parameters[0x7028]
+    with pytest.raises(DeviceError, match=r"watchdog cannot be read back.*watchdog-works"):
+        b.driver.connect()
+    assuming(b.driver, "watchdog-works")
+    b.driver.connect()
+    b.stream(20)
+
+
+def test_an_odrive_without_version_and_serial_number_is_used_by_its_heartbeat(bench):
+    b = bench("odrive")
+    for servo in b.bus.servos:
+        plain = servo._asked
+        servo._asked = lambda command, plain=plain: [] if command in (0, 6) else plain(command)
+    b.driver.connect()
+    assert {(i.serial, i.firmware) for i in b.driver.identities} == {("", "unknown")}
+    b.stream(20)

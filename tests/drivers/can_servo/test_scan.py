@@ -99,6 +99,15 @@ def test_other_traffic_is_told(bench, scanned):
     assert any("identifier 0x123 was on the bus" in note for note in scanned(b)[0].notes)
 
 
+def test_an_odrive_of_old_firmware_is_known_by_its_heartbeat(bench, scanned):
+    b = bench("odrive")
+    for servo in b.bus.servos:
+        servo._asked = lambda command: []
+    result, _ = scanned(b)
+    assert result.found == ()
+    assert sum("sends heartbeats as an ODrive does" in note for note in result.notes) == 6
+
+
 class Hand:
     """Turns joints of an arm without torque as time passes: what its drives read moves."""
 
