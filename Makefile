@@ -22,6 +22,9 @@ test-docs: $(VENV)/ready  ## every command block of README and docs, in the orde
 test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 	$(BIN)/python -m pytest -m slow
 
+fuzz: $(VENV)/ready  ## files made to do harm: mutants of everything that is read, at length
+	$(BIN)/python -m pytest -m slow tests/benchmarks/test_hostile.py tests/logs/test_hostile.py
+
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest tests/safety -m "slow or not slow" --ignore=tests/safety/test_mutated_predicates.py --ignore=tests/safety/test_mutants.py

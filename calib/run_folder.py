@@ -182,12 +182,11 @@ def _is_locked(file: Path) -> bool:
 
 def _remains(folder: Path) -> str:
     """What a killed run left behind, as a sentence."""
-    from logs.mcap_records import is_journal
     from logs.recover import describe
 
-    journals = [file for file in sorted(folder.glob("*.mcap")) if file.is_file() and is_journal(file)]
-    if journals:
-        return "; ".join(f"{file.name}: {describe(file)}" for file in journals)
+    recordings = [file for file in sorted(folder.glob("*.mcap")) if file.is_file()]
+    if recordings:
+        return "; ".join(f"{file.name}: {describe(file)}" for file in recordings)
     last = max((f.stat().st_mtime for f in folder.iterdir() if f.is_file()), default=0.0)
     return f"killed after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
 

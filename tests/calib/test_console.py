@@ -63,3 +63,18 @@ def test_a_terminal_gets_lines_between_words_and_whole_paths() -> None:
     assert console._wrapped(f"  the page stands in {path}", terminal).splitlines() == ["  the page stands in", f"  {path}"]
     assert console._wrapped("   two words", terminal) == "   two words"
     assert console._wrapped("a line that is longer than twenty", Console(width=20, force_terminal=False)).count("\n") == 0
+
+
+def test_what_a_file_says_never_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    bad = "a\x1b[2J\x9b\u202e\x07"
+    console.say(bad)
+    console.warn(bad)
+    console.copyable(bad)
+    console.table([bad, "n"], [[bad, 1.0]], bad)
+    console.print_json({"name": bad})
+    with console.progress(bad) as advance:
+        advance(1, bad)
+    said = capsys.readouterr()
+    assert not set("\x1b\x9b\u202e\x07") & set(said.out + said.err)
+    assert (said.out + said.err).count("a\\x1b[2J") >= 5
+    assert "a\\u001b[2J\\u009b\\u202e\\u0007" in said.out

@@ -1,6 +1,8 @@
 """`calib runs` lists, shows and repeats; `calib effects` is the catalogue."""
 
 import json
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -76,3 +78,33 @@ def test_the_catalogue_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
         out = capsys.readouterr().out
         assert effect.looks in out
         assert effect.reference in out
+
+
+KILLED = """
+import os, sys, numpy as np
+from calib.run_folder import INVOCATION, Invocation, new_run
+from logs import Recorder
+from sim.joint_state import JointState
+INVOCATION.set(Invocation(["record", "my-cell", "plan"]))
+folder = new_run("ur10e", "record")
+recorder = Recorder(folder / "friction.mcap", ("a", "b"))
+for k in range(1234):
+    x = np.zeros(2)
+    recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x))
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_killed_run_is_told_with_what_its_recordings_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    assert subprocess.run([sys.executable, "-c", KILLED]).returncode == -9
+    assert main(["runs"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert " killed " in shown
+    assert re.search(r"friction\.mcap: killed at \d\d:\d\d:\d\d UTC, 1,234 samples, at most 1 lost", shown)
+    (file,) = Path("runs").glob("*/friction.mcap")
+    assert main(["import", str(file)]) == 0
+    assert "killed at" in capsys.readouterr().out
+    assert main(["runs", "--json"]) == 0
+    runs = {run["verb"]: run for run in json.loads(capsys.readouterr().out)["runs"]}
+    assert (runs["record"]["killed"], runs["record"]["exit_code"], runs["import"]["exit_code"]) == (True, None, 0)
+    assert "1,234 samples" in runs["record"]["outcome"]
