@@ -51,7 +51,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
             for item in (stream.attachments or {}).values():
                 writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
             for name, record in stream.metadata.items():
-                own = {key: value for key, value in record.items() if (name, key) != (RECORDING, "ring")}
+                own = {key: value for key, value in record.items() if name != RECORDING or key not in ("ring", "boot")}
                 writer.add_metadata(name, own | ({**words, "state": state} if name == RECORDING else {}))
             add_clock_fit(writer, _fit(clocks))
             if stream.unsealed:

@@ -10,6 +10,7 @@ import numpy as np
 from logs.align import held, tell_losses, time_order
 from logs.cdr import CdrError, log_message
 from logs.damage import Damage
+from logs.finish import killed_sentence
 from logs.joint_topic import JointTopic
 from logs.log import Event, Log, State
 from logs.mcap_records import MESSAGE, Batch, Channel
@@ -50,7 +51,9 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
     if known and not topics and (ended or killed) and not damage.count:
         why = metadata[RECORDING].get("end_reason") or "its program was killed"
         raise EmptyLog(f"{damage.path}: holds no sample: the motion had not begun ({why}); record it again")
-    state = recording_state(metadata, ended, killed, damage)
+    last = int(topic.host[-1][-1]) if topic and topic.host else None
+    said = killed_sentence(sum(map(len, topic.stamp)) if topic else 0, last)
+    state = recording_state(metadata, ended, killed, damage, said)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     return assembled(topics, events, metadata, state, joint_names, damage)
@@ -68,10 +71,12 @@ def killed_now(path: Path) -> bool:
     return is_recording(path) is False
 
 
-def recording_state(metadata: dict[str, dict[str, str]], ended: bool, killed: bool | None, damage: Damage) -> State:
+def recording_state(
+    metadata: dict[str, dict[str, str]], ended: bool, killed: bool | None, damage: Damage, held: str = ""
+) -> State:  # fmt: skip
     """How the recording ended; anything but a clean end or a kill is refused unless a partial file is accepted.
 
-    killed: for a journal, whether its program is gone; None for a finished file.
+    killed: for a journal, whether its program is gone; None for a finished file. held: what such a journal holds, as a sentence.
     """
     recording, failure = metadata.get(RECORDING, {}), metadata.get(FAILURE, {}).get("reason", "")
     if killed is None:
@@ -89,7 +94,7 @@ def recording_state(metadata: dict[str, dict[str, str]], ended: bool, killed: bo
         )
     state = State[word.upper()]
     if state is State.KILLED:
-        damage.note(recording.get("end_reason") or state.value)
+        damage.note(recording.get("end_reason") or held or state.value)
     elif state is not State.CLEAN:
         fault = f"{state.value} ({failure or recording.get('end_reason') or 'no reason was written'})"
         if not damage.accept_partial:

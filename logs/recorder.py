@@ -17,6 +17,7 @@ import numpy as np
 from mcap.records import Metadata
 
 from logs.about import About
+from logs.boot import boot
 from logs.encode import JointEncoder, log_body, message_record, text_body
 from logs.finish import finish, killed_sentence
 from logs.journal import AHEAD, Disk, Journal, record_bytes
@@ -112,6 +113,7 @@ class Recorder(Recording):
             "software": software_version(),
             "joint_names": json.dumps(self.joint_names),
             "wall_clock_start_ns": str(self._wall_start),
+            "boot": boot(),
         }
         about = about or About()
         self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start))

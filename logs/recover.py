@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from logs.boot import boot
 from logs.damage import Damage
 from logs.finish import finish, killed_sentence
 from logs.journal import Journal
@@ -22,6 +24,7 @@ from logs.ring import forget, left_behind
 from logs.schemas import FAILURE, RECORDING, STATES, device_offset
 from sim.errors import BadLog, DeviceError
 
+FOREIGN_AGE = 60.0  # s without a write, after which a recording of another computer, or of before its last start, is dead
 GONE = "and what the ring held when the computer stopped"
 
 
@@ -53,6 +56,8 @@ def recovered(path: Path) -> str | None:
             return None
         try:
             found = _read(path)
+            if found.metadata.get("boot") != boot() and time.time() - os.fstat(file.fileno()).st_mtime < FOREIGN_AGE:
+                return None  # another computer may be writing it, whose locks are not seen here
             told = _drain(path, found)
             words = {"end_reason": found.failure or told, "samples": str(found.counts.get(STATES, 0))}
             finish(

@@ -31,7 +31,7 @@ def command(
     import numpy as np
 
     from calib.live import LiveView, Snapshot
-    from calib.recordings import require
+    from calib.recordings import recorded_arm, require
     from logs import read_log
     from sim.arm import load_arm
 
@@ -40,7 +40,7 @@ def command(
     name = arm or found.metadata.get("arm")
     if not name:
         raise ConfigError(f"{log}: does not say which arm it is of; name it with --arm")
-    model = load_arm(str(name), configs)
+    model = load_arm(arm, configs) if arm else recorded_arm(log, configs)
     data = read_log(log, joint_names=model.joint_names)
     duration = float(data.t[-1] - data.t[0])
     if as_json:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.recordings import recorded_arm
 from calib.watch.watcher import Declared
 from drivers import open_driver
 from logs import read_log
@@ -18,6 +19,7 @@ from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
 from sim.errors import BadLog, ConfigError
+from sim.finite import is_finite
 from sim.joint_state import JointState
 
 
@@ -89,7 +91,7 @@ def from_log(path: Path, arm: str | None = None, configs: Path | None = None, ac
     said = about.metadata.get("arm")
     if not (arm or said):
         raise ConfigError(f"{path}: does not say which arm it is of; name it with --arm")
-    model = load_arm(arm or str(said), configs)
+    model = load_arm(arm, configs) if arm else recorded_arm(path, configs)
     if said and model.name != said:
         raise BadLog(
             f"{path}: was recorded of {said}, the arm given is {model.name}: nothing that it shows would be about this arm; "
@@ -106,10 +108,9 @@ def from_log(path: Path, arm: str | None = None, configs: Path | None = None, ac
             "into its arm.toml, or record effort"
         )
     declared = _declared(log)
-    gravity = log.metadata.get("mounting")
     return Source(
         path.name, model, 1.0 / float(np.median(np.diff(log.t))), _states(log), lambda: declared,
-        None if gravity is None else np.array(json.loads(gravity), dtype=float), float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
+        _mounting(log), float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
         facts={"log": str(path)},
     )  # fmt: skip
 
@@ -117,6 +118,20 @@ def from_log(path: Path, arm: str | None = None, configs: Path | None = None, ac
 def _states(log: Log) -> Iterator[JointState]:
     for k in range(len(log)):
         yield JointState(float(log.t[k]), float(log.t[k]), log.q[k], log.dq[k], log.tau[k], log.current[k], log.temperature[k])
+
+
+def _mounting(log: Log) -> np.ndarray | None:
+    """(3,) m/s^2, gravity in the base frame as the recording states it; None where it does not."""
+    text = log.metadata.get("mounting")
+    if text is None:
+        return None
+    try:
+        gravity = np.array([float(x) for x in json.loads(text)])
+    except (ValueError, TypeError, RecursionError) as error:
+        raise BadLog(f"{log.path}: mounting = {text[:80]!r} is no gravity ({error}); correct its metadata") from error
+    if not is_finite(gravity, 3):
+        raise BadLog(f"{log.path}: mounting = {text[:80]!r} is not three finite numbers, m/s^2; correct its metadata")
+    return gravity
 
 
 def _declared(log: Log) -> Declared | None:
@@ -130,7 +145,7 @@ def _declared(log: Log) -> Declared | None:
             table = json.loads(about["payload"])
             x, y, z = table["com"]
             return Declared(float(table["mass"]), (float(x), float(y), float(z)), "the cell file")
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise BadLog(f"{log.path}: what it says about its payload is not understood ({error}); correct its metadata") from error
     return None
 
