@@ -4,42 +4,50 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from drivers.driver import DeviceStop
-from safety.braking import DeviceStops, OwnStops, PathSheet
 from safety.collision import Clearance, Witness
 from safety.limits import check_limits, check_sent, sampled
 from safety.plan import hashes_of
-from safety.reach import check_point_speed
+from safety.reach import fastest_point
 from safety.sudden import sudden_change
-from safety.torque import check_torque, torque_interval
+from safety.torque import check_torque, suffices, torque_interval
+from safety.tube import tube_of
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
 
-CHUNK = 10_000
 _SEAL = object()
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was proved: the largest share of each limit that is used (1 is the limit), the nearest approach, the longest stop."""
+    """What was proved: the largest share of each limit that is used (1 is the limit) and the longest stop.
+
+    near: the nearest approach to "the cell" and to "itself", where there is any; room rad: the least following error that is covered;
+    braking, device_braking: the share of the arm's ddq_max, and of the device's own deceleration, that the torque suffices for in a stop.
+    """
 
     used: dict[str, float]
-    nearest: Witness | None
+    near: dict[str, Witness]
     stop_time: float
     stop_angle: float
+    room: float
+    braking: float
+    device_braking: float
 
 
 class ClearedTrajectory:
     """A motion that passed every check, as the samples that will be sent at `rate` Hz; only `clear` makes one.
 
     t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width, sudden (N, n) N m
-    how far it may be missed of a sudden: none can be written to.
+    how far it may be missed of a sudden, room (N,) rad the following error that is covered, braking (n,) rad/s^2 that our stop
+    may need: none can be written to.
     """
 
     __slots__ = ("__weakref__", "_values")
@@ -91,7 +99,7 @@ def clear(
     latency: float = 0.0,
     clearance: Clearance | None = None,
 ) -> ClearedTrajectory:
-    """Prove limits, torque, power, point speed, clearance and both stops of a motion, or refuse it with a SafetyStop.
+    """Prove a motion, both its stops and a tube around them: limits, torque, power, point speed, clearance; or SafetyStop.
 
     rate Hz of the samples that will be sent (the arm's own by default); stop says how the device brakes; latency s is the worst
     that this computer may be late; clearance saves building the geometry again. Non-zero speed at an end is allowed here: whoever
@@ -107,28 +115,22 @@ def clear(
         raise SafetyStop(f"{stop!r} is not a DeviceStop; state how the device brakes")
     clearance = clearance or Clearance(arm, cell)
     used = check_limits(trajectory, arm)
-    used["point speed"] = check_point_speed(trajectory, arm, cell)
     sent = _samples(trajectory, float(rate))
     check_sent(sent, arm)
+    used["point speed"] = fastest_point(sent, arm) / cell.table.motion.point_speed_max
     torque = torque_interval(sent, arm, cell)
     used |= check_torque(sent, torque, arm)
-    clearance.certify(PathSheet(trajectory), "the motion")
-    stop_time, stop_angle = 0.0, 0.0
-    for first in range(0, len(sent), CHUNK):
-        part = _rows(sent, first, min(first + CHUNK + 1, len(sent)))
-        own, device = OwnStops(part, arm), DeviceStops(part, arm, stop, latency)
-        for stops, what in ((own, "our stop"), (device, "the device's own stop")):
-            stops.check_limits()
-            clearance.certify(stops, what)
-            stop_time = max(stop_time, float(stops.duration.max()))
-            stop_angle = max(stop_angle, float(np.max(np.abs(stops.end()))))
-    verdict = Verdict(used, clearance.nearest_on(sent.t, sent.q), stop_time, stop_angle)
+    tube = tube_of(sent, arm, cell, clearance, stop, latency)
+    braking = float((tube.braking / arm.ddq_max).min())
+    near = clearance.nearest_on(sent.t, sent.q)
+    verdict = Verdict(used, near, tube.stop_time, tube.stop_angle, float(tube.room.min()), braking, tube.device_share)
     values: dict[str, Any] = {name: _frozen(getattr(sent, name)) for name in ("t", "q", "dq", "ddq")}
     values |= {"tau_hat": _frozen(torque.tau_hat), "doubt": _frozen(torque.doubt)}
+    values |= {"room": _frozen(tube.monitored(float(rate))), "braking": _frozen(tube.braking)}
     values["sudden"] = _frozen(sudden_change(sent, arm, cell))
     values |= {
         "rate": float(rate), "arm_sha256": arm.sha256, "joint_names": arm.joint_names, "hashes": hashes_of(arm, cell),
-        "verdict": verdict, "stop": stop, "latency": latency,
+        "verdict": verdict, "stop": stop, "latency": latency, "suffices": partial(suffices, arm=arm, cell=cell),
     }  # fmt: skip
     return ClearedTrajectory(_SEAL, values)
 
@@ -141,11 +143,6 @@ def _samples(motion: Trajectory, rate: float) -> Trajectory:
     grid = np.arange(count + 1) / rate
     inside = sampled(based, np.minimum(grid, t[-1]))
     return inside if grid[-1] <= t[-1] else Trajectory(grid, inside.q, inside.dq, inside.ddq)
-
-
-def _rows(motion: Trajectory, first: int, last: int) -> Trajectory:
-    first = min(first, last - 2)
-    return Trajectory(motion.t[first:last], motion.q[first:last], motion.dq[first:last], motion.ddq[first:last])
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

@@ -1,13 +1,13 @@
-"""d(q) - sum_j R_j |dq_j| >= margin for every pair of bodies: clearance that is proved, not sampled.
+"""d(q) - sum_j R_j (w_j + e) >= margin for every pair of bodies: clearance that is proved, not sampled, beside the path too.
 
-A piece of motion lies in a box of joint angles. No point of one body comes nearer to the other than the distance at the box's
-centre less reach times half-width of every joint between the two, so one distance proves a whole piece; what is not proved is cut
-in two, down to single pieces of the motion and then to parts of them (bound of Schwarzer, Saha, Latombe 2005,
-doi:10.1109/TRO.2004.838012, section III). What stays undecided is refused.
+A piece of motion lies in a box of joint angles with half-widths w. No point of one body comes nearer to the other than the distance
+at the box's centre less reach times half-width of every joint between the two, so one distance proves a whole piece, with every
+joint up to e beside it; what is not proved is cut in two, down to single pieces of the motion and then to parts of them (bound of
+Schwarzer, Saha, Latombe 2005, doi:10.1109/TRO.2004.838012, section III). What stays undecided is refused.
 
 Pairs: every two shapes on different links, except links that share a joint (they touch by construction) and shapes that can never
 part (safety.pairs); every shape on a moving link against every obstacle. Links two joints apart are built close together, so their
-enclosing shapes must not overlap but need no margin beyond that. Meshes are taken as their convex hulls, which are never smaller.
+enclosing shapes must not overlap but need no margin beyond that. A pair that keeps its margin in every posture is not looked at again.
 
 Beside `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
 """
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +23,7 @@ import pinocchio as pin
 from safety.pairs import adjacent, never_part
 from safety.reach import joint_reach
 from safety.shapes import Obstacle, link_body, obstacle_body
+from safety.sheets import Sheet
 from sim.arm import Arm
 from sim.cell import Cell, PlaneObstacle
 from sim.errors import ConfigError, SafetyStop
@@ -34,6 +34,13 @@ from sim.tree import Shape
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
 LOOKS = 400
+# rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
+CALIBRATION = 1e-3
+# distances that a proof for every posture may take
+POSTURES = 1500
+TURN_DOUBT = 0.06
+# of the room that there is at a box's centre, the share that must be proved before the box is good enough
+SHARE = 0.5
 EXACT = 1e-9
 
 
@@ -50,25 +57,11 @@ class Witness:
         return f"{self.pair[0]} and {self.pair[1]}: {self.distance * 1e3:.1f} mm at t={self.t:.3f} s (margin {self.margin * 1e3:g} mm)"
 
 
-class Sheet(Protocol):
-    """Pieces of motion as boxes of joint angles on a grid (K, M): K instants or pieces, M stages of what may follow from each."""
-
-    lo: np.ndarray
-    hi: np.ndarray
-
-    def time(self, k: int) -> float:
-        """Instant of row k, s."""
-        ...
-
-    def refined(self, k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-        """lo and hi (P, n) of P parts that together hold the motion in cell (k, m)."""
-        ...
-
-
 class Clearance:
     """Distances of one arm in one cell.
 
-    excluded: pairs of the arm's own shapes that are not checked because they can never part -> the reason.
+    excluded: pairs of the arm's own shapes that are not checked because they can never part -> the reason; always_apart: pairs
+    that are not asked of a motion because they keep their margin in every posture -> how far apart.
     """
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
@@ -95,6 +88,7 @@ class Clearance:
                 f"{arm.model_path}: no link has a collision shape, so no clearance can be proved; give every link a geom"
             )
         count = len(names)
+        self._obstacles = frozenset(obstacle.name for obstacle in cell.table.obstacles)
         for obstacle in cell.table.obstacles:
             where = f"{cell.path}: obstacle {obstacle.name}"
             body, placement = obstacle_body(obstacle, cell.path.parent, where)
@@ -123,19 +117,66 @@ class Clearance:
                     continue
                 self._geometry.addCollisionPair(pin.CollisionPair(b, a))
                 pairs.append((names[b], names[a]))
+        self._set(pairs, np.array(reach).reshape(len(pairs), arm.n), np.array(margin))
+        own = np.flatnonzero(self.of_self).tolist()
+        stuck = never_part(arm, lambda q: self.distances(q, own), self.margin[own])
+        self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
+        self._leave_out({own[k] for k in stuck})
+        # what the encoders and their zeros may be wrong by is kept free beside every path
+        self._doubt = arm.sensors.encoder_resolution + CALIBRATION
+        apart = {k: known for k in self._all if (known := self._always_apart(k)) is not None}
+        self.always_apart = {self.pairs[k]: known for k, known in apart.items()}
+        self._leave_out(set(apart))
+
+    def _set(self, pairs: Sequence[tuple[str, str]], reach: np.ndarray, margin: np.ndarray) -> None:
+        self.pairs, self.reach, self.margin = tuple(pairs), reach, margin
+        self._total = reach.sum(axis=1)
+        self._all = range(len(pairs))
         self._data = self._model.createData()
         self._geometry_data = pin.GeometryData(self._geometry)
-        own = [i for i, pair in enumerate(pairs) if pair[1] in names[:count]]
-        stuck = never_part(arm, lambda q: self.distances(q, own), np.array(margin)[own])
-        self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
-        kept = [i for i, pair in enumerate(pairs) if pair not in self.excluded]
-        for i in sorted(set(range(len(pairs))) - set(kept), reverse=True):
-            self._geometry.removeCollisionPair(self._geometry.collisionPairs[i])
-        self._geometry_data = pin.GeometryData(self._geometry)
-        self.pairs = tuple(pairs[i] for i in kept)
-        self.reach = np.array(reach).reshape(len(pairs), arm.n)[kept]
-        self.margin = np.array(margin)[kept]
-        self._all = range(len(kept))
+        self.of_self = np.array([all(name not in self._obstacles for name in pair) for pair in pairs], dtype=bool)
+
+    def _leave_out(self, which: set[int]) -> None:
+        kept = [k for k in self._all if k not in which]
+        pairs = [self._geometry.collisionPairs[k] for k in kept]
+        self._geometry.removeAllCollisionPairs()
+        for pair in pairs:
+            self._geometry.addCollisionPair(pair)
+        self._set([self.pairs[k] for k in kept], self.reach[kept], self.margin[kept])
+
+    def _always_apart(self, k: int) -> str | None:
+        """Proof that a pair keeps its margin over the whole turn of the joints between: only of a pair that at most two joints move."""
+        moved = np.flatnonzero(self.reach[k])
+        if len(moved) == 0:
+            distance = float(self.distances(np.zeros(self.arm.n), [k])[0])
+            return f"always {distance * 1e3:.1f} mm apart" if distance >= self.margin[k] + GJK else None
+        if len(moved) > 2 or self.arm.tree.prismatic[moved].any():
+            return None
+        lo, hi = np.zeros(self.arm.n), np.zeros(self.arm.n)
+        lo[moved], hi[moved] = self.arm.q_min[moved] - TURN_DOUBT, self.arm.q_max[moved] + TURN_DOUBT
+        if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
+            return None
+        whole = hi - lo > 2 * np.pi
+        lo[whole], hi[whole] = -np.pi, np.pi
+        todo, least = [(lo, hi)], np.inf
+        for _ in range(POSTURES):
+            if not todo:
+                joints = " and ".join(self.arm.joint_names[j] for j in moved)
+                return f"at least {least * 1e3:.1f} mm apart in every posture of {joints}"
+            lo, hi = todo.pop()
+            distance = float(self.distances((lo + hi) / 2, [k])[0])
+            if not distance >= self.margin[k] + GJK:
+                return None
+            spare = distance - float(self.reach[k] @ (hi - lo)) / 2
+            if spare >= self.margin[k] + GJK:
+                least = min(least, spare)
+                continue
+            j = int(np.argmax(self.reach[k] * (hi - lo)))
+            middle = (lo[j] + hi[j]) / 2
+            below, above = hi.copy(), lo.copy()
+            below[j] = above[j] = middle
+            todo += [(lo, below), (above, hi)]
+        return None
 
     def _chain(self, link: int) -> np.ndarray:
         """(n,) bool: the joints that move a link."""
@@ -184,54 +225,78 @@ class Clearance:
             raise SafetyStop(f"a distance is not a number at q={q.tolist()}; check the sizes of the arm's shapes and obstacles")
         return found
 
-    def certify(self, sheet: Sheet, what: str) -> None:
-        """Prove every pair's margin over all of `sheet`.
+    def certify(self, sheet: Sheet, what: str, least: float, most: float) -> np.ndarray:
+        """(K,) rad: how far every joint may be beside each row of `sheet` with every pair's margin kept, at most `most`.
 
-        SafetyStop with the witness where a pair comes nearer than its margin, or where that could not be decided.
+        SafetyStop with the witness where that is less than `least`: a pair comes nearer than its margin, or it could not be decided.
         """
-        if not (np.all(np.isfinite(sheet.lo)) and np.all(np.isfinite(sheet.hi)) and np.all(sheet.lo <= sheet.hi)):
+        if not sheet.boxes.finite():
             raise SafetyStop(f"{what}: a posture is not finite; it is not checked for collision")
+        room = np.full(len(sheet.boxes.lo), most)
 
-        def refine(k: int, m: int, pairs: np.ndarray) -> None:
-            lo, hi = sheet.refined(k, m)
-            self._prove(lo[:, None], hi[:, None], pairs, lambda part, _, left: refuse(sheet.time(k), lo[part], hi[part], left))
+        def leaf(k: int, m: int, pairs: np.ndarray) -> None:
+            parts = sheet.refined(k, m)
+            lo, hi = parts.lo[:, 0], parts.hi[:, 0]
+            for part in range(len(lo)):
+                found, _ = self._room((lo[part] + hi[part]) / 2, (hi[part] - lo[part]) / 2, pairs)
+                if not (found >= least).all():
+                    refuse(sheet.time(k), lo[part], hi[part], pairs[~(found >= least)])
+                room[k] = min(room[k], float(found.min()))
 
         def refuse(t: float, lo: np.ndarray, hi: np.ndarray, pairs: np.ndarray) -> None:
             near = self.nearest((lo + hi) / 2, t, pairs)
             travel = float(np.max(self.reach[pairs] @ ((hi - lo) / 2)))
-            found = "nearer than the margin" if near.distance < near.margin else f"not decided to {travel * 1e3:.2f} mm"
+            beside = float(np.max(self._total[pairs])) * (least + self._doubt)
+            found = (
+                "nearer than the margin" if near.distance < near.margin
+                else f"not decided to {travel * 1e3:.2f} mm, with {beside * 1e3:.0f} mm for a following error of {least:g} rad on every joint"
+            )  # fmt: skip
             raise SafetyStop(
                 f"{what}: {near}: {found}; move the obstacle or the home posture, or plan a smaller or slower motion"
             )
 
-        self._prove(sheet.lo, sheet.hi, np.arange(len(self.pairs)), refine)
+        self._prove(sheet, room, least, most, leaf)
+        return room
 
-    def _prove(self, lo: np.ndarray, hi: np.ndarray, pairs: np.ndarray, leaf: Callable[[int, int, np.ndarray], None]) -> None:
-        """Cut the grid lo hi (K, M, n) in two until each part is proved; `leaf(k, m, pairs)` decides the cells that are not."""
-        todo = [(0, lo.shape[0], 0, lo.shape[1], pairs)] if len(pairs) else []
-        weight = self.reach.max(axis=0) if len(pairs) else None
+    def _room(self, q: np.ndarray, width: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) rad of room that is proved for each pair within `width` of q, and (P,) what there is at q itself."""
+        spare = self.distances(q, pairs.tolist()) - self.margin[pairs] - GJK
+        total = self._total[pairs]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = np.where(total > 0, (spare - self.reach[pairs] @ width) / total, np.where(spare >= 0, np.inf, -np.inf))
+            at = np.where(total > 0, spare / total, inside)
+        return inside - self._doubt, at - self._doubt
+
+    def _prove(
+        self, sheet: Sheet, room: np.ndarray, least: float, most: float, leaf: Callable[[int, int, np.ndarray], None]
+    ) -> None:
+        """From the largest boxes down, until each proves most of the room it has; `leaf(k, m, pairs)` decides the sheet's own boxes."""
+        top = len(sheet.levels) - 1
+        rows, stages = sheet.levels[top][2].lo.shape[:2]
+        every = np.arange(len(self.pairs))
+        todo = [(top, k, m, every) for k in range(rows) for m in range(stages)] if len(every) else []
         while todo:
-            k0, k1, m0, m1, pairs = todo.pop()
-            low, high = lo[k0:k1, m0:m1].min(axis=(0, 1)), hi[k0:k1, m0:m1].max(axis=(0, 1))
-            spare = self.distances((low + high) / 2, pairs.tolist()) - self.margin[pairs] - GJK
-            pairs = pairs[~(spare >= self.reach[pairs] @ ((high - low) / 2))]
+            level, k, m, pairs = todo.pop()
+            r, c, boxes = sheet.levels[level]
+            low, high = boxes.lo[k, m, 0], boxes.hi[k, m, 0]
+            found, at = self._room((low + high) / 2, (high - low) / 2, pairs)
+            proved = found >= np.maximum(least, np.minimum(most, SHARE * at))
+            if proved.any():
+                part = room[k * r : (k + 1) * r]
+                np.minimum(part, float(found[proved].min()), out=part)
+            pairs = pairs[~proved]
             if not len(pairs):
                 continue
-            if k1 - k0 == 1 and m1 - m0 == 1:
-                leaf(k0, m0, pairs)
+            if level == 0:
+                leaf(k, m, pairs)
                 continue
-            middle_k, middle_m = (k0 + k1) // 2, (m0 + m1) // 2
-            if m1 - m0 == 1:
-                by_k = True
-            elif k1 - k0 == 1:
-                by_k = False
-            else:
-                along_k = np.ptp(lo[k0:k1, middle_m], axis=0) @ weight
-                by_k = bool(along_k >= np.ptp(lo[middle_k, m0:m1], axis=0) @ weight)
-            if by_k:
-                todo += [(k0, middle_k, m0, m1, pairs), (middle_k, k1, m0, m1, pairs)]
-            else:
-                todo += [(k0, k1, m0, middle_m, pairs), (k0, k1, middle_m, m1, pairs)]
+            finer, below, smaller = sheet.levels[level - 1]
+            rows, stages = smaller.lo.shape[:2]
+            todo += [
+                (level - 1, a, b, pairs)
+                for a in range(k * r // finer, min((k + 1) * r // finer, rows))
+                for b in range(m * c // below, min((m + 1) * c // below, stages))
+            ]
 
     def nearest(self, q: np.ndarray, t: float, pairs: np.ndarray | None = None) -> Witness:
         """The pair with the least distance beyond its margin at one posture q (n,)."""
@@ -241,10 +306,13 @@ class Clearance:
         p = int(pairs[i])
         return Witness(self.pairs[p], t, float(found[i]), float(self.margin[p]))
 
-    def nearest_on(self, t: np.ndarray, q: np.ndarray) -> Witness | None:
-        """The nearest approach among at most `LOOKS` samples of a motion: for people to read, it proves nothing."""
-        if not self.pairs:
-            return None
+    def nearest_on(self, t: np.ndarray, q: np.ndarray) -> dict[str, Witness]:
+        """The nearest approach to the cell and to itself among at most `LOOKS` samples of a motion: for people to read, it proves nothing."""
         rows = np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int))
-        found = [self.nearest(q[k], float(t[k])) for k in rows]
-        return min(found, key=lambda near: near.distance - near.margin)
+        out = {}
+        for name, which in (("the cell", ~self.of_self), ("itself", self.of_self)):
+            pairs = np.flatnonzero(which)
+            if len(pairs):
+                found = [self.nearest(q[k], float(t[k]), pairs) for k in rows]
+                out[name] = min(found, key=lambda near: near.distance - near.margin)
+        return out

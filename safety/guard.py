@@ -121,7 +121,7 @@ class Guard:
         motion = require_cleared(motion, self._arm, self._driver.rate)
         self._refuse_after_stop()
         self._check_start(motion, what)
-        expected: Expected = (motion.tau_hat[0], motion.doubt[0], motion.sudden[0])
+        expected = _expected(motion, 0)
         k = -1
         self.monitor.pause()
         try:
@@ -130,7 +130,7 @@ class Guard:
                 if trip is not None:
                     self._stop(motion, k - 1, trip, what)
                 self._send(motion.q[k], motion.dq[k])
-                expected = motion.tau_hat[k], motion.doubt[k], motion.sudden[k]
+                expected = _expected(motion, k)
                 self._watch(Cycle(k, len(motion), self._samples.states[-1], self._q_cmd))
         except MotionStopped:
             raise
@@ -280,6 +280,10 @@ class Guard:
                 self._record.event(ERROR, "safety", str(trip), begin.t_device)
             except CalibError as error:
                 self._ended = f"{self._ended}; and the log: {error}"
+
+
+def _expected(motion: ClearedTrajectory, k: int) -> Expected:
+    return Expected(motion.tau_hat[k], motion.doubt[k], motion.sudden[k], float(motion.room[k]))
 
 
 def _standstill(

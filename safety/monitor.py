@@ -5,9 +5,12 @@ Values that a device does not report (NaN in its first reading) are not asked fo
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from safety.collision import Clearance
+from safety.collision import GJK, Clearance
+from safety.readings import Readings
 from safety.sudden import LATE, blend
 from safety.trip import Trip
 from sim.arm import Arm
@@ -35,9 +38,17 @@ FROZEN = 10
 # reading is too old. A joint that sticks where it was told to end or to turn back is not: a speed made of positions shows that late.
 FROZEN_LEAST = 3
 WINDOW = 5
-CLEARANCE_EVERY = 0.05
-# the torque that a motion should take, the half-width of its interval, and how far it may be missed of a sudden; each (n,) N m
-Expected = tuple[np.ndarray, np.ndarray, np.ndarray]
+# pairs whose distance is looked at in every cycle, whether or not they may be near by now
+LOOKS = 2
+
+
+class Expected(NamedTuple):
+    """What a motion should take: torque (n,) N m, the half-width of its interval, how far it may be missed of a sudden, room rad beside it."""
+
+    tau_hat: np.ndarray
+    doubt: np.ndarray
+    sudden: np.ndarray
+    room: float
 
 
 class Monitor:
@@ -54,7 +65,7 @@ class Monitor:
         self._dq_hi = arm.dq_max + DQ_OVER + SIGMAS * noise
         self._jump = 1.5 * arm.dq_max
         self._grain = 10 * arm.sensors.encoder_resolution + 1e-4
-        self._follow = cell.table.motion.following_error_max
+        self._room = self._most = cell.table.motion.following_error_max
         self._dq_doubt = 0.1 * arm.dq_max + 0.04 * arm.ddq_max + SIGMAS * noise
         self._moving = np.maximum(0.02, 8 * noise)
         torque_noise = SIGMAS * np.array(arm.sensors.torque_noise)
@@ -62,19 +73,24 @@ class Monitor:
         self._step = RESIDUAL_STEP * arm.tau_max + TWO_READINGS * torque_noise
         self._blend = blend(rate)
         self._clearance = clearance
-        # some pairs in every cycle and all of them in CLEARANCE_EVERY: no cycle is much longer than the others
-        turns = max(1, round(CLEARANCE_EVERY * rate))
-        self._turns = [part.tolist() for part in np.array_split(np.arange(len(clearance.pairs)), turns)]
+        # how far each pair was, at which posture: it cannot be nearer now than that less reach times what was turned since
+        self._seen_q = np.tile(first.q, (len(clearance.pairs), 1))
+        self._seen = np.zeros(len(clearance.pairs))
+        self._least = clearance.margin - GJK
         self._has_tau = np.isfinite(self._torque(first))
         self._has_temperature = np.isfinite(first.temperature)
         self._n, self._count = n, 0
         self._last, self._paused = first, False
         self._frozen, self._asked, self._q_cmd = np.zeros(n, dtype=int), np.zeros(n), first.q.copy()
+        self._told = first.q.copy()
         self._window: list[JointState] = []
         self._speeds = np.zeros((WINDOW, n))
         self._slow: np.ndarray | None = None
         self._inside = np.ones(n, dtype=bool)
-        self._told = np.tile(first.q, (max(2, round(LATE * rate)), 1))
+        # the last LATE s of the path as told: where each step of it began, the step, and one over its square
+        count = max(2, round(LATE * rate))
+        self._from, self._steps, self._per = np.tile(first.q, (count, 1)), np.zeros((count, n)), np.zeros(count)
+        self._reading = Readings(arm, rate, first, self._has_tau)
         self.worst = {"following error": np.zeros(n), "residual": np.zeros(n)}
 
     def check(
@@ -88,11 +104,14 @@ class Monitor:
 
         now s on the host's clock; q_cmd (n,) rad the last command; expected: the torque that it should take, None while the arm stands.
         """
+        if expected is not None:
+            self._room = min(self._most, expected.room)
         trip = (
             self._check_device(state, now)
             or self._check_motion(state, q_cmd)
             or self._check_feedback(state, q_cmd)
             or self._check_torque(state, expected)
+            or self._reading.check(state, self._torque(state), *(expected[:2] if expected else (None, None)))
             or self._check_clearance(state)
         )
         self._count += 1
@@ -102,6 +121,7 @@ class Monitor:
     def pause(self) -> None:
         """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
         self._paused, self._slow = True, None
+        self._reading.pause()
 
     def _check_device(self, state: JointState, now: float) -> Trip | None:
         if state.status is not Status.RUNNING:
@@ -139,14 +159,24 @@ class Monitor:
         fast = np.abs(dq)
         if not (fast <= self._dq_hi).all():
             return self._trip("speed", ~(fast <= self._dq_hi), fast, self._dq_hi, "rad/s", "plan a slower motion")
-        self._told[self._count % len(self._told)] = q_cmd
-        error = np.maximum(np.minimum.reduce(self._told) - q, q - np.maximum.reduce(self._told))
-        error = np.maximum(error, 0.0)
+        error = self._beside(q, q_cmd)
         np.fmax(self.worst["following error"], error, out=self.worst["following error"])
-        if not (error <= self._follow).all():
-            return self._trip("following error", ~(error <= self._follow), error, self._follow, "rad",
+        if not (error <= self._room).all():
+            return self._trip("following error", ~(error <= self._room), error, np.full(self._n, self._room), "rad",
                               "look for contact, a wrong payload or a brake; plan a slower motion if there is none")  # fmt: skip
         return None
+
+    def _beside(self, q: np.ndarray, q_cmd: np.ndarray) -> np.ndarray:
+        """(n,) rad beside the point of the path of the last LATE s from which the joint that is farthest from it is least far."""
+        row = self._count % len(self._per)
+        step = q_cmd - self._told
+        square = float(step @ step)
+        self._from[row], self._steps[row], self._per[row] = self._told, step, 1.0 / square if square > 0 else 0.0
+        self._told = q_cmd.copy()
+        since = q - self._from
+        share = np.minimum(np.maximum(np.einsum("kj,kj->k", since, self._steps) * self._per, 0.0), 1.0)
+        beside = np.abs(since - share[:, None] * self._steps)
+        return np.asarray(beside[int(np.argmin(np.maximum.reduce(beside, axis=1)))])
 
     def _check_feedback(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
         stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
@@ -174,7 +204,7 @@ class Monitor:
     def _check_torque(self, state: JointState, expected: Expected | None) -> Trip | None:
         if expected is None or not self._has_tau.any():
             return None
-        tau_hat, doubt, sudden = expected
+        tau_hat, doubt, sudden, _ = expected
         residual = np.where(self._has_tau, self._torque(state) - tau_hat, 0.0)
         size, band = np.abs(residual), self._residual + doubt
         np.fmax(self.worst["residual"], size / self.arm.tau_max, out=self.worst["residual"])
@@ -196,14 +226,20 @@ class Monitor:
         return None
 
     def _check_clearance(self, state: JointState) -> Trip | None:
-        pairs = self._turns[self._count % len(self._turns)]
-        if not pairs:
+        """Every pair in every cycle: those that may be too near since their distance was last looked at are looked at again."""
+        count = len(self._seen)
+        if not count:
             return None
-        spare = self._clearance.distances(state.q, pairs) - self._clearance.margin[pairs] / 2
+        bound = self._seen - np.einsum("kj,kj->k", self._clearance.reach, np.abs(state.q - self._seen_q))
+        ask = np.flatnonzero(~(bound >= self._least)).tolist()
+        ask += [p for p in {(self._count * LOOKS + i) % count for i in range(LOOKS)} if p not in ask]
+        found = self._clearance.distances(state.q, ask)
+        self._seen[ask], self._seen_q[ask] = found, state.q
+        spare = found - self._least[ask]
         if not (spare >= 0).all():
             k = int(np.argmin(spare))
-            p, margin = pairs[k], float(self._clearance.margin[pairs[k]])
-            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(spare[k]) + margin / 2, margin / 2, "m",
+            p = ask[k]
+            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(found[k]), float(self._clearance.margin[p]), "m",
                         "the arm is not where it was sent: look for a following error or a wrong model")  # fmt: skip
         return None
 

@@ -1,7 +1,7 @@
 """The stop that is driven when something is wrong: along the path where that keeps every limit, else each joint by itself.
 
 Along the path: q(s(t)) with ds/dt going from 1 to 0 by a jerk-limited profile, so the arm stays where clearance is proved. By
-itself: the jerk-limited stop of `safety.braking`, which was proved from every sample. Both end at rest; both are computed from what
+itself: the jerk-limited stop of `safety.braking`, which was proved from every sample, no harder than the torque allows. Both end at rest; both are computed from what
 was last commanded, never from the reading that may be wrong.
 """
 
@@ -42,7 +42,7 @@ def stop_from(motion: ClearedTrajectory, k: int, arm: Arm) -> Stop:
     period = 1.0 / motion.rate
     if k >= len(motion) - 1 and np.all(np.abs(motion.dq[-1]) <= STANDING):
         return Stop("at the end of the motion", motion.q[-1:], np.zeros((1, arm.n)), period)
-    alone = stop_profile(motion.dq[k : k + 1], motion.ddq[k : k + 1], arm.ddq_max, arm.jerk_max)
+    alone = stop_profile(motion.dq[k : k + 1], motion.ddq[k : k + 1], np.minimum(motion.braking, arm.ddq_max), arm.jerk_max)
     shortest = float(alone.duration.max())
     for factor in PATIENCE:
         stop = _along(motion, k, arm, max(factor * shortest, 5 * period), period)
@@ -73,5 +73,7 @@ def _along(motion: ClearedTrajectory, k: int, arm: Arm, time: float, period: flo
     jerk = np.diff(np.vstack((motion.ddq[k], ddq)), axis=0) / period
     limits = ((dq, arm.dq_max), (ddq, arm.ddq_max), (jerk, arm.jerk_max))
     if not all((np.abs(x) <= most * (1 + ROUNDING)).all() for x, most in limits):
+        return None
+    if not motion.suffices(Trajectory(t[:, 0], path.q, dq, ddq)):
         return None
     return Stop("along the path", path.q, dq, period)

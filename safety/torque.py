@@ -110,6 +110,12 @@ def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, floa
     return {"tau": float(np.max(worst / arm.tau_max)), "power": float(np.max(power) / POWER_MAX)}
 
 
+def suffices(motion: Trajectory, arm: Arm, cell: Cell) -> bool:
+    """Whether the torque of every sample is within the limits, over the whole box of parameters."""
+    torque = torque_interval(motion, arm, cell)
+    return bool(np.all(np.abs(torque.tau_hat) + torque.doubt <= arm.tau_max))
+
+
 def _half_steps(x: np.ndarray) -> np.ndarray:
     """Half of the larger step to a neighbouring sample, (N, n)."""
     step = np.abs(np.diff(x, axis=0)) / 2

@@ -67,12 +67,14 @@ class EmulationTable(StrictTable):
 class MotionTable(StrictTable):
     """Rules for motion in this cell: speed of every point of the arm m/s, clearance m, largest following error rad.
 
+    following_error rad is what must be expected until a slow stage has measured it: no motion is let through that has not so much room.
     latency s is how late this computer may be at the least: every stop is given that much room, or more where more was measured.
     """
 
     point_speed_max: Positive = 1.5
     clearance_self: Positive = 0.01
     clearance_obstacle: Positive = 0.02
+    following_error: Positive = 0.01
     following_error_max: Positive = 0.1
     latency: Annotated[Finite, Field(ge=0.0, le=0.5)] = 0.0
 

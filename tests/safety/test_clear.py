@@ -26,7 +26,9 @@ def test_a_cleared_motion_is_the_samples_that_will_be_sent(arm: Arm, cell: Cell,
     np.testing.assert_array_equal(cleared.q[-1], motion.q[-1])
     assert set(cleared.verdict.used) == {"q", "dq", "ddq", "jerk", "point speed", "tau", "power"}
     assert all(0 < share <= 1 for share in cleared.verdict.used.values())
-    assert cleared.verdict.nearest is not None
+    assert set(cleared.verdict.near) == {"the cell", "itself"}
+    assert 0.01 <= cleared.verdict.room <= 0.1
+    assert cleared.verdict.braking == cleared.verdict.device_braking == 1.0
     assert require_cleared(cleared, arm, 125.0) is cleared
 
 
@@ -47,7 +49,7 @@ def test_nothing_else_makes_or_changes_one(arm: Arm, cell: Cell, motion: Traject
         cleared.q = cleared.q + 1
     with pytest.raises(AttributeError):
         _ = cleared.nonsense
-    for name in ("t", "q", "dq", "ddq", "tau_hat", "doubt"):
+    for name in ("t", "q", "dq", "ddq", "tau_hat", "doubt", "room", "braking"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(cleared, name)[0] = 9.0
         with pytest.raises(ValueError, match="WRITEABLE"):
@@ -104,7 +106,7 @@ def cell_of(tmp_path: Path, text: str) -> Cell:
 
 def test_the_cell_rules_are_asked(arm: Arm, tmp_path: Path, motion: Trajectory) -> None:
     head, tail = CELL.split("[[obstacles]]", 1)
-    rules = {"point_speed_max = 0.05": "point of it moves", "clearance_obstacle = 0.9": "nearer than the margin"}
+    rules = {"point_speed_max = 0.05": "point of it may move", "clearance_obstacle = 0.9": "nearer than the margin"}
     for rule, says in rules.items():
         with pytest.raises(SafetyStop, match=says):
             clear(motion, arm, cell_of(tmp_path, f"{head}[motion]\n{rule}\n[[obstacles]]{tail}"))

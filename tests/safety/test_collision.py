@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +13,10 @@ import pinocchio as pin
 import pytest
 
 from drivers.driver import DeviceStop
-from safety.braking import DeviceStops, PathSheet
 from safety.collision import Clearance
 from safety.reach import joint_reach, spine
 from safety.shapes import hull
+from safety.sheets import DeviceStops, PathSheet
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError, SafetyStop
@@ -23,6 +24,8 @@ from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 from sim.tree import Shape
 from tests.safety.conftest import CELL, HOME, sine
+
+LEAST = 1e-4
 
 
 def cell_with(tmp_path: Path, obstacle: str) -> Cell:
@@ -36,7 +39,27 @@ def test_pairs_leave_out_only_links_that_share_a_joint(arm: Arm, cell: Cell) -> 
     names = [s.name for s in arm.tree.shapes]
     expected = {(a, b) for i, a in enumerate(names) for k, b in enumerate(names) if k - i >= 2}
     expected |= {(a, o) for a in names for o in ("table", "post")}
-    assert set(pairs) == expected
+    clearance = Clearance(arm, cell)
+    excluded = set(clearance.always_apart) | set(clearance.excluded)
+    assert set(pairs) == expected - excluded
+    assert ("shoulder", "table") in excluded
+
+
+def test_a_pair_is_left_out_only_where_it_keeps_its_margin_in_every_posture(arm: Arm, cell: Cell) -> None:
+    """Looked at anew, with the same bodies, at postures from everywhere."""
+    every = Clearance(arm, cell)
+    asked = Clearance(arm, cell)
+    asked._geometry.removeAllCollisionPairs()
+    ids = {asked._geometry.geometryObjects[k].name: k for k in range(asked._geometry.ngeoms)}
+    for pair in every.always_apart:
+        asked._geometry.addCollisionPair(pin.CollisionPair(*(ids[name] for name in pair)))
+    count = len(every.always_apart)
+    asked._set(list(every.always_apart), np.zeros((count, arm.n)), np.zeros(count))
+    rng = np.random.default_rng(2)
+    found = np.array([asked.distances(q) for q in rng.uniform(arm.q_min, arm.q_max, (300, arm.n))])
+    least = np.array([float(re.findall(r"[0-9.]+", why)[0]) for why in every.always_apart.values()])
+    assert np.all(1e3 * found.min(axis=0) >= least - 0.1)
+    assert np.all(least > 0)
 
 
 def test_reach_bounds_how_far_any_point_moves(arm: Arm, cell: Cell) -> None:
@@ -78,31 +101,34 @@ def test_certified_and_densely_sampled_agree(arm: Arm, cell: Cell) -> None:
         motion = towards_table(float(depth))
         least = min(float(np.min(clearance.distances(q) - clearance.margin)) for q in motion.q[::2])
         if least > 1e-3:
-            clearance.certify(PathSheet(motion), "the motion")
+            clearance.certify(PathSheet(motion, arm), "the motion", LEAST, 0.1)
         elif least < 0:
             with pytest.raises(SafetyStop, match="table"):
-                clearance.certify(PathSheet(motion), "the motion")
+                clearance.certify(PathSheet(motion, arm), "the motion", LEAST, 0.1)
 
 
-def test_a_grid_of_one_row_is_cut_along_its_other_side(arm: Arm, cell: Cell) -> None:
-    """One command, many instants after it: what cannot be proved at once is cut between the instants, and only between them."""
-    clearance = Clearance(arm, cell)
-    q = towards_table(0.3).q[::40]
-    lo, hi = np.minimum(q[:-1], q[1:])[None], np.maximum(q[:-1], q[1:])[None]
-    undecided: list[tuple[int, int]] = []
-    clearance._prove(lo, hi, np.arange(len(clearance.pairs)), lambda k, m, pairs: undecided.append((k, m)))
-    assert undecided
-    assert {k for k, _ in undecided} == {0}
-    assert 1 < len({m for _, m in undecided}) < lo.shape[1]
+def test_the_room_beside_a_motion_is_really_there(arm: Arm, cell: Cell) -> None:
+    """Every joint beside the path by the proved room, to either side: margins are kept; and where there is little, little is promised."""
+    clearance, rng = Clearance(arm, cell), np.random.default_rng(0)
+    motion = towards_table(0.11)
+    room = clearance.certify(PathSheet(motion, arm), "the motion", LEAST, 0.1)
+    assert np.all(room >= LEAST)
+    assert room.min() < 0.02 < room.max()
+    for k in range(0, len(motion) - 1, 3):
+        for _ in range(20):
+            beside = motion.q[k] + room[k] * rng.choice((-1, 1), arm.n)
+            assert np.all(clearance.distances(beside) >= clearance.margin - 1e-6)
 
 
 def test_the_witness_is_where_the_bodies_are_nearest(arm: Arm, cell: Cell) -> None:
     motion = towards_table(0.1)
-    near = Clearance(arm, cell).nearest_on(motion.t, motion.q)
-    assert near is not None
+    both = Clearance(arm, cell).nearest_on(motion.t, motion.q)
+    assert set(both) == {"the cell", "itself"}
+    near = both["the cell"]
     assert near.pair[1] == "table"
     assert near.t == pytest.approx(2.0, abs=0.02)
     assert "table" in str(near)
+    assert "table" not in both["itself"].pair
 
 
 def test_a_collision_shorter_than_the_sampling_step_is_found(arm: Arm, cell: Cell) -> None:
@@ -115,7 +141,7 @@ def test_a_collision_shorter_than_the_sampling_step_is_found(arm: Arm, cell: Cel
     clearance = Clearance(arm, cell)
     assert np.all(clearance.distances(q[0]) > clearance.margin)
     with pytest.raises(SafetyStop, match="table"):
-        clearance.certify(PathSheet(motion), "the motion")
+        clearance.certify(PathSheet(motion, arm), "the motion", LEAST, 0.1)
 
 
 @pytest.mark.parametrize(("begin", "free"), [(-0.2, True), (0.0, False)])
@@ -126,10 +152,10 @@ def test_long_stops_from_two_samples_are_cut_along_the_stop(arm: Arm, cell: Cell
     stops = DeviceStops(Trajectory(np.array([0.0, 0.002]), q, dq, np.zeros((2, 6))), arm, DeviceStop(0.0, 2.0), 0.0)
     clearance = Clearance(arm, cell)
     if free:
-        clearance.certify(stops, "the device's own stop")
+        clearance.certify(stops, "the device's own stop", LEAST, 0.1)
     else:
         with pytest.raises(SafetyStop, match=r"the device's own stop: .*table"):
-            clearance.certify(stops, "the device's own stop")
+            clearance.certify(stops, "the device's own stop", LEAST, 0.1)
 
 
 def test_one_distance_that_is_not_a_number_is_refused(arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,10 +176,10 @@ def test_a_posture_that_is_not_finite_is_never_free(arm: Arm, cell: Cell, bad: f
         q[j] = bad
         with pytest.raises(SafetyStop, match="finite"):
             clearance.distances(q)
-    sheet = PathSheet(sine())
-    sheet.hi[7, 0, 2] = bad
+    sheet = PathSheet(sine(), arm)
+    sheet.boxes.hi[7, 0, 0, 2] = bad
     with pytest.raises(SafetyStop, match="finite"):
-        clearance.certify(sheet, "the motion")
+        clearance.certify(sheet, "the motion", LEAST, 0.1)
     with pytest.raises(SafetyStop, match="wrong length"):
         clearance.distances(HOME[:5])
 
@@ -270,8 +296,8 @@ def test_an_arm_with_one_link_and_nothing_around_it_has_no_pair(arm_folder: Path
     bare.write_text('schema = "cell/1"\nname = "bare"\narm = "one"\ndriver = "mock"\n')
     clearance = Clearance(one, load_cell(bare))
     motion = sine(1)
-    clearance.certify(PathSheet(motion), "the motion")
-    assert clearance.nearest_on(motion.t, motion.q) is None
+    clearance.certify(PathSheet(motion, one), "the motion", LEAST, 0.1)
+    assert clearance.nearest_on(motion.t, motion.q) == {}
 
 
 def changed(arm_folder: Path, tmp_path: Path, old: str, new: str) -> Path:

@@ -9,7 +9,7 @@ import pytest
 
 from safety import monitor as rules
 from safety.collision import Clearance
-from safety.monitor import Monitor
+from safety.monitor import Expected, Monitor
 from safety.sudden import FAST
 from sim.arm import Arm
 from sim.cell import Cell
@@ -38,7 +38,7 @@ def ask(
     tau_hat: np.ndarray | None = None,
     q_cmd: np.ndarray = HOME,
 ) -> str | None:
-    expected = None if tau_hat is None else (tau_hat, np.zeros(6), np.zeros(6))
+    expected = None if tau_hat is None else Expected(tau_hat, np.zeros(6), np.zeros(6), 0.1)
     trip = monitor.check(state, state.t if now is None else now, q_cmd, expected)
     return None if trip is None else trip.quantity
 

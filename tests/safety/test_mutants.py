@@ -23,13 +23,13 @@ from drivers.driver import DeviceStop
 from drivers.mock import MockDriver
 from safety.approach import joined, move
 from safety.approval import approve
-from safety.braking import DeviceStops
 from safety.clear import clear
 from safety.collision import Clearance
 from safety.guard import Guard
 from safety.limits import check_limits, check_sent
-from safety.monitor import Monitor
+from safety.monitor import Expected, Monitor
 from safety.plan import Motion, load_plan, sealed, write_plan
+from safety.sheets import DeviceStops
 from safety.stages import StageResult, gate
 from safety.torque import torque_interval
 from sim.arm import Arm, load_arm
@@ -90,7 +90,12 @@ class Entries:
             cell.path.read_text() + "[payload]\nmass = 1.0\ncom = [0.0, 0.0, 0.1]\n[motion]\npoint_speed_max = 1.0\n"
         )
         clear(self.motion, arm, cell, clearance=self.clearance)
-        assert Monitor(arm, cell, 500.0, self.clearance, self.first).check(self.state, 0.002, HOME, (np.zeros(6),) * 3) is None
+        assert (
+            Monitor(arm, cell, 500.0, self.clearance, self.first).check(
+                self.state, 0.002, HOME, Expected(*(np.zeros(6),) * 3, 0.1)
+            )
+            is None
+        )
 
     def trajectory(self, rng: random.Random) -> Callable[[], Any]:
         name = rng.choice(("t", "q", "dq", "ddq"))
@@ -149,7 +154,9 @@ class Entries:
 
         def ask() -> Any:
             state = replace(self.state, **{name: value})
-            trip = Monitor(self.arm, self.cell, 500.0, self.clearance, self.first).check(state, 0.002, HOME, (np.zeros(6),) * 3)
+            trip = Monitor(self.arm, self.cell, 500.0, self.clearance, self.first).check(
+                state, 0.002, HOME, Expected(*(np.zeros(6),) * 3, 0.1)
+            )
             if trip is not None:
                 raise ValueError(str(trip))
 

@@ -10,7 +10,7 @@ import pytest
 
 from safety.clear import clear
 from safety.collision import Clearance
-from safety.reach import check_point_speed, joint_reach, spine
+from safety.reach import fastest_point, joint_reach, spine
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError, SafetyStop
@@ -94,15 +94,13 @@ def test_a_slide_moves_every_point_by_itself_and_lengthens_nothing_that_turns(li
 
 
 def test_point_speed_of_a_mesh_is_bounded_by_its_box_and_never_too_small(lift: tuple[Arm, Cell]) -> None:
-    arm, cell = lift
+    arm, _ = lift
     ball = next(s for s in arm.tree.shapes if s.kind == "mesh")
     for dq in ((0.4, 0.0), (0.0, 1.0), (0.3, -1.2)):
-        share = check_point_speed(still(arm, dq), arm, cell)
+        speed = fastest_point(still(arm, dq), arm)
         linear = np.array([RigidBody(arm).jacobian(np.zeros((1, 2)), ball.link, p)[0][0] @ dq for p in spine(ball)[0]])
         true = np.linalg.norm(linear, axis=1).max()
-        assert true <= share * 1.5 <= 1.5 * true
-    with pytest.raises(SafetyStop, match="ball: a point of it moves at up to"):
-        check_point_speed(still(arm, (0.0, 2.9)), arm, cell)
+        assert true <= speed <= 1.5 * true
 
 
 def test_a_body_that_stands_has_no_speed_and_can_still_be_hit(lift: tuple[Arm, Cell]) -> None:
@@ -144,4 +142,4 @@ def test_without_pairs_there_is_nothing_to_prove_and_nothing_to_show(lift: tuple
     empty = replace(cell, table=cell.table.model_copy(update={"obstacles": []}))
     clearance = Clearance(alone, empty)
     assert clearance.pairs == ()
-    assert clear(still(arm, (0.1, 0.1)), alone, empty, clearance=clearance).verdict.nearest is None
+    assert clear(still(arm, (0.1, 0.1)), alone, empty, clearance=clearance).verdict.near == {}

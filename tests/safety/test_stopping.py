@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safety.braking import OwnStops
+from safety.braking import stop_profile
 from safety.clear import ClearedTrajectory, clear
 from safety.stopping import Stop, stop_from
 from sim.arm import Arm
@@ -66,8 +66,8 @@ def test_where_the_path_is_too_curved_each_joint_stops_by_itself(arm: Arm, clear
     stop = stop_from(cleared, k, tight)
     assert stop.kind == "each joint by itself"
     assert np.all(np.abs(derivatives(stop, cleared, k)[2]) <= tight.ddq_max * 1.01)
-    motion = Trajectory(cleared.t, cleared.q, cleared.dq, cleared.ddq)
-    np.testing.assert_allclose(stop.q[-1] - cleared.q[k], OwnStops(motion, tight).end()[k], atol=1e-12)
+    alone = stop_profile(cleared.dq[k : k + 1], cleared.ddq[k : k + 1], tight.ddq_max, arm.jerk_max)
+    np.testing.assert_allclose(stop.q[-1] - cleared.q[k], alone.travel(alone.duration)[0], atol=1e-12)
 
 
 def test_where_the_motion_ends_before_the_stop_each_joint_stops_by_itself(arm: Arm, cell: Cell) -> None:

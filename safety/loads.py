@@ -1,0 +1,183 @@
+"""Torque, power and point speed over boxes of states: not at samples but at every instant, for every parameter set, off the path too.
+
+For the states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre:
+  |tau| <= |tau_c| + its doubt + |M| w_a + |dtau/dq| (w_q + e) + |dtau/ddq| w_v
+  |v|   <= |J dq_c| + sum_j |J_j| w_vj + (R |dq|) sum(w_q + e)
+where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is asked of
+smaller ones, down to the sheet's own. For each row comes out the largest e that is proved: the room for a following error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from safety.reach import joint_reach, outline, point_speeds
+from safety.sheets import Boxes, Sheet
+from safety.slopes import Slopes
+from safety.torque import POWER_MAX, friction_of, parameter_box
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+from sim.rigid_body import RigidBody, link_inertia
+from sim.tree import KinematicTree, Shape
+
+# boxes that hold more rows than this prove nothing
+MOST_ROWS = 128
+CHUNK = 4_000
+
+
+class NotEnough(SafetyStop):
+    """The torque or the power does not suffice; a softer stop may need less."""
+
+
+class Loads:
+    """The limits of one arm in one cell, asked of boxes."""
+
+    def __init__(self, arm: Arm, cell: Cell) -> None:
+        self.arm, self.cell = arm, cell
+        self._body, self._slopes = RigidBody(arm), Slopes(arm, cell)
+        self._pi, self._delta = parameter_box(arm, cell)
+        self._weightless = RigidBody(_loaded(arm, self._pi), np.zeros(3))
+        self._friction = friction_of(arm)
+        self._shapes = [
+            (shape, points, radius, joint_reach(arm, shape))
+            for shape in arm.tree.shapes if shape.link >= 0 for points, radius in [outline(shape)]
+        ]  # fmt: skip
+
+    def room(self, sheet: Sheet, what: str, least: float, enough: float, torque: bool = True) -> np.ndarray:
+        """(K,) rad: how far every joint may be beside each row, with torque, power and point speed still within their limits.
+
+        Without `torque` only the point speed is asked.
+        Not refined where it is `enough`; SafetyStop names what is exceeded where it is not `least`.
+        """
+        if not sheet.boxes.finite():
+            raise SafetyStop(f"{what}: a state is not finite; its torque is not asked")
+        rows, stages = sheet.boxes.lo.shape[:2]
+        first = 0 if torque else self.arm.n + 1
+        room, open_ = np.full(rows, np.inf), np.ones((rows, stages), dtype=bool)
+        for r, c, boxes in reversed([level for level in sheet.levels if level[0] <= MOST_ROWS]):
+            wanted = open_[::r, ::c].copy()
+            for a in range(r):
+                for b in range(c):
+                    part = open_[a::r, b::c]
+                    wanted[: part.shape[0], : part.shape[1]] |= part
+            ask = Boxes(boxes.lo[wanted], boxes.hi[wanted])
+            found = np.full(wanted.shape, np.inf)
+            parts = [self._of(Boxes(ask.lo[k : k + CHUNK], ask.hi[k : k + CHUNK])) for k in range(0, len(ask.lo), CHUNK)]
+            found[wanted] = np.concatenate([p[:, first:].min(axis=1) for p in parts])
+            last = (r, c) == (1, 1)
+            good = found >= (least if last else enough)
+            if last and not good.all():
+                found[~good] = self._refined(sheet, what, np.argwhere(~good), least, first)
+                good = found >= least
+            good = np.repeat(np.repeat(good & wanted, r, axis=0), c, axis=1)[:rows, :stages] & open_
+            value = np.repeat(np.repeat(found, r, axis=0), c, axis=1)[:rows, :stages]
+            room = np.minimum(room, np.where(good, value, np.inf).min(axis=1))
+            open_ &= ~good
+            if not open_.any():
+                break
+        return room
+
+    def _refined(self, sheet: Sheet, what: str, cells: np.ndarray, least: float, first: int) -> np.ndarray:
+        """(C,) the room of some of the sheet's own boxes (C, 2), from their parts."""
+        room = []
+        for begin in range(0, len(cells), CHUNK // 8):
+            some = cells[begin : begin + CHUNK // 8].tolist()
+            parts = [sheet.refined(k, m) for k, m in some]
+            every = Boxes(np.concatenate([p.lo for p in parts]), np.concatenate([p.hi for p in parts]))
+            found = self._of(every)[:, first:]
+            if not (found >= least).all():
+                part, worst = np.argwhere(~(found >= least))[0]
+                k = some[part // len(parts[0].lo)][0]
+                self._refuse(sheet, what, k, Boxes(every.lo[part][None], every.hi[part][None]), first + int(worst))
+            room.append(found.reshape(len(some), -1).min(axis=1))
+        return np.concatenate(room)
+
+    def _of(self, part: Boxes) -> np.ndarray:
+        """(C, n + 1 + shapes) rad: room of each box by torque, by power and by the speed of each shape."""
+        torque, slope, width, fast = self._torque(part)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by_torque = _share(self.arm.tau_max - torque, slope)
+            by_power = _share(POWER_MAX - np.sum(torque * fast, axis=1), np.sum(slope * fast, axis=1))
+        by_speed = [self._speed_room(s, part, width, fast) for s in self._shapes]
+        return np.column_stack((by_torque, by_power, *by_speed))
+
+    def _torque(self, part: Boxes) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Largest torque (C, n) of each box, what 1 rad of following error adds (C, n), half-widths of q (C, n), speeds (C, n)."""
+        q, dq, ddq = ((part.lo + part.hi) / 2).transpose(1, 0, 2)
+        w_q, w_v, w_a = ((part.hi - part.lo) / 2).transpose(1, 0, 2)
+        forth, back = part.hi[:, 1] > 0, part.lo[:, 1] < 0
+        fast, hard = np.abs(dq) + w_v, np.abs(ddq) + w_a
+        y = self._body.regressor(q, dq, ddq)
+        torque = y @ self._pi
+        f = self._friction
+        # dry friction has the sign of the speed; where a box holds both signs, either
+        dry = f.coulomb * (forth.astype(float) - back)
+        either = f.coulomb * (forth & back)
+        torque = np.abs(torque + f.inertia * ddq + f.viscous * dq + dry) + either
+        torque += np.abs(y) @ self._delta + f.inertia_doubt * np.abs(ddq) + f.coulomb_doubt + f.viscous_doubt * fast
+        torque += (f.inertia + f.inertia_doubt) * w_a + f.viscous * w_v
+        torque += np.einsum("cij,cj->ci", self._mass(q), w_a)
+        by_angle = self._slopes.by_angle(fast, hard)
+        torque += np.einsum("cik,ck->ci", by_angle, w_q) + self._slopes.by_speed(fast, w_v)
+        return torque, by_angle.sum(axis=2), w_q, fast
+
+    def _mass(self, q: np.ndarray) -> np.ndarray:
+        """Bound of |M(q)| (C, n, n) of the links over the parameter box."""
+        n = self.arm.n
+        tall = np.repeat(q, n, axis=0)
+        unit = np.tile(np.eye(n), (len(q), 1))
+        links = self._weightless.inverse_dynamics(tall, np.zeros_like(tall), unit).reshape(len(q), n, n)
+        return np.abs(links).transpose(0, 2, 1) + self._slopes.doubt
+
+    def _speed_room(
+        self, known: tuple[Shape, np.ndarray, float, np.ndarray], part: Boxes, w_q: np.ndarray, fast: np.ndarray
+    ) -> np.ndarray:
+        """(C,) rad of room that the point speed of one shape leaves."""
+        shape, points, radius, reach = known
+        limit = self.cell.table.motion.point_speed_max
+        crude = fast @ reach
+        out = np.where(crude <= limit, np.inf, -np.inf)
+        ask = np.flatnonzero(~(crude <= limit))
+        if len(ask):
+            q, dq, _ = ((part.lo[ask] + part.hi[ask]) / 2).transpose(1, 0, 2)
+            width = (part.hi[ask, 1] - part.lo[ask, 1]) / 2
+            speed = point_speeds(self._body, shape.link, points, radius, q, dq, width) + crude[ask] * w_q[ask].sum(axis=1)
+            # crude holds the largest speeds: what J changes within the box is in it for the widths of the speed, too
+            out[ask] = (limit - speed) / (crude[ask] * self.arm.n)
+        return out
+
+    def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:
+        """Say what is exceeded in one box."""
+        (torque, _, _, fast), n = self._torque(part), self.arm.n
+        where = f"{what} at t={sheet.time(k):.4f} s"
+        if worst < n:
+            raise NotEnough(
+                f"{self.arm.joint_names[worst]}: torque up to {torque[0, worst]:.4g} N m in {where}, over the whole box of parameters, "
+                f"leaves no room for a following error below {self.arm.tau_max[worst]:.4g} N m; plan a slower motion, declare the real payload in "
+                "the cell file, or state better known masses in [prior] of arm.toml"
+            )
+        if worst == n:
+            raise NotEnough(
+                f"{self.arm.name}: mechanical power up to {float(np.sum(torque * fast)):.4g} W in {where} leaves no room for a following error "
+                f"below {POWER_MAX:g} W; plan a slower motion"
+            )
+        raise SafetyStop(
+            f"{self._shapes[worst - n - 1][0].name}: a point of it may move faster than {self.cell.table.motion.point_speed_max:g} m/s in "
+            f"{where}; plan a slower motion, or raise motion.point_speed_max in {self.cell.path.name}"
+        )
+
+
+def _loaded(arm: Arm, pi: np.ndarray) -> KinematicTree:
+    """The links with the masses of pi (10 n,): the declared payload is on the last one."""
+    links = [link_inertia(row) if row[0] > 0 else (0.0, np.zeros(3), np.zeros((3, 3))) for row in pi.reshape(-1, 10)]
+    mass, com, inertia = (np.array(x) for x in zip(*links, strict=True))
+    return replace(arm.tree, mass=mass, com=com, inertia=inertia)
+
+
+def _share(spare: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """spare / slope, infinite where nothing is added and nothing lacks; NaN is no room."""
+    out = np.where(slope > 0, spare / slope, np.where(spare >= 0, np.inf, -np.inf))
+    return np.where(np.isfinite(spare), out, -np.inf)

@@ -1,0 +1,121 @@
+"""Whatever a motion, our stop or the device's stop passes through lies in the boxes, from samples and from between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.driver import DeviceStop
+from safety.braking import stop_profile
+from safety.limits import sampled
+from safety.sheets import STAGES, Boxes, DeviceStops, OwnStops, PathSheet
+from sim.arm import Arm
+from sim.errors import SafetyStop
+from sim.trajectory import Trajectory
+from tests.safety.conftest import HOME, sine
+
+ROUND = 1e-9
+
+
+@pytest.fixture(scope="module")
+def fast() -> Trajectory:
+    motion = sine(amplitude=0.4, duration=3.0)
+    return sampled(motion, np.arange(0, 1501) / 500)
+
+
+def inside(boxes: Boxes, k: int, m: int, states: np.ndarray) -> bool:
+    """Whether states (S, 3, n) lie in the box of one cell."""
+    return bool(np.all(boxes.lo[k, m] - ROUND <= states) and np.all(states <= boxes.hi[k, m] + ROUND))
+
+
+def test_the_motion_lies_in_its_boxes_between_samples_too(arm: Arm, fast: Trajectory) -> None:
+    sheet = PathSheet(fast, arm)
+    for k in range(0, len(fast) - 1, 11):
+        t = np.linspace(fast.t[k], fast.t[k + 1], 9)
+        part = sampled(sine(amplitude=0.4, duration=3.0), t)
+        assert inside(sheet.boxes, k, 0, np.stack((part.q, part.dq, part.ddq), axis=1))
+        parts = sheet.refined(k, 0)
+        lo, hi = parts.lo[:, 0], parts.hi[:, 0]
+        held = (lo[:, None] - ROUND <= part.q) & (part.q <= hi[:, None] + ROUND)
+        assert held.all(axis=2).any(axis=0).all()
+    assert sheet.time(7) == fast.t[7]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_our_stops_lie_in_their_boxes_and_in_their_parts(arm: Arm, fast: Trajectory, share: float) -> None:
+    stops = OwnStops(fast, arm, share * arm.ddq_max)
+    for k in range(0, len(fast), 37):
+        for m in range(STAGES):
+            t = (m + np.linspace(0, 1, 25)) / STAGES * stops.duration[k]
+            travel, dq, ddq = (x[0] for x in stops.profile.rows(slice(k, k + 1)).state(t[None, :, None]))
+            q = fast.q[k] + travel
+            assert inside(stops.boxes, k, m, np.stack((q, dq, ddq), axis=1))
+            parts, states = stops.refined(k, m), np.stack((q, dq, ddq), axis=1)
+            held = (parts.lo[:, None] - ROUND <= states) & (states <= parts.hi[:, None] + ROUND)
+            assert held.all(axis=(2, 3)).any(axis=0).all()
+    assert stops.time(3) == fast.t[3]
+
+
+@pytest.mark.parametrize("proportional", [True, False])
+@pytest.mark.parametrize("softest", [1.0, 0.5])
+def test_device_stops_from_any_instant_and_by_any_allowed_deceleration_lie_in_their_boxes(
+    arm: Arm, fast: Trajectory, proportional: bool, softest: float
+) -> None:
+    """Written down by itself: begin anywhere between two samples, coast, brake with a deceleration that the device may have."""
+    device, latency = DeviceStop(0.02, 4.0, proportional), 0.01
+    sheet = DeviceStops(fast, arm, device, latency, softest)
+    motion, rng = sine(amplitude=0.4, duration=3.0), np.random.default_rng(0)
+    coast = device.reaction + latency
+    for k in range(0, len(fast) - 1, 29):
+        for _ in range(6):
+            begin = rng.uniform(fast.t[k], fast.t[k + 1])
+            start = sampled(motion, np.array([begin, begin + 1e-9]))
+            q, dq = start.q[0], start.dq[0]
+            a = rng.uniform(softest, 1.0) * device.deceleration
+            braking = np.abs(dq) / a
+            if proportional:
+                braking = np.full(arm.n, braking.max())
+            for t in np.linspace(0, sheet.duration[k], 40):
+                u = np.clip(t - coast, 0, braking)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    left = np.where(braking > 0, 1 - u / braking, 0.0)
+                    way = min(t, coast) + np.where(braking > 0, u - u**2 / (2 * braking), 0.0)
+                at = np.stack((q + dq * way, dq * (left if t > coast else 1.0)))
+                lo, hi = sheet.boxes.lo[k, :, :2], sheet.boxes.hi[k, :, :2]
+                assert ((lo - ROUND <= at) & (at <= hi + ROUND)).all(axis=(1, 2)).any()
+                parts = [sheet.refined(k, m) for m in range(STAGES)]
+                assert any(((p.lo[:, :2] - ROUND <= at) & (at <= p.hi[:, :2] + ROUND)).all(axis=(1, 2)).any() for p in parts)
+            assert np.all(np.abs(q + dq * (coast + braking / 2) - q) <= sheet.end()[k] + ROUND)
+    assert (sheet.softest is sheet) == (softest == 1.0)
+
+
+def test_merged_boxes_hold_the_boxes_they_were_made_of(arm: Arm, fast: Trajectory) -> None:
+    sheet = OwnStops(fast, arm, arm.ddq_max)
+    assert sheet.levels[-1][2].lo.shape[:2] == (1, 1)
+    for rows, stages, boxes in sheet.levels[1:]:
+        for k in range(0, len(fast), 101):
+            for m in range(STAGES):
+                assert np.all(boxes.lo[k // rows, m // stages] <= sheet.boxes.lo[k, m])
+                assert np.all(boxes.hi[k // rows, m // stages] >= sheet.boxes.hi[k, m])
+
+
+@pytest.mark.parametrize(("spare", "allowed"), [(2e-5, True), (-2e-5, False)])
+def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allowed: bool) -> None:
+    """One state, moving towards the limit: the limit is just beyond, or just before, where the stop ends."""
+    arm = replace(arm, jerk_max=np.full(6, 1e-3))
+    dq, ddq = np.full((2, 6), 1.5), np.zeros((2, 6))
+    motion = Trajectory(np.array([0.0, 1e-3]), np.vstack((HOME, HOME + 0.0015)), dq, ddq)
+    hard = replace(arm, jerk_max=np.full(6, 200.0))
+    end = stop_profile(dq, ddq, hard.ddq_max, hard.jerk_max).extrema()[1] + motion.q
+    for make, reached, says in (
+        (lambda a: OwnStops(motion, replace(a, jerk_max=hard.jerk_max), a.ddq_max), end, "a stop that begins"),
+        (lambda a: DeviceStops(motion, a, DeviceStop(0.02, 4.0), 0.0), motion.q + dq * (0.02 + 1.5 / 8), "device's own stop"),
+    ):
+        tight = replace(arm, q_max=reached.max(axis=0) + spare)
+        if allowed:
+            make(tight).check_limits()
+        else:
+            with pytest.raises(SafetyStop, match=says):
+                make(tight).check_limits()
