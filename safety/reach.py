@@ -56,14 +56,23 @@ def fastest_point(motion: Trajectory, arm: Arm) -> float:
     return float(max(speeds, default=0.0))
 
 
-def point_speeds(body: RigidBody, link: int, points: np.ndarray, radius: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(N,) m/s of the fastest point of balls of `radius` about points (P, 3) of a link, at q dq (N, n): |J dq| + radius |w|."""
+def point_speeds(
+    body: RigidBody, link: int, points: np.ndarray, radius: float, q: np.ndarray, dq: np.ndarray, width: np.ndarray | None = None
+) -> np.ndarray:  # fmt: skip
+    """(N,) m/s of the fastest point of balls of `radius` about points (P, 3) of a link, at q dq (N, n): |J dq| + radius |w|.
+
+    With `width` (N, n) rad/s the speeds may be so far beside dq: sum_j |J_j| width_j more.
+    """
     speed = np.zeros(len(q))
     for point in points:
         linear, angular = body.jacobian(q, link, point)
         at_point = np.linalg.norm(np.einsum("kij,kj->ki", linear, dq), axis=1)
         turning = np.linalg.norm(np.einsum("kij,kj->ki", angular, dq), axis=1)
-        speed = np.maximum(speed, at_point + radius * turning)
+        here = at_point + radius * turning
+        if width is not None:
+            columns = np.linalg.norm(linear, axis=1) + radius * np.linalg.norm(angular, axis=1)
+            here += np.einsum("kj,kj->k", columns, width)
+        speed = np.maximum(speed, here)
     return speed
 
 

@@ -17,7 +17,7 @@ from sim.joint_state import JointState, Status
 from tests.safety.conftest import HOME
 
 PERIOD = 0.002
-NO_TORQUE = (np.zeros(6), np.zeros(6), np.zeros(6))
+NO_TORQUE = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
 
 
 def state_at(k: int = 0, **changes: object) -> JointState:
@@ -272,9 +272,9 @@ def test_a_spike_of_one_joint_and_then_of_another_is_none(monitor: Monitor, arm:
 @pytest.mark.parametrize(("share", "trips"), [(1.99, None), (2.01, SUDDEN)])
 def test_what_a_motion_may_change_by_itself_is_allowed_for(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
     sudden = torque(20.0)
-    monitor.check(state_at(1), PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
+    monitor.check(state_at(1), PERIOD, HOME, Expected(np.zeros(6), np.zeros(6), sudden, 0.1))
     value = torque(share * (step_of(arm) + 20.0) / (1 - PERIOD / FAST))
-    found = monitor.check(state_at(2, tau=value), 2 * PERIOD, HOME, (np.zeros(6), np.zeros(6), sudden))
+    found = monitor.check(state_at(2, tau=value), 2 * PERIOD, HOME, Expected(np.zeros(6), np.zeros(6), sudden, 0.1))
     assert (found.quantity if found else None) == trips
 
 

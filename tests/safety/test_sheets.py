@@ -68,8 +68,9 @@ def test_device_stops_from_any_instant_and_by_any_allowed_deceleration_lie_in_th
     sheet = DeviceStops(fast, arm, device, latency, softest)
     motion, rng = sine(amplitude=0.4, duration=3.0), np.random.default_rng(0)
     coast = device.reaction + latency
-    for k in range(0, len(fast) - 1, 29):
-        for _ in range(6):
+    for k in range(0, len(fast) - 1, 97):
+        parts = [sheet.refined(k, m) for m in range(STAGES)]
+        for _ in range(4):
             begin = rng.uniform(fast.t[k], fast.t[k + 1])
             start = sampled(motion, np.array([begin, begin + 1e-9]))
             q, dq = start.q[0], start.dq[0]
@@ -77,7 +78,7 @@ def test_device_stops_from_any_instant_and_by_any_allowed_deceleration_lie_in_th
             braking = np.abs(dq) / a
             if proportional:
                 braking = np.full(arm.n, braking.max())
-            for t in np.linspace(0, sheet.duration[k], 40):
+            for t in np.linspace(0, sheet.duration[k], 25):
                 u = np.clip(t - coast, 0, braking)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     left = np.where(braking > 0, 1 - u / braking, 0.0)
@@ -85,7 +86,6 @@ def test_device_stops_from_any_instant_and_by_any_allowed_deceleration_lie_in_th
                 at = np.stack((q + dq * way, dq * (left if t > coast else 1.0)))
                 lo, hi = sheet.boxes.lo[k, :, :2], sheet.boxes.hi[k, :, :2]
                 assert ((lo - ROUND <= at) & (at <= hi + ROUND)).all(axis=(1, 2)).any()
-                parts = [sheet.refined(k, m) for m in range(STAGES)]
                 assert any(((p.lo[:, :2] - ROUND <= at) & (at <= p.hi[:, :2] + ROUND)).all(axis=(1, 2)).any() for p in parts)
             assert np.all(np.abs(q + dq * (coast + braking / 2) - q) <= sheet.end()[k] + ROUND)
     assert (sheet.softest is sheet) == (softest == 1.0)
