@@ -131,7 +131,7 @@ def inject(trouble: Trouble, repeats: int, arm: Arm, cell: Cell) -> Seen:
         seen.done += 1
         driver = Watched(plant, arm, RATE, SimulatedClock(), start=home)
         driver.begin(trouble, at, joint)
-        guard = Guard(driver, arm, cell, clearance)
+        guard = Guard(driver, arm, cell, clearance).__enter__()
         seen.bound = max(seen.bound, cleared.verdict.stop_angle)
         try:
             guard.run(cleared, trouble.name)

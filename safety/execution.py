@@ -174,7 +174,8 @@ class _Run:
             else:
                 rehearsals += paths.values()
             if i + 1 < len(speeds):
-                gate(result, speeds[i + 1], self.arm, self.cell)
+                room = min(float(leg.cleared.room.min()) for leg in legs[speeds[i + 1]])
+                gate(result, speeds[i + 1], self.arm, self.cell, room)
         return Recorded(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
 
     def _stage(self, legs: Sequence[_Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
@@ -187,14 +188,14 @@ class _Run:
         try:
             for name, path in paths.items():
                 logs[name] = self._recording(path, name, speed)
-            guard = Guard(self.driver, self.arm, self.cell, self.clearance, self.stop_asked, self._watch_cycle, self.latency)
-            for leg in legs:
-                self._what = leg.what
-                self._left -= len(leg.cleared) / self.driver.rate + PAUSE
-                guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
-                guard.hold(PAUSE, f"after {leg.what}")
-                done |= {leg.name} if leg.name else set()
-            self.driver.stop()
+            watched = self.stop_asked, self._watch_cycle, self.latency
+            with Guard(self.driver, self.arm, self.cell, self.clearance, *watched) as guard:
+                for leg in legs:
+                    self._what = leg.what
+                    self._left -= len(leg.cleared) / self.driver.rate + PAUSE
+                    guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
+                    guard.hold(PAUSE, f"after {leg.what}")
+                    done |= {leg.name} if leg.name else set()
         except BaseException as error:
             for name, log in logs.items():
                 try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
@@ -55,6 +57,8 @@ class Cycle:
 class Guard:
     """Drives cleared motions of one connected driver, one after another, each beginning where the last one ended.
 
+    A context manager: entered, it reads, switches the device on where that is needed, and begins to watch; left, the device is
+    told to stop, which is nothing new to an arm at rest.
     `stop_asked()` returns the reason for which someone wants a stop, or None; it is asked every cycle. `watch` is told of every
     cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
     """
@@ -70,18 +74,36 @@ class Guard:
         latency: float = 0.0,
     ) -> None:
         self._driver, self._arm, self._stop_asked, self._watch = driver, arm, stop_asked, watch
+        self._cell, self._clearance, self._latency = cell, clearance, latency
         self._zero = np.zeros(arm.n)
         self._samples = LastSamples()
         self._ended: str | None = None
         self._record: Recording | None = None
         self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
-        first = self._first_reading()
-        self._q_cmd, self._dq_cmd = first.q.copy(), self._zero
-        self.engaged = driver.engage()
-        if first.status is not Status.RUNNING:
-            first = self._following()
-        self.monitor = Monitor(arm, cell, driver.rate, clearance, first, latency)
+        self._q_cmd = self._dq_cmd = self._zero
         self._settled = False
+        self.engaged = ""
+
+    def __enter__(self) -> Self:
+        """SafetyStop where the arm does not stand still, or does not follow once it is switched on."""
+        first = self._first_reading()
+        self._q_cmd = first.q.copy()
+        try:
+            self.engaged = self._driver.engage()
+            if first.status is not Status.RUNNING:
+                first = self._following()
+        except BaseException:
+            self._driver.stop()
+            raise
+        self.monitor = Monitor(self._arm, self._cell, self._driver.rate, self._clearance, first, self._latency)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self._driver.stop()
+        except CalibError:
+            if error is None:  # what went wrong before is what is told
+                raise
 
     @property
     def q(self) -> np.ndarray:
@@ -108,7 +130,6 @@ class Guard:
             state = self._first_reading()
             if state.status is Status.RUNNING:
                 return state
-        self._driver.stop()
         raise SafetyStop(
             f"before motion: {state.status.value}, after {SWITCH_ON_TIME:g} s of commands to hold still; check the drives"
         )

@@ -63,19 +63,18 @@ def try_joints(
     with unhurried():
         turns = [_turn(j, q, driver, cell, clearance, latency) for j in range(arm.n)]
     seen: list[Cycle] = []
-    guard = Guard(driver, arm, cell, clearance, stop_asked, seen.append, latency)
     checks = []
-    for turn in turns:
-        name = arm.joint_names[turn.joint]
-        say(f"{name} by {math.degrees(turn.angle):+.0f} deg")
-        ways: list[list[JointState]] = []
-        for way in (turn.there, turn.back):
-            seen.clear()
-            guard.run(way, f"{name}, two degrees")
-            guard.hold(PAUSE, f"after {name}")
-            ways.append([cycle.state for cycle in seen])
-        checks.append(compare(arm, turn.joint, turn.angle, *ways))
-    driver.stop()
+    with Guard(driver, arm, cell, clearance, stop_asked, seen.append, latency) as guard:
+        for turn in turns:
+            name = arm.joint_names[turn.joint]
+            say(f"{name} by {math.degrees(turn.angle):+.0f} deg")
+            ways: list[list[JointState]] = []
+            for way in (turn.there, turn.back):
+                seen.clear()
+                guard.run(way, f"{name}, two degrees")
+                guard.hold(PAUSE, f"after {name}")
+                ways.append([cycle.state for cycle in seen])
+            checks.append(compare(arm, turn.joint, turn.angle, *ways))
     return checks
 
 

@@ -32,19 +32,20 @@ class StageResult:
     residual: tuple[float, ...]
 
 
-def gate(result: StageResult, faster: float, arm: Arm, cell: Cell) -> None:
+def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) -> None:
     """SafetyStop unless what was seen at one speed lets expect that the next stays inside its limits.
 
-    Following error grows with speed, so it is scaled by the ratio of speeds; a torque residual is a wrong model at any speed.
+    Following error grows with speed, so it is scaled by the ratio of speeds; room rad is what is proved beside the path at the next
+    speed. A torque residual is a wrong model at any speed.
     """
     error = real_array(result.following_error, "following error") * faster / result.speed
-    limit = cell.table.motion.following_error_max
+    limit = min(cell.table.motion.following_error_max, room)
     if not (error <= limit).all():
         j = int(np.argmax(error))
         raise SafetyStop(
             f"{arm.joint_names[j]}: following error {result.following_error[j]:.4g} rad at {result.speed:.0%} of the speed lets expect "
-            f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion, or raise motion.following_error_max in "
-            f"{cell.path.name} if the arm really follows so late"
+            f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion or one further from itself and from "
+            f"the obstacles, or raise motion.following_error_max in {cell.path.name} if the arm really follows so badly"
         )
     residual, most = real_array(result.residual, "residual"), RESIDUAL_SHARE * RESIDUAL
     if not (residual <= most).all():

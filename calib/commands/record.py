@@ -108,8 +108,19 @@ def command(
         "largest following error [rad]",
     )
     console.table(
-        ["motion", "limit used most", "share", "nearest approach", "longest stop [s]"],
-        [[name, *_most(v.used), v.nearest, v.stop_time] for name, v in done.verdicts.items()],
+        [
+            "motion",
+            "limit used most",
+            "share",
+            "nearest to the cell",
+            "nearest to itself",
+            "room beside the path [mrad]",
+            "longest stop [s]",
+        ],
+        [
+            [name, *_most(v.used), v.near.get("the cell"), v.near.get("itself"), 1000 * v.room, v.stop_time]
+            for name, v in done.verdicts.items()
+        ],
         "what was proved before it moved",
     )
     console.say(f"{folder}: {', '.join(p.name for p in done.logs.values())}")

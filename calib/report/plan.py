@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -44,6 +44,7 @@ class Distances(Protocol):
 
     pairs: tuple[tuple[str, str], ...]
     margin: np.ndarray
+    of_self: np.ndarray
 
     def distances(self, q: np.ndarray) -> np.ndarray: ...
 
@@ -60,6 +61,7 @@ class _Looks:
     margin: float
     closest: float | None
     pair: str
+    near: dict[str, tuple[str, float]] = field(default_factory=dict)
 
 
 def write(
@@ -108,10 +110,23 @@ def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
     rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
     spare = np.array([clearance.distances(q[k]) - clearance.margin for k in rows])
     k, p = np.unravel_index(int(np.argmin(spare)), spare.shape)
+    near = {}
+    for place, which in (("the cell", ~clearance.of_self), ("itself", clearance.of_self)):
+        if which.any():
+            at, pair = np.unravel_index(int(np.argmin(np.where(which, spare, np.inf))), spare.shape)
+            near[place] = (" and ".join(clearance.pairs[pair]), float(spare[at, pair] + clearance.margin[pair]))
     least = np.argmin(spare, axis=1)
     gap = np.interp(grid, grid[rows], spare[np.arange(len(rows)), least])
     return _Looks(
-        grid, q, flange, speed, gap, float(clearance.margin[p]), float(grid[rows[k]]), " and ".join(clearance.pairs[p])
+        grid,
+        q,
+        flange,
+        speed,
+        gap,
+        float(clearance.margin[p]),
+        float(grid[rows[k]]),
+        " and ".join(clearance.pairs[p]),
+        near,
     )
 
 
@@ -183,11 +198,11 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[Motion], looks: Map
     place = f" in {cell.name}" if cell is not None else ""
     fastest = max(float(look.speed.max()) for look in looks.values())
     text = f"{arm.name} will move for {_clock(total)}{place} in {len(motions)} motion{'s' * (len(motions) != 1)}, its flange at up to {fastest:.2f} m/s"
-    near = [look for look in looks.values() if look.gap is not None]
-    if near:
-        least = min(near, key=lambda look: float(np.min(look.gap)))  # type: ignore[arg-type]
-        distance = float(np.min(least.gap)) + least.margin  # type: ignore[arg-type]
-        text += f"; {least.pair} come closest, {1000 * distance:.0f} mm apart"
+    for place in ("the cell", "itself"):
+        near = [look.near[place] for look in looks.values() if place in look.near]
+        if near:
+            pair, distance = min(near, key=lambda found: found[1])
+            text += f"; nearest to {place}: {pair}, {1000 * distance:.0f} mm"
     return text
 
 

@@ -44,7 +44,7 @@ class Log(Recording):
 
 
 def guard_of(driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, **more: object) -> Guard:
-    return Guard(driver, arm, cell, clearance, **more)  # type: ignore[arg-type]
+    return Guard(driver, arm, cell, clearance, **more).__enter__()  # type: ignore[arg-type]
 
 
 def stopped_by(guard: Guard, cleared: ClearedTrajectory, log: Log | None = None) -> MotionStopped:

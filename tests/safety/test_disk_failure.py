@@ -48,7 +48,7 @@ def test_the_motion_stops_as_planned(call: str, count: int, motion: Trajectory, 
     clearance = Clearance(arm, cell)
     recorder = Recorder(path, arm.joint_names, reserve=400_000, disk=FullDisk(call, count))
     with MockDriver.from_cell(cell, arm) as driver:
-        guard = Guard(driver, arm, cell, clearance)
+        guard = Guard(driver, arm, cell, clearance).__enter__()
         cleared = clear(motion, arm, cell, driver.rate, driver.device_stop, 0.0, clearance)
         with pytest.raises(MotionStopped, match="No space left") as stopped:
             guard.run(cleared, "excitation", Window(recorder, 0, len(cleared)))

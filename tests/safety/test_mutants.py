@@ -143,7 +143,7 @@ class Entries:
         value = array(HOME, rng)
         driver = MockDriver.from_cell(self.cell, self.arm)
         driver.connect()
-        guard = Guard(driver, self.arm, self.cell, self.clearance)
+        guard = Guard(driver, self.arm, self.cell, self.clearance).__enter__()
         driver.send = lambda q, dq, tau: value  # type: ignore[method-assign]
         return lambda: guard.hold(0.002, "a test")
 
@@ -169,7 +169,7 @@ class Entries:
         driver = MockDriver.from_cell(self.cell, self.arm)
         driver.connect()
         driver.faults.append(lambda state: replace(state, **{name: value}))
-        return lambda: Guard(driver, self.arm, self.cell, self.clearance)
+        return lambda: Guard(driver, self.arm, self.cell, self.clearance).__enter__()
 
     def plan_file(self, rng: random.Random) -> Callable[[], Any]:
         file, toml = self.plan.folder / "probe.npy", self.plan.folder / "plan.toml"

@@ -32,6 +32,7 @@ class Near:
 
     pairs = (("forearm", "table"), ("wrist_3", "base"))
     margin = np.array([0.02, 0.01])
+    of_self = np.array([False, True])
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         return np.array([0.5 - 0.3 * q[0], 0.9])
@@ -98,7 +99,7 @@ def test_without_webgl_the_rest_still_works(page: Path, visit: Callable[..., Vis
 def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     html = page.read_text()
     assert "ur10e will move for 20 s in mock-ur10e in 2 motions" in html
-    assert "forearm and table come closest, 350 mm apart" in html
+    assert "nearest to the cell: forearm and table, 350 mm" in html
     assert "2 of 3 parameters will be known better" in html
     assert {"dry friction", "mcx*", "Ixx"} <= set(re.findall(r">([^<>]+)</td>", html))
     assert "2 of 3 parameters" in html

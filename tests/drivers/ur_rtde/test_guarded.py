@@ -35,7 +35,7 @@ def prepared(
     q = driver.read().q
     target = q + np.array([0.25, 0.1, -0.1, 0.0, 0.2, 0.0])
     motion = clear(move(q, target, arm, driver.rate, 0.25), arm, cell, driver.rate, driver.device_stop, BUSY, clearance)
-    return Guard(driver, arm, cell, clearance, watch=watch, latency=BUSY), motion, target
+    return Guard(driver, arm, cell, clearance, watch=watch, latency=BUSY).__enter__(), motion, target
 
 
 def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
