@@ -1,7 +1,7 @@
 """Do the readings agree with each other? A sensor that goes on talking but no longer measures is found by what it should agree with.
 
 speed       what a joint turned within SPAN s against the integral of its reported speed; found within SPAN s
-frozen      a torque that repeats its last digit while the joint moves; found within SPAN s
+frozen      a torque that repeats its last digit while the expected one moves; found within SPAN s of motion
 torque      over SWING s, a torque that hardly moves where the expected one swings further than all that is not known; found within SWING s
 clock       the device's clock against the host's: the earliest arrival of each BLOCK s, which no delay makes earlier; a rate that is
             off by 0.2 % is found within 4 s
@@ -20,6 +20,8 @@ SPAN = 0.25
 LAG = 0.02
 BIAS = 0.01
 SIGMAS = 6.0
+# standard deviations of its noise by which the expected torque must have moved for a still one to be frozen
+CHANGED = 3.0
 SWING = 1.0
 # of the swing that must be seen, the share that is
 FOLLOWS = 0.25
@@ -47,6 +49,7 @@ class Readings:
             + SIGMAS * np.array(arm.sensors.velocity_noise) * SPAN / np.sqrt(rows)
         )  # fmt: skip
         self._same, self._last_torque = np.zeros(n, dtype=int), np.full(n, np.nan)
+        self._began, self._moved = np.zeros(n), np.zeros(n)
         self._swing_rows = max(8, round(SWING * rate))
         self._clear_swing()
         self._block_end, self._block_least = first.t_device + BLOCK, np.inf
@@ -67,7 +70,7 @@ class Readings:
         """The first rule that is broken, or None. torque (n,) N m as read; tau_hat and doubt (n,) N m as expected, None where nothing is."""
         return (
             self._check_speed(state)
-            or self._check_frozen(state, torque)
+            or self._check_frozen(state, torque, tau_hat)
             or self._check_swing(torque, tau_hat, doubt)
             or self._check_clock(state)
         )
@@ -93,13 +96,18 @@ class Readings:
         self._count += 1
         return None
 
-    def _check_frozen(self, state: JointState, torque: np.ndarray) -> Trip | None:
+    def _check_frozen(self, state: JointState, torque: np.ndarray, tau_hat: np.ndarray | None) -> Trip | None:
         same = (torque == self._last_torque) & (np.abs(state.dq) > self._moving) & self._has_torque & (self._noise > 0)
+        expected = np.zeros(self._arm.n) if tau_hat is None else tau_hat
+        # a coarse reading may well stay as it is while nothing of the motion changes it
+        self._began = np.where(same, self._began, expected)
+        self._moved = np.where(same, np.maximum(self._moved, np.abs(expected - self._began)), 0.0)
         self._same = (self._same + 1) * same
         self._last_torque = torque
-        if not (self._same < self._rows).all():
+        fine = (self._same < self._rows) | (self._moved <= CHANGED * self._noise)
+        if not fine.all():
             return self._trip(
-                "readings with the very same torque in motion", ~(self._same < self._rows), self._same.astype(float),
+                "readings with the very same torque in motion", ~fine, self._same.astype(float),
                 np.full(self._arm.n, float(self._rows)), "", "the torque is frozen: check the drive's current sensor",
             )  # fmt: skip
         return None

@@ -200,7 +200,7 @@ class Entries:
         name = rng.choice(("following_error", "residual"))
         bad = list(values[name])  # type: ignore[call-overload]
         bad[rng.randrange(6)] = rng.choice((np.nan, np.inf, None, "x", 1j))
-        return lambda: gate(StageResult(**values | {name: tuple(bad)}), 0.25, self.arm, self.cell)  # type: ignore[arg-type]
+        return lambda: gate(StageResult(**values | {name: tuple(bad)}), 0.25, self.arm, self.cell, 0.1)  # type: ignore[arg-type]
 
     def arm_file(self, rng: random.Random) -> Callable[[], Any]:
         return self._text(rng, self.arm_text, self.folder / "arm" / "arm.toml", lambda file: load_arm(file.parent))

@@ -31,20 +31,20 @@ def with_joint(value: float, j: int = 3) -> tuple[float, ...]:
 def test_following_error_is_scaled_to_the_next_speed(arm: Arm, cell: Cell, error: float, passes: bool) -> None:
     result = StageResult(0.1, with_joint(error), ZERO)
     if passes:
-        gate(result, 0.25, arm, cell)
+        gate(result, 0.25, arm, cell, 0.1)
     else:
         with pytest.raises(SafetyStop, match="j4: following error"):
-            gate(result, 0.25, arm, cell)
+            gate(result, 0.25, arm, cell, 0.1)
 
 
 @pytest.mark.parametrize(("share", "passes"), [(1.0, True), (1.001, False), (np.nan, False), (np.inf, False)])
 def test_a_torque_residual_is_a_wrong_model_at_any_speed(arm: Arm, cell: Cell, share: float, passes: bool) -> None:
     result = StageResult(0.5, ZERO, with_joint(share * RESIDUAL_SHARE * RESIDUAL))
     if passes:
-        gate(result, 1.0, arm, cell)
+        gate(result, 1.0, arm, cell, 0.1)
     else:
         with pytest.raises(SafetyStop, match="j4: torque is"):
-            gate(result, 1.0, arm, cell)
+            gate(result, 1.0, arm, cell, 0.1)
 
 
 @pytest.fixture
