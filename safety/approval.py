@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from safety.plan import HEX, Hashes, Plan, hashes_of, read_bytes, sealed, unsealed
+from safety.manifest import manifest_of, require_same
+from safety.plan import Plan, read_bytes, sealed, unsealed
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
@@ -20,26 +21,22 @@ FILE = "approval.toml"
 
 
 class Approval(BaseModel):
-    """The schema of approval.toml: `plan` is the plan's SHA-256, `hashes` those of what it was approved for."""
+    """The schema of approval.toml: `manifest` is all of what was approved, field by field."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    schema_: Literal["approval/1"] = Field(alias="schema")
-    plan: HEX
-    arm: str
-    cell: str
-    hashes: Hashes
+    schema_: Literal["approval/2"] = Field(alias="schema")
     approved_by: Annotated[str, Field(min_length=1, max_length=200)]
     approved_at: datetime
     hours: Annotated[Positive, Field(le=24)] = APPROVAL_HOURS
+    manifest: dict[str, str]
 
 
 def approve(plan: Plan, arm: Arm, cell: Cell, approved_by: str, now: datetime, hours: float = APPROVAL_HOURS) -> Approval:
     """Write approval.toml beside plan.toml; replaces an older approval. The caller has cleared every motion and asked a person."""
     approval = {
-        "schema": "approval/1", "plan": plan.sha256, "arm": arm.name, "cell": cell.name,
-        "hashes": hashes_of(arm, cell).model_dump(), "approved_by": approved_by,
-        "approved_at": now.astimezone(UTC).replace(microsecond=0), "hours": float(hours),
+        "schema": "approval/2", "approved_by": approved_by, "approved_at": now.astimezone(UTC).replace(microsecond=0),
+        "hours": float(hours), "manifest": manifest_of(plan, arm, cell),
     }  # fmt: skip
     checked = validated(Approval, approval, plan.folder / FILE)
     (plan.folder / FILE).write_bytes(sealed(tomli_w.dumps(approval)))
@@ -51,7 +48,7 @@ def approval_of(plan: Plan) -> Approval | None:
     file = plan.folder / FILE
     if not file.exists() and not file.is_symlink():
         return None
-    text, _ = unsealed(file, read_bytes(file, 100_000))
+    text, _ = unsealed(file, read_bytes(file, 1_000_000))
     approval = validated(Approval, toml_table(text, file, "remove it and approve again"), file)
     if approval.approved_at.tzinfo is None:
         raise ConfigError(f"{file}: approved_at = {approval.approved_at} has no time zone; remove the file and approve again")
@@ -59,23 +56,9 @@ def approval_of(plan: Plan) -> Approval | None:
 
 
 def check_approval(approval: Approval, plan: Plan, arm: Arm, cell: Cell, now: datetime) -> None:
-    """SafetyStop unless the approval is for exactly this plan, model, limits, cell and software, and has not expired."""
+    """SafetyStop unless the approval is for exactly this plan, arm folder, cell and software, and has not expired."""
     file = plan.folder / FILE
-    expected = hashes_of(arm, cell)
-    for key, approved, is_now in (
-        ("plan", approval.plan, plan.sha256),
-        ("arm", approval.arm, arm.name),
-        ("cell", approval.cell, cell.name),
-        ("model", approval.hashes.model, expected.model),
-        ("limits", approval.hashes.limits, expected.limits),
-        ("cell file", approval.hashes.cell, expected.cell),
-        ("software", approval.hashes.software, expected.software),
-    ):
-        if approved != is_now:
-            raise SafetyStop(
-                f"{file}: {approval.approved_by} approved another {key} ({str(approved)[:24]}) than there is now "
-                f"({str(is_now)[:24]}); look at what changed, then approve again with `calib record --approve`"
-            )
+    require_same(approval.manifest, manifest_of(plan, arm, cell), f"{file}: {approval.approved_by} approved")
     age = now - approval.approved_at
     if not timedelta(0) <= age <= timedelta(hours=approval.hours):
         raise SafetyStop(

@@ -16,13 +16,15 @@ from logs.about import about_recording
 from logs.recorder import COMPLETED, Recorder, Recording
 from logs.recorder_process import RecorderProcess
 from safety.approach import SHARES, Joined, joined, move
-from safety.approval import approval_of, check_approval
-from safety.audit import record
+from safety.approval import Approval, approval_of, check_approval
+from safety.audit import record, verify
 from safety.clear import ClearedTrajectory, Verdict, clear
 from safety.collision import Clearance
 from safety.guard import Cycle, Guard, Window
 from safety.latency import latency_of
-from safety.plan import Plan, check_plan, hashes_of
+from safety.manifest import Manifest, device_facts, digest_of, require_same
+from safety.plan import Plan, check_plan
+from safety.plausible import check_plausible
 from safety.realtime import unhurried
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
@@ -106,11 +108,12 @@ def execute(
     if approval is None:
         raise SafetyStop(f"{plan.folder}: nobody has approved this plan; look at it, then `calib record CELL PLAN` asks for it")
     check_approval(approval, plan, arm, cell, now())
+    check_plausible(arm, cell)
     due = stages_due(plan, arm, cell, audit)
     speeds = tuple(due if stages is None else stages)
     if not (speeds and set(due) <= set(speeds) <= set(STAGES) and speeds == tuple(sorted(set(speeds)))):
         raise SafetyStop(f"stages {list(speeds)}: this plan has to pass {list(due)} here, each once and slow ones first")
-    facts = {"plan": plan.sha256, "hashes": hashes_of(arm, cell).model_dump(), "arm": arm.name, "cell": cell.name}
+    facts = {"plan": plan.sha256, "manifest": digest_of(approval.manifest), "arm": arm.name, "cell": cell.name}
     by = operator or approval.approved_by
     record(
         audit,
@@ -124,6 +127,7 @@ def execute(
     )
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
+            _same_device(audit, device_facts(driver.info), approval, plan, now())
             run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_asked), watch)
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
@@ -133,9 +137,25 @@ def execute(
     record(audit, "run completed", now(), **facts, logs=[str(p) for p in result.logs.values()])
     if speeds == STAGES:
         record(
-            audit, "stages passed", now(), plan=plan.sha256, hashes=facts["hashes"], stages=[asdict(s) for s in result.stages]
+            audit,
+            "stages passed",
+            now(),
+            plan=plan.sha256,
+            manifest=facts["manifest"],
+            stages=[asdict(s) for s in result.stages],
         )
     return result
+
+
+def _same_device(audit: Path, device: Manifest, approval: Approval, plan: Plan, now: datetime) -> None:
+    """The first device that an approval is used with is the one that it is for: SafetyStop that names what differs from then on."""
+    since = approval.approved_at.isoformat()
+    for entry in verify(audit):
+        facts = entry["facts"]
+        if entry["event"] == "device" and (facts["plan"], facts["approved_at"]) == (plan.sha256, since):
+            require_same(facts["device"], device, f"{plan.folder}: this approval was first used with")
+            return
+    record(audit, "device", now, plan=plan.sha256, approved_at=since, device=device)
 
 
 class _Run:

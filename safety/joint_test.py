@@ -18,6 +18,7 @@ from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.guard import Cycle, Guard
 from safety.latency import latency_of
+from safety.plausible import check_plausible
 from safety.realtime import unhurried
 from sim.arm import Arm
 from sim.cell import Cell
@@ -56,6 +57,7 @@ def try_joints(
     of a joint can be proved; MotionStopped after a bounded stop where it went wrong on the way.
     """
     arm = driver.arm
+    check_plausible(arm, cell)
     q = driver.read().q
     _require_rest(arm, cell, q)
     clearance = Clearance(arm, cell)

@@ -2,7 +2,7 @@
 
 For the states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre:
   |tau| <= |tau_c| + its doubt + |M| w_a + |dtau/dq| (w_q + e) + |dtau/ddq| w_v
-  |v|   <= |J dq_c| + sum_j |J_j| w_vj + (R |dq|) sum(w_q + e)
+  |v|   <= |J dq_c| + sum_j |J_j| w_vj + sum_jk R_max(j,k) |dq_j| (w_qk + e)
 where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is asked of
 smaller ones, down to the sheet's own. For each row comes out the largest e that is proved: the room for a following error.
 """
@@ -42,7 +42,7 @@ class Loads:
         self._weightless = RigidBody(_loaded(arm, self._pi), np.zeros(3))
         self._friction = friction_of(arm)
         self._shapes = [
-            (shape, points, radius, joint_reach(arm, shape))
+            (shape, points, radius, joint_reach(arm, shape), _swept(arm, shape))
             for shape in arm.tree.shapes if shape.link >= 0 for points, radius in [outline(shape)]
         ]  # fmt: skip
 
@@ -133,10 +133,10 @@ class Loads:
         return np.abs(links).transpose(0, 2, 1) + self._slopes.doubt
 
     def _speed_room(
-        self, known: tuple[Shape, np.ndarray, float, np.ndarray], part: Boxes, w_q: np.ndarray, fast: np.ndarray
+        self, known: tuple[Shape, np.ndarray, float, np.ndarray, np.ndarray], part: Boxes, w_q: np.ndarray, fast: np.ndarray
     ) -> np.ndarray:
         """(C,) rad of room that the point speed of one shape leaves."""
-        shape, points, radius, reach = known
+        shape, points, radius, reach, swept = known
         limit = self.cell.table.motion.point_speed_max
         crude = fast @ reach
         out = np.where(crude <= limit, np.inf, -np.inf)
@@ -144,9 +144,9 @@ class Loads:
         if len(ask):
             q, dq, _ = ((part.lo[ask] + part.hi[ask]) / 2).transpose(1, 0, 2)
             width = (part.hi[ask, 1] - part.lo[ask, 1]) / 2
-            speed = point_speeds(self._body, shape.link, points, radius, q, dq, width) + crude[ask] * w_q[ask].sum(axis=1)
-            # crude holds the largest speeds: what J changes within the box is in it for the widths of the speed, too
-            out[ask] = (limit - speed) / (crude[ask] * self.arm.n)
+            by_angle = fast[ask] @ swept
+            speed = point_speeds(self._body, shape.link, points, radius, q, dq, width) + np.sum(by_angle * w_q[ask], axis=1)
+            out[ask] = (limit - speed) / by_angle.sum(axis=1)
         return out
 
     def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:
@@ -175,6 +175,20 @@ def _loaded(arm: Arm, pi: np.ndarray) -> KinematicTree:
     links = [link_inertia(row) if row[0] > 0 else (0.0, np.zeros(3), np.zeros((3, 3))) for row in pi.reshape(-1, 10)]
     mass, com, inertia = (np.array(x) for x in zip(*links, strict=True))
     return replace(arm.tree, mass=mass, com=com, inertia=inertia)
+
+
+def _swept(arm: Arm, shape: Shape) -> np.ndarray:
+    """S (n, n): a point of the shape becomes faster by at most S_jk |dq_j| for each rad of joint k.
+
+    Turning joint k moves what hangs on it, as far as the later of both joints reaches; the first joint of all turns the whole motion.
+    """
+    reach, n = joint_reach(arm, shape), arm.n
+    swept = reach[np.maximum.outer(np.arange(n), np.arange(n))] * np.outer(reach > 0, reach > 0)
+    first = int(np.flatnonzero(reach)[0])
+    if arm.tree.prismatic.any():
+        return np.outer(reach, np.where(arm.tree.prismatic, 0.0, reach > 0)) + swept
+    swept[:, first] = 0.0
+    return swept
 
 
 def _share(spare: np.ndarray, slope: np.ndarray) -> np.ndarray:

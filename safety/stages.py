@@ -9,8 +9,9 @@ import numpy as np
 
 from safety.audit import verify
 from safety.confirmation import without_arm
+from safety.manifest import digest_of, manifest_of
 from safety.monitor import RESIDUAL
-from safety.plan import Plan, hashes_of
+from safety.plan import Plan
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -63,9 +64,9 @@ def stages_due(plan: Plan, arm: Arm, cell: Cell, audit: Path) -> tuple[float, ..
     """
     if without_arm(cell) and cell.table.options.get("host") not in TUNNEL_ENDS:
         return STAGES[-1:]
-    hashes = hashes_of(arm, cell).model_dump()
+    digest = digest_of(manifest_of(plan, arm, cell))
     for entry in verify(audit):
         facts = entry["facts"]
-        if entry["event"] == "stages passed" and facts.get("plan") == plan.sha256 and facts.get("hashes") == hashes:
+        if entry["event"] == "stages passed" and facts.get("manifest") == digest:
             return STAGES[-1:]
     return STAGES

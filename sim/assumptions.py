@@ -5,7 +5,19 @@
 
 from __future__ import annotations
 
+# settings that safety.plausible bounds: one beyond its bounds needs to be named here
+UNUSUAL = (
+    "following_error", "following_error_max", "point_speed_max", "clearance_self", "clearance_obstacle", "payload_mass", "payload_com",
+    "dq_max", "ddq_max", "jerk_max", "tau_max", "limits_of_model", "rate", "encoder_resolution", "velocity_noise", "torque_noise",
+    "torque_constant", "prior",
+)  # fmt: skip
+
 ASSUMPTIONS: dict[str, str] = {
+    # every arm
+    **{
+        f"unusual-{name}": f"{name} is meant to be as far from what is usual as it is; the rules that rest on it are as weak"
+        for name in UNUSUAL
+    },
     # every device
     "payload-as-declared": "the payload of the cell file is mounted, whatever the device says that it believes",
     "mounting-as-modelled": "the arm stands as its model has it, whatever mounting the device reports",

@@ -19,7 +19,7 @@ from sim.cell import BoxObstacle, Cell
 from sim.trajectory import Trajectory
 
 # Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside
-MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.93}
+MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.9}
 CLEARANCE_MARGIN = 0.02
 SELF_MARGIN, KIN_MARGIN = EXTRA, KIN_EXTRA
 

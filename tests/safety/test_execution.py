@@ -63,7 +63,7 @@ def test_a_plan_becomes_logs(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -
         middle = motion.trajectory.q[len(motion.trajectory) // 2]
         assert np.min(np.linalg.norm(log.q_cmd - middle, axis=1)) < 1e-3
     assert max(done.stages[0].following_error) < 0.02
-    assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "run completed"]
+    assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "device", "run completed"]
     assert {p.what for p in seen} >= {"friction", "validation", "proving friction"}
     assert all(0 <= p.share <= 1 for p in seen)
 
@@ -125,7 +125,10 @@ def test_all_stages_slow_first_with_the_same_path(arm: Arm, cell: Cell, tmp_path
 
 def test_a_stage_that_followed_badly_lets_no_faster_one_begin(arm: Arm, tmp_path: Path) -> None:
     strict = cell_of(
-        tmp_path, lambda text: text.replace("[[obstacles]]", "[motion]\nfollowing_error_max = 0.0003\n[[obstacles]]", 1)
+        tmp_path,
+        lambda text: text.replace(
+            "[[obstacles]]", "[motion]\nfollowing_error = 0.0001\nfollowing_error_max = 0.0003\n[[obstacles]]", 1
+        ),
     )
     with pytest.raises(SafetyStop, match="at 10% of the speed lets expect"):
         go(tmp_path, arm, strict, [short()], stages=STAGES)

@@ -167,10 +167,10 @@ def changed_arm(folder: Path, tmp_path: Path, file: str, old: str, new: str) -> 
 @pytest.mark.parametrize(
     ("file", "old", "new", "key"),
     [
-        ("arm.toml", "dq_max = [2.0", "dq_max = [2.1", "limits"),
-        ("model.xml", 'mass="7"', 'mass="7.1"', "model"),
-        ("model.xml", 'size="0.08"', 'size="0.07"', "model"),
-        ("arm.toml", 'name = "test6"', 'name = "test7"', "arm"),
+        ("arm.toml", "dq_max = [2.0", "dq_max = [2.1", r"arm\.dq_max"),
+        ("model.xml", 'mass="7"', 'mass="7.1"', r"arm\.model\.mass"),
+        ("model.xml", 'size="0.08"', 'size="0.07"', r"arm\.model\.shapes"),
+        ("arm.toml", 'name = "test6"', 'name = "test7"', r"arm\.name"),
     ],
 )
 def test_another_arm_is_refused(
@@ -190,7 +190,7 @@ def test_another_cell_is_refused(plan: Plan, arm: Arm, cell: Cell, tmp_path: Pat
     other = load_cell(file)
     with pytest.raises(SafetyStop, match="another cell"):
         check_plan(plan, arm, other)
-    with pytest.raises(SafetyStop, match="cell file"):
+    with pytest.raises(SafetyStop, match=r"cell\.file"):
         check_approval(approve(plan, arm, cell, "operator", NOON), plan, arm, other, NOON)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from safety import audit
+from safety.manifest import digest_of, manifest_of
 from safety.monitor import RESIDUAL
-from safety.plan import Motion, Plan, hashes_of, write_plan
+from safety.plan import Motion, Plan, write_plan
 from safety.stages import RESIDUAL_SHARE, STAGES, StageResult, gate, stages_due
 from sim.arm import Arm
 from sim.cell import Cell
@@ -60,21 +61,22 @@ def test_every_stage_is_due_until_all_were_passed_with_the_very_same_things(
     plan: Plan, arm: Arm, cell: Cell, tmp_path: Path
 ) -> None:
     trail, where = tmp_path / "audit.jsonl", real(cell)
-    hashes = hashes_of(arm, where).model_dump()
+    digest = digest_of(manifest_of(plan, arm, where))
     assert stages_due(plan, arm, cell, trail) == (1.0,)
     assert stages_due(plan, arm, where, trail) == STAGES == (0.1, 0.25, 0.5, 1.0)
-    audit.record(trail, "run completed", plan=plan.sha256, hashes=hashes)
-    audit.record(trail, "stages passed", plan="0" * 64, hashes=hashes)
-    audit.record(trail, "stages passed", plan=plan.sha256, hashes=hashes | {"limits": "0" * 64})
+    audit.record(trail, "run completed", plan=plan.sha256, manifest=digest)
+    audit.record(trail, "stages passed", plan=plan.sha256, manifest="0" * 64)
+    noisier = replace(arm, sensors=arm.sensors.model_copy(update={"rate": 499.0}))
+    audit.record(trail, "stages passed", plan=plan.sha256, manifest=digest_of(manifest_of(plan, noisier, where)))
     assert stages_due(plan, arm, where, trail) == STAGES
-    audit.record(trail, "stages passed", plan=plan.sha256, hashes=hashes)
+    audit.record(trail, "stages passed", plan=plan.sha256, manifest=digest)
     assert stages_due(plan, arm, where, trail) == (1.0,)
 
 
 def test_a_trail_that_was_changed_lets_nothing_be_skipped(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
     trail = tmp_path / "audit.jsonl"
-    audit.record(trail, "stages passed", plan="0" * 64, hashes=hashes_of(arm, cell).model_dump())
-    trail.write_text(trail.read_text().replace("0" * 64, plan.sha256, 1))
+    audit.record(trail, "stages passed", plan=plan.sha256, manifest="0" * 64)
+    trail.write_text(trail.read_text().replace("0" * 64, digest_of(manifest_of(plan, arm, real(cell))), 1))
     with pytest.raises(SafetyStop, match="changed"):
         stages_due(plan, arm, real(cell), trail)
 

@@ -74,7 +74,7 @@ def test_a_rule_shorter_than_three_periods_is_refused(arm: Arm, cell: Callable[.
     [
         ("protective_stop", "protective stop"),
         ("emergency_stop", "emergency"),
-        ("slider_moved", "slider"),
+        ("slider_moved", "slider|following error"),
         ("program_stopped", "control program"),
         ("second_client", "control program"),
         ("cable_pulled", "no new reading|not taken|device time"),

@@ -1,0 +1,102 @@
+"""Everything that a proof and the rules of a run rest on, field by field: what was approved is what runs, to the last number.
+
+Every setting of the arm's folder and of the cell is a field of its own, by its name in the file; the model file, each compiled number
+of it, each shape and each mesh stand with their SHA-256. What differs can so be named. Defaults are fields too: a new version of this
+software that changes one needs a new approval.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from drivers.driver import DeviceInfo
+from safety.plan import Plan
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import ConfigError, SafetyStop
+from sim.version import software_version
+
+Manifest = dict[str, str]
+# what a driver says that may be another each time it is connected
+PASSING = ("bus",)
+
+
+def manifest_of(plan: Plan, arm: Arm, cell: Cell) -> Manifest:
+    """Field -> value as text, or its SHA-256 where it is long; the same for the same plan, arm folder, cell, meshes and software."""
+    out: Manifest = {"software": software_version(), "plan": plan.sha256}
+    own = {f.name: getattr(arm, f.name) for f in fields(arm) if f.name not in ("tree", "model_path", "model_text", "sha256")}
+    _flatten(own, "arm", out)
+    _flatten({f.name: getattr(arm.tree, f.name) for f in fields(arm.tree)}, "arm.model", out)
+    out["arm.model file"] = hashlib.sha256(arm.model_text.encode()).hexdigest()
+    out["arm.files"] = arm.sha256
+    _flatten(cell.table.model_dump(by_alias=True), "cell", out)
+    out["cell.file"] = cell.sha256
+    for obstacle in cell.table.obstacles:
+        if obstacle.kind == "mesh":
+            out[f"cell.obstacles: mesh of {obstacle.name}"] = file_sha256(cell, obstacle.file, f"obstacle {obstacle.name}")
+    return out
+
+
+def device_facts(info: DeviceInfo) -> Manifest:
+    """What a connected device says of itself that must stay the same: model, serial, firmware, and what its driver adds (such as a calibration)."""
+    more = {key: str(value) for key, value in info.extra.items() if key not in PASSING}
+    return {"device model": info.model, "serial": info.serial, "firmware": info.firmware, **more}
+
+
+def digest_of(manifest: Manifest) -> str:
+    """SHA-256 of all fields."""
+    return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
+
+
+def require_same(before: Mapping[str, str], now: Mapping[str, str], said: str) -> None:
+    """SafetyStop that names the first field that is not as it was; `said` begins the sentence."""
+    order = sorted(set(before) | set(now), key=lambda name: (name in _WHOLE, name))
+    for name in order:
+        if before.get(name) != now.get(name):
+            was, is_ = (str(x.get(name, "nothing"))[:24] for x in (before, now))
+            raise SafetyStop(
+                f"{said} another {name} ({was}) than there is now ({is_}); look at what changed, then approve again"
+            )
+
+
+# fields that differ whenever another one does: they are named last
+_WHOLE = {"arm.files", "cell.file", "arm.model file", "plan", "software"}
+
+
+def file_sha256(cell: Cell, file: str, what: str) -> str:
+    """SHA-256 of a file beside the cell file; ConfigError where it cannot be read."""
+    path = cell.path.parent / file
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{cell.path}: {what}: {path} cannot be read ({error.strerror})") from error
+
+
+def _flatten(value: Any, name: str, out: Manifest) -> None:
+    if isinstance(value, BaseModel):
+        value = value.model_dump(by_alias=True)
+    if isinstance(value, np.ndarray):
+        small = value.ndim <= 1 and len(value) <= 64 and value.dtype.kind in "fiub"
+        out[name] = (
+            repr(value.tolist())
+            if small
+            else hashlib.sha256(f"{value.shape}".encode() + np.ascontiguousarray(value).tobytes()).hexdigest()
+        )
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            _flatten(part, f"{name}.{key}", out)
+    elif hasattr(value, "__dataclass_fields__"):
+        _flatten({f.name: getattr(value, f.name) for f in fields(value)}, name, out)
+    elif isinstance(value, (list, tuple)) and any(not isinstance(x, (int, float, str, bool)) for x in value):
+        out[f"{name}: how many"] = str(len(value))
+        for k, part in enumerate(value):
+            _flatten(part, f"{name}.{k}", out)
+    else:
+        out[name] = repr(value)

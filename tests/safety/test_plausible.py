@@ -1,0 +1,70 @@
+"""A setting that would switch a rule off is refused, unless the cell file lifts the refusal by the setting's name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safety.plausible import BOUNDS, check_plausible, unusual
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, PayloadTable, load_cell
+from sim.errors import SafetyStop
+
+
+@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6"])
+def test_shipped_arms_are_usual(name: str) -> None:
+    assert unusual(load_arm(name), load_cell("mock-ur10e")) == {}
+
+
+def test_the_shipped_cells_are_usual() -> None:
+    for name in ("mock-ur10e", "emulated-ur10e", "emulated-servo6"):
+        cell = load_cell(name)
+        check_plausible(load_arm(cell.table.arm), cell)
+
+
+def changed(arm: Arm, cell: Cell, name: str, value: float) -> tuple[Arm, Cell]:
+    if name in ("dq_max", "ddq_max", "jerk_max", "tau_max"):
+        return replace(arm, **{name: np.append(getattr(arm, name)[:-1], value)}), cell  # type: ignore[arg-type]
+    if name in ("rate", "encoder_resolution"):
+        return replace(arm, sensors=arm.sensors.model_copy(update={name: value})), cell
+    if name == "velocity_noise":
+        return replace(arm, sensors=arm.sensors.model_copy(update={name: [value] * 6})), cell
+    if name == "torque_noise":
+        return replace(arm, sensors=arm.sensors.model_copy(update={name: (value * arm.tau_max).tolist()})), cell
+    if name == "torque_constant":
+        return replace(arm, torque_constant=np.full(6, value)), cell
+    if name == "prior":
+        return replace(arm, prior=arm.prior.model_copy(update={"com": value})), cell
+    if name == "payload_mass":
+        update: dict[str, object] = {"payload": PayloadTable.model_construct(mass=value, com=[0.0, 0.0, 0.0])}
+    elif name == "payload_com":
+        update = {"payload": PayloadTable.model_construct(mass=1.0, com=[0.0, value, 0.0])}
+    else:
+        update = {"motion": cell.table.motion.model_copy(update={name: value})}
+    return arm, replace(cell, table=cell.table.model_copy(update=update))
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_each_setting_beyond_its_bounds_is_refused_and_can_be_lifted_by_its_name(arm: Arm, cell: Cell, name: str) -> None:
+    least, most = BOUNDS[name]
+    check_plausible(*changed(arm, cell, name, most * 0.999))
+    beyond = [most * 1.001, np.nan, np.inf] + ([least * 0.999] if least > 0 else [])
+    for value in beyond:
+        odd, there = changed(arm, cell, name, value)
+        with pytest.raises(SafetyStop, match=f"unusual-{name}"):
+            check_plausible(odd, there)
+        lifted = replace(there, table=there.table.model_copy(update={"assume": [f"unusual-{name}"]}))
+        check_plausible(odd, lifted)
+        assert f"unusual-{name}" in lifted.assumed
+
+
+@pytest.mark.parametrize("name", ["q_max", "q_min", "tau_max"])
+def test_limits_wider_than_the_models_are_refused(arm: Arm, cell: Cell, name: str) -> None:
+    tree = replace(arm.tree, tau_max=np.array(arm.tau_max))
+    own = replace(arm, tree=tree, q_max=tree.q_max, q_min=tree.q_min)
+    check_plausible(own, cell)
+    wider = replace(own, **{name: getattr(own, name) * 1.01})  # type: ignore[arg-type]
+    with pytest.raises(SafetyStop, match="unusual-limits_of_model"):
+        check_plausible(wider, cell)
