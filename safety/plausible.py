@@ -18,7 +18,7 @@ from sim.errors import SafetyStop
 # least and most of each setting, in its own unit
 BOUNDS: dict[str, tuple[float, float]] = {
     "following_error": (1e-4, 0.1),
-    "following_error_max": (1e-3, 0.3),
+    "following_error_max": (1e-4, 0.3),
     "point_speed_max": (0.01, 3.0),
     "clearance_self": (2e-3, 1.0),
     "clearance_obstacle": (5e-3, 1.0),
@@ -31,7 +31,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "rate": (10.0, 2000.0),
     "encoder_resolution": (1e-9, 5e-3),
     "velocity_noise": (0.0, 0.2),
-    "torque_noise": (0.0, 0.1),
+    "torque_noise": (0.0, 30.0),
     "torque_constant": (1e-2, 500.0),
     "prior": (1e-3, 2.0),
 }
@@ -76,7 +76,11 @@ def _settings(arm: Arm, cell: Cell) -> Iterator[tuple[str, str, np.ndarray]]:
     yield "rate", f"{arm.name}: sensors.rate", np.array([sensors.rate])
     yield "encoder_resolution", f"{arm.name}: sensors.encoder_resolution", np.array([sensors.encoder_resolution])
     yield "velocity_noise", f"{arm.name}: sensors.velocity_noise", np.array(sensors.velocity_noise)
-    yield "torque_noise", f"{arm.name}: sensors.torque_noise, share of tau_max", np.array(sensors.torque_noise) / arm.tau_max
+    yield (
+        "torque_noise",
+        f"{arm.name}: sensors.torque_noise, share of tau_max",
+        np.array(sensors.torque_noise) / np.where(arm.tau_max > 0, arm.tau_max, np.inf),
+    )
     if arm.torque_constant is not None:
         yield "torque_constant", f"{arm.name}: torque_constant", np.asarray(arm.torque_constant, dtype=float)
     for key, value in arm.prior.model_dump().items():
