@@ -146,7 +146,8 @@ class Loads:
             width = (part.hi[ask, 1] - part.lo[ask, 1]) / 2
             by_angle = fast[ask] @ swept
             speed = point_speeds(self._body, shape.link, points, radius, q, dq, width) + np.sum(by_angle * w_q[ask], axis=1)
-            out[ask] = (limit - speed) / by_angle.sum(axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                out[ask] = _share(limit - speed, by_angle.sum(axis=1))
         return out
 
     def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:

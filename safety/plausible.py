@@ -76,11 +76,7 @@ def _settings(arm: Arm, cell: Cell) -> Iterator[tuple[str, str, np.ndarray]]:
     yield "rate", f"{arm.name}: sensors.rate", np.array([sensors.rate])
     yield "encoder_resolution", f"{arm.name}: sensors.encoder_resolution", np.array([sensors.encoder_resolution])
     yield "velocity_noise", f"{arm.name}: sensors.velocity_noise", np.array(sensors.velocity_noise)
-    yield (
-        "torque_noise",
-        f"{arm.name}: sensors.torque_noise, share of tau_max",
-        np.array(sensors.torque_noise) / np.where(arm.tau_max > 0, arm.tau_max, np.inf),
-    )
+    yield "torque_noise", f"{arm.name}: sensors.torque_noise", np.array(sensors.torque_noise)
     if arm.torque_constant is not None:
         yield "torque_constant", f"{arm.name}: torque_constant", np.asarray(arm.torque_constant, dtype=float)
     for key, value in arm.prior.model_dump().items():

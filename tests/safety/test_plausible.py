@@ -29,10 +29,8 @@ def changed(arm: Arm, cell: Cell, name: str, value: float) -> tuple[Arm, Cell]:
         return replace(arm, **{name: np.append(getattr(arm, name)[:-1], value)}), cell  # type: ignore[arg-type]
     if name in ("rate", "encoder_resolution"):
         return replace(arm, sensors=arm.sensors.model_copy(update={name: value})), cell
-    if name == "velocity_noise":
+    if name in ("velocity_noise", "torque_noise"):
         return replace(arm, sensors=arm.sensors.model_copy(update={name: [value] * 6})), cell
-    if name == "torque_noise":
-        return replace(arm, sensors=arm.sensors.model_copy(update={name: (value * arm.tau_max).tolist()})), cell
     if name == "torque_constant":
         return replace(arm, torque_constant=np.full(6, value)), cell
     if name == "prior":
