@@ -117,7 +117,7 @@ def clear(
     used = check_limits(trajectory, arm)
     sent = _samples(trajectory, float(rate))
     check_sent(sent, arm)
-    used["point speed"] = fastest_point(sent, arm) / cell.table.motion.point_speed_max
+    used["point speed"] = fastest_point(sent, clearance.arm) / cell.table.motion.point_speed_max
     torque = torque_interval(sent, arm, cell)
     used |= check_torque(sent, torque, arm)
     tube = tube_of(sent, arm, cell, clearance, stop, latency)

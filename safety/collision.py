@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from safety.pairs import adjacent, never_part
 from safety.reach import joint_reach
-from safety.shapes import Obstacle, link_body, obstacle_body
+from safety.shapes import TOOL, Obstacle, equipped, link_body, obstacle_body
 from safety.sheets import Sheet
 from sim.arm import Arm
 from sim.cell import Cell, PlaneObstacle
@@ -65,7 +65,7 @@ class Clearance:
     """
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
-        self.arm = arm
+        self.arm = arm = equipped(arm, cell)
         self._model = RigidBody(arm).pinocchio
         self._geometry = pin.GeometryModel()
         names, links, reaches = [], [], []
@@ -91,14 +91,15 @@ class Clearance:
         self._obstacles = frozenset(obstacle.name for obstacle in cell.table.obstacles)
         for obstacle in cell.table.obstacles:
             where = f"{cell.path}: obstacle {obstacle.name}"
-            body, placement = obstacle_body(obstacle, cell.path.parent, where)
+            body, placement = obstacle_body(obstacle, cell, where)
             self._geometry.addGeometryObject(pin.GeometryObject(obstacle.name, 0, 0, placement, body))
             names.append(obstacle.name)
         pairs, reach, margin = [], [], []
         for a in range(len(names)):
             for b in range(a):
                 if a < count:
-                    if adjacent(arm.tree.parent, links[a], links[b]):
+                    tool = names[a].startswith(TOOL) != names[b].startswith(TOOL) and links[a] != links[b]
+                    if adjacent(arm.tree.parent, links[a], links[b]) and not tool:
                         continue
                     only_one = self._chain(links[a]) ^ self._chain(links[b])
                     span = np.where(only_one, np.maximum(reaches[a], reaches[b]), 0.0)

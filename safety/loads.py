@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from safety.reach import joint_reach, outline, point_speeds
+from safety.shapes import equipped
 from safety.sheets import Boxes, Sheet
 from safety.slopes import Slopes
 from safety.torque import POWER_MAX, friction_of, parameter_box
@@ -36,7 +37,8 @@ class Loads:
     """The limits of one arm in one cell, asked of boxes."""
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
-        self.arm, self.cell = arm, cell
+        self.arm = arm = equipped(arm, cell)
+        self.cell = cell
         self._body, self._slopes = RigidBody(arm), Slopes(arm, cell)
         self._pi, self._delta = parameter_box(arm, cell)
         self._weightless = RigidBody(_loaded(arm, self._pi), np.zeros(3))

@@ -20,7 +20,7 @@ from drivers.driver import DeviceInfo
 from safety.plan import Plan
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.errors import ConfigError, SafetyStop
+from sim.errors import SafetyStop
 from sim.version import software_version
 
 Manifest = dict[str, str]
@@ -38,9 +38,8 @@ def manifest_of(plan: Plan, arm: Arm, cell: Cell) -> Manifest:
     out["arm.files"] = arm.sha256
     _flatten(cell.table.model_dump(by_alias=True), "cell", out)
     out["cell.file"] = cell.sha256
-    for obstacle in cell.table.obstacles:
-        if obstacle.kind == "mesh":
-            out[f"cell.obstacles: mesh of {obstacle.name}"] = file_sha256(cell, obstacle.file, f"obstacle {obstacle.name}")
+    for file, content in cell.files.items():
+        out[f"cell.mesh {file}"] = hashlib.sha256(content).hexdigest()
     return out
 
 
@@ -68,15 +67,6 @@ def require_same(before: Mapping[str, str], now: Mapping[str, str], said: str) -
 
 # fields that differ whenever another one does: they are named last
 _WHOLE = {"arm.files", "cell.file", "arm.model file", "plan", "software"}
-
-
-def file_sha256(cell: Cell, file: str, what: str) -> str:
-    """SHA-256 of a file beside the cell file; ConfigError where it cannot be read."""
-    path = cell.path.parent / file
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ConfigError(f"{cell.path}: {what}: {path} cannot be read ({error.strerror})") from error
 
 
 def _flatten(value: Any, name: str, out: Manifest) -> None:

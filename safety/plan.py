@@ -153,13 +153,9 @@ def hashes_of(arm: Arm, cell: Cell | None) -> Hashes:
 
 def _cell_hash(cell: Cell) -> str:
     digest = hashlib.sha256(cell.sha256.encode())
-    for obstacle in cell.table.obstacles:
+    for obstacle in (*cell.table.obstacles, *cell.table.tool):
         if obstacle.kind == "mesh":
-            file = cell.path.parent / obstacle.file
-            try:
-                digest.update(hashlib.sha256(file.read_bytes()).digest())
-            except OSError as error:
-                raise ConfigError(f"{cell.path}: obstacle {obstacle.name}: {file} cannot be read ({error.strerror})") from error
+            digest.update(hashlib.sha256(cell.mesh(obstacle.file, f"obstacle {obstacle.name}")).digest())
     return digest.hexdigest()
 
 

@@ -36,6 +36,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "prior": (1e-3, 2.0),
 }
 ROUNDING = 1e-6
+SHAPELESS = "payload-without-shape"
 
 
 def unusual(arm: Arm, cell: Cell) -> dict[str, str]:
@@ -54,7 +55,16 @@ def unusual(arm: Arm, cell: Cell) -> dict[str, str]:
 
 
 def check_plausible(arm: Arm, cell: Cell) -> None:
-    """SafetyStop that names the first setting which is beyond its bounds and which the cell file does not lift by name."""
+    """SafetyStop that names the first setting which is beyond its bounds and which the cell file does not lift by name.
+
+    A payload without a shape is one: nothing keeps what is mounted away from the arm and the cell.
+    """
+    load = cell.table.payload
+    if load is not None and load.mass > 0 and not cell.table.tool and SHAPELESS not in cell.assumed:
+        raise SafetyStop(
+            f"{cell.path.name}: payload.mass = {load.mass:g} kg has no shape, so nothing keeps it clear of the arm and of the cell; "
+            f'describe it with [[tool]], or where it lies within the last link write assume = ["{SHAPELESS}"] at the top of the file'
+        )
     for name, what in unusual(arm, cell).items():
         assumption = f"unusual-{name}"
         if assumption not in cell.assumed:

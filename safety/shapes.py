@@ -1,7 +1,8 @@
-"""Bodies for distances: the shapes of links, and obstacles. Meshes are taken as their convex hulls, which are never smaller."""
+"""Bodies for distances: the shapes of links, obstacles, and the tool with what it holds. Meshes are taken as their convex hulls, which are never smaller."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import coal
@@ -9,12 +10,14 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.arm import Arm
+from sim.cell import BoxObstacle, Cell, MeshObstacle, PlaneObstacle, ToolBox, ToolCapsule, ToolMesh
 from sim.errors import ConfigError
 from sim.tree import Shape
 
 LARGEST = 10.0
 FARTHEST = 100.0
+TOOL = "tool "
 Obstacle = BoxObstacle | PlaneObstacle | MeshObstacle
 
 
@@ -38,7 +41,7 @@ def link_body(shape: Shape, where: str) -> coal.CollisionGeometry:
     return hull(shape.vertices, f"{where}: mesh of shape {shape.name}")
 
 
-def obstacle_body(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
+def obstacle_body(obstacle: Obstacle, cell: Cell, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
     """The body of an obstacle and where it stands; ConfigError where a size, a place or a mesh is none."""
     position = np.array(obstacle.position, dtype=float)
     if not np.all(np.abs(position) <= FARTHEST):
@@ -55,10 +58,38 @@ def obstacle_body(obstacle: Obstacle, folder: Path, where: str) -> tuple[coal.Co
         size = np.array(obstacle.size, dtype=float)
         _check_sizes(size, where)
         return coal.Box(*size), placement
-    file = (folder / obstacle.file).resolve()
-    if not file.is_relative_to(folder.resolve()):
-        raise ConfigError(f"{where}: {file} leaves the cell file's folder; copy the mesh into it")
-    return hull(mesh_vertices(file, where), f"{where}: {file.name}"), placement
+    return hull(mesh_vertices(cell.mesh(obstacle.file, where), obstacle.file, where), f"{where}: {obstacle.file}"), placement
+
+
+def equipped(arm: Arm, cell: Cell) -> Arm:
+    """The arm with the shapes of the cell's [[tool]] on its last link, named `tool NAME`; ConfigError where one is no body."""
+    shapes = tuple(_tool_shape(tool, arm.n - 1, cell) for tool in cell.table.tool)
+    if not shapes or any(s.name.startswith(TOOL) for s in arm.tree.shapes):
+        return arm
+    return replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, *shapes)))
+
+
+def _tool_shape(tool: ToolBox | ToolCapsule | ToolMesh, link: int, cell: Cell) -> Shape:
+    name, where = f"{TOOL}{tool.name}", f"{cell.path}: tool {tool.name}"
+    if isinstance(tool, ToolCapsule):
+        first, last = (np.array(end, dtype=float) for end in tool.ends)
+        length = float(np.linalg.norm(last - first))
+        if length < 1e-9:
+            return Shape(link, name, "sphere", (tool.radius, 0.0, 0.0), np.eye(3), first)
+        rotation = _towards((last - first) / length)
+        return Shape(link, name, "capsule", (tool.radius, length / 2, 0.0), rotation, (first + last) / 2)
+    rotation, position = pin.rpy.rpyToMatrix(*tool.rpy), np.array(tool.position, dtype=float)
+    if isinstance(tool, ToolBox):
+        return Shape(link, name, "box", tuple(x / 2 for x in tool.size), rotation, position)
+    vertices = mesh_vertices(cell.mesh(tool.file, where), tool.file, where)
+    return Shape(link, name, "mesh", (0.0, 0.0, 0.0), rotation, position, vertices)
+
+
+def _towards(direction: np.ndarray) -> np.ndarray:
+    """A rotation whose third column is a unit vector."""
+    across = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    across /= np.linalg.norm(across)
+    return np.column_stack((across, np.cross(direction, across), direction))
 
 
 def _check_sizes(size: np.ndarray, where: str) -> None:
@@ -68,18 +99,17 @@ def _check_sizes(size: np.ndarray, where: str) -> None:
         )
 
 
-def mesh_vertices(file: Path, where: str) -> np.ndarray:
-    """(V, 3) m of an STL or OBJ file, read by MuJoCo's own readers."""
+def mesh_vertices(content: bytes, name: str, where: str) -> np.ndarray:
+    """(V, 3) m of the content of an STL or OBJ file, read by MuJoCo's own readers."""
+    name = Path(name).name
     spec = mujoco.MjSpec()
-    spec.add_mesh(name="mesh", file=file.name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    spec.add_mesh(name="mesh", file=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
     try:
-        spec.assets = {file.name: file.read_bytes()}
+        spec.assets = {name: content}
         model = spec.compile()
-    except OSError as error:
-        raise ConfigError(f"{where}: {file} cannot be read ({error.strerror})") from error
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigError(f"{where}: {file.name} is not a mesh that MuJoCo reads: {str(error).strip()}") from error
+        raise ConfigError(f"{where}: {name} is not a mesh that MuJoCo reads: {str(error).strip()}") from error
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.mesh_quat[0])
     return np.asarray(model.mesh_vert, dtype=float) @ rotation.reshape(3, 3).T + model.mesh_pos[0]

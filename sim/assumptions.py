@@ -14,6 +14,7 @@ UNUSUAL = (
 
 ASSUMPTIONS: dict[str, str] = {
     # every arm
+    "payload-without-shape": "what is mounted at the flange reaches no further than the last link's own shapes, so that nothing else keeps it clear",
     **{
         f"unusual-{name}": f"{name} is meant to be as far from what is usual as it is; the rules that rest on it are as weak"
         for name in UNUSUAL

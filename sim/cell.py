@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +17,7 @@ from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
 from sim.resources import config_folders, nearest
 from sim.strict import Finite, Label, Name, Positive, StrictTable, validated
 
+MAX_MESH = 50_000_000  # bytes
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
 
@@ -49,8 +50,37 @@ class MeshObstacle(StrictTable):
     file: str
 
 
+class ToolBox(StrictTable):
+    """A box of the tool or of what it holds: centre m, roll-pitch-yaw rad, full edge lengths m, in the last link's frame."""
+
+    kind: Literal["box"]
+    name: Label
+    position: Vector = [0.0, 0.0, 0.0]
+    rpy: Vector = [0.0, 0.0, 0.0]
+    size: Vector
+
+
+class ToolCapsule(StrictTable):
+    """A capsule of the tool: both ends of its axis m in the last link's frame, and its radius m; one point twice is a ball."""
+
+    kind: Literal["capsule"]
+    name: Label
+    ends: Annotated[list[Vector], Field(min_length=2, max_length=2)]
+    radius: Positive
+
+
+class ToolMesh(StrictTable):
+    """A closed triangle mesh (STL or OBJ) of the tool in the cell file's folder, metres, in the last link's frame; its hull counts."""
+
+    kind: Literal["mesh"]
+    name: Label
+    position: Vector = [0.0, 0.0, 0.0]
+    rpy: Vector = [0.0, 0.0, 0.0]
+    file: str
+
+
 class PayloadTable(StrictTable):
-    """What is declared to be mounted at the flange: kg, m in the last link's frame."""
+    """What is declared to be mounted at the flange: kg, m in the last link's frame. Its shape stands in [[tool]]."""
 
     mass: Annotated[Finite, Field(ge=0)]
     com: Vector = [0.0, 0.0, 0.0]
@@ -94,6 +124,7 @@ class CellTable(StrictTable):
     obstacles: list[Annotated[BoxObstacle | PlaneObstacle | MeshObstacle, Field(discriminator="kind")]] = Field(
         default_factory=list
     )
+    tool: list[Annotated[ToolBox | ToolCapsule | ToolMesh, Field(discriminator="kind")]] = Field(default_factory=list)
     emulation: EmulationTable = EmulationTable()
     assume: list[str] = Field(default_factory=list)
 
@@ -110,12 +141,21 @@ class CellTable(StrictTable):
 class Cell:
     """A checked cell file: `table` is its content, `path` and `sha256` say which file it was.
 
-    `table.options` belong to the driver named by `table.driver`, which checks them.
+    `table.options` belong to the driver named by `table.driver`, which checks them. files: the bytes of every mesh, read once, with
+    the cell file: what was hashed is what is looked at.
     """
 
     table: CellTable
     path: Path
     sha256: str
+    files: dict[str, bytes] = field(default_factory=dict)
+
+    def mesh(self, file: str, where: str) -> bytes:
+        """The content of a mesh; ConfigError where it was not read with the cell file."""
+        try:
+            return self.files[file]
+        except KeyError:
+            raise ConfigError(f"{self.path}: {where}: {file} was not read with the cell file; load the cell again") from None
 
     @property
     def name(self) -> str:
@@ -141,7 +181,21 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
             )
         path = found[0]
     raw = read_bytes(path, MAX_TABLE, remedy="give a cell file")
-    return Cell(validated(CellTable, toml_table(as_text(raw, path), path), path), path, hashlib.sha256(raw).hexdigest())
+    table = validated(CellTable, toml_table(as_text(raw, path), path), path)
+    return Cell(table, path, hashlib.sha256(raw).hexdigest(), _meshes(table, path))
+
+
+def _meshes(table: CellTable, path: Path) -> dict[str, bytes]:
+    """The bytes of each mesh that the cell file names; ConfigError where one cannot be read or lies outside the file's folder."""
+    found = {}
+    for what, item in [("obstacle", o) for o in table.obstacles] + [("tool", t) for t in table.tool]:
+        if item.kind != "mesh":
+            continue
+        file = (path.parent / item.file).resolve()
+        if not file.is_relative_to(path.parent.resolve()):
+            raise ConfigError(f"{path}: {what} {item.name}: {file} leaves the cell file's folder; copy the mesh into it")
+        found[item.file] = read_bytes(file, MAX_MESH, remedy=f"correct {what} {item.name} in {path.name}")
+    return found
 
 
 def require_postures(cell: Cell, arm: Arm) -> None:

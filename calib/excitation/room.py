@@ -13,6 +13,7 @@ import numpy as np
 from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
 from safety.collision import Clearance
 from safety.pairs import EXTRA, KIN_EXTRA, adjacent, never_part
+from safety.shapes import equipped
 from safety.torque import torque_interval
 from sim.arm import Arm, require_limits, require_masses
 from sim.cell import BoxObstacle, Cell
@@ -50,7 +51,8 @@ class Room:
     def __init__(self, arm: Arm, cell: Cell) -> None:
         require_masses(arm)
         require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
-        self.arm, self.cell = arm, cell
+        self.arm = arm = equipped(arm, cell)
+        self.cell = cell
         pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in capsules(s)]
         self._ends = [(ends, radius) for _, ends, radius in pieces]
         self._links = [s.link for s, _, _ in pieces]

@@ -126,8 +126,8 @@ def test_the_field_is_named(place: Path, motion: Trajectory, edit: str, named: s
 def test_another_mesh_and_another_model_file_are_refused(place: Path, motion: Trajectory) -> None:
     plan, arm, cell, approval = world(place, motion)
     (place / "wall.obj").write_text(CUBE.replace("0.1", "0.2", 1))
-    with pytest.raises(SafetyStop, match="mesh of wall"):
-        check_approval(approval, plan, arm, cell, NOON)
+    with pytest.raises(SafetyStop, match=r"another cell\.mesh wall\.obj"):
+        check_approval(approval, plan, arm, load_cell(place / "cell.toml"), NOON)
     (place / "wall.obj").write_text(CUBE)
     other = place / "other"
     shutil.copytree(place / "arm", other)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -197,14 +198,17 @@ def test_another_cell_is_refused(plan: Plan, arm: Arm, cell: Cell, tmp_path: Pat
 def test_a_mesh_of_the_cell_that_was_changed_is_another_cell(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
     file, mesh = tmp_path / "cell.toml", tmp_path / "wall.stl"
     file.write_text(cell.path.read_text() + '[[obstacles]]\nkind = "mesh"\nname = "wall"\nfile = "wall.stl"\n')
-    walled = load_cell(file)
     mesh.write_bytes(b"a mesh")
+    walled = load_cell(file)
     before = hashes_of(arm, walled)
     mesh.write_bytes(b"b mesh")
-    assert hashes_of(arm, walled).cell != before.cell
+    assert hashes_of(arm, walled) == before  # what was read with the cell is what is looked at
+    assert hashes_of(arm, load_cell(file)).cell != before.cell
     mesh.unlink()
     with pytest.raises(ConfigError, match="obstacle wall"):
-        hashes_of(arm, walled)
+        load_cell(file)
+    with pytest.raises(ConfigError, match="was not read with the cell file"):
+        hashes_of(arm, replace(walled, files={}))
 
 
 def test_a_place_that_no_file_system_has_is_a_config_error(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from safety.plausible import BOUNDS, check_plausible, unusual
 from sim.arm import Arm, load_arm
-from sim.cell import Cell, PayloadTable, load_cell
+from sim.cell import Cell, PayloadTable, ToolCapsule, load_cell
 from sim.errors import SafetyStop
 
 
@@ -22,6 +22,20 @@ def test_the_shipped_cells_are_usual() -> None:
     for name in ("mock-ur10e", "emulated-ur10e", "emulated-servo6"):
         cell = load_cell(name)
         check_plausible(load_arm(cell.table.arm), cell)
+
+
+def test_a_payload_has_a_shape_or_is_named_as_having_none(arm: Arm, cell: Cell) -> None:
+    load = PayloadTable(mass=2.0)
+    ball = ToolCapsule(kind="capsule", name="hand", ends=[[0.0, 0.0, 0.1]] * 2, radius=0.05)
+
+    def of(**changes: object) -> Cell:
+        return replace(cell, table=cell.table.model_copy(update=changes))
+
+    with pytest.raises(SafetyStop, match="has no shape"):
+        check_plausible(arm, of(payload=load))
+    check_plausible(arm, of(payload=load, tool=[ball]))
+    check_plausible(arm, of(payload=load, assume=["payload-without-shape"]))
+    check_plausible(arm, of(payload=PayloadTable(mass=0.0)))
 
 
 def changed(arm: Arm, cell: Cell, name: str, value: float) -> tuple[Arm, Cell]:
@@ -47,13 +61,15 @@ def changed(arm: Arm, cell: Cell, name: str, value: float) -> tuple[Arm, Cell]:
 @pytest.mark.parametrize("name", BOUNDS)
 def test_each_setting_beyond_its_bounds_is_refused_and_can_be_lifted_by_its_name(arm: Arm, cell: Cell, name: str) -> None:
     least, most = BOUNDS[name]
-    check_plausible(*changed(arm, cell, name, most * 0.999))
+    odd, there = changed(arm, cell, name, most * 0.999)
+    check_plausible(odd, replace(there, table=there.table.model_copy(update={"assume": ["payload-without-shape"]})))
     beyond = [most * 1.001, np.nan, np.inf] + ([least * 0.999] if least > 0 else [])
     for value in beyond:
         odd, there = changed(arm, cell, name, value)
+        there = replace(there, table=there.table.model_copy(update={"assume": ["payload-without-shape"]}))
         with pytest.raises(SafetyStop, match=f"unusual-{name}"):
             check_plausible(odd, there)
-        lifted = replace(there, table=there.table.model_copy(update={"assume": [f"unusual-{name}"]}))
+        lifted = replace(there, table=there.table.model_copy(update={"assume": [f"unusual-{name}", "payload-without-shape"]}))
         check_plausible(odd, lifted)
         assert f"unusual-{name}" in lifted.assumed
 
