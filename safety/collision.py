@@ -119,7 +119,8 @@ class Clearance:
                 self._geometry.addCollisionPair(pin.CollisionPair(b, a))
                 pairs.append((names[b], names[a]))
         self._set(pairs, np.array(reach).reshape(len(pairs), arm.n), np.array(margin))
-        own = np.flatnonzero(self.of_self).tolist()
+        # a tool is described by hand: one that can never part from the arm is an error, and refused
+        own = [k for k in np.flatnonzero(self.of_self).tolist() if not any(name.startswith(TOOL) for name in pairs[k])]
         stuck = never_part(arm, lambda q: self.distances(q, own), self.margin[own])
         self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
         self._leave_out({own[k] for k in stuck})
