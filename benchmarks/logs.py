@@ -75,9 +75,9 @@ def victim(path: Path, board: Path, rate: float) -> int:
         os._exit(1)
 
 
-def kills(count: int) -> list[dict[str, Any]]:
+def kills(count: int, seed: int = 0) -> list[dict[str, Any]]:
     """Samples that a control program had handed over and that the file does not hold after kill -9 of either process or of both."""
-    rng = random.Random(0)
+    rng = random.Random(seed)
     lost: list[int] = []
     told: list[bool] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -11,8 +11,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
-from scipy.stats import theilslopes
 
 BLOCKS = 200
 SAMPLES_LEAST = 100
@@ -63,6 +61,8 @@ def fit_clocks(t_device: np.ndarray, t_host: np.ndarray) -> ClockFit | None:
     """
     if len(t_device) < SAMPLES_LEAST or not np.isfinite(t_host).all() or not t_device[-1] - t_device[0] >= SECONDS_LEAST:
         return None
+    from scipy.stats import theilslopes  # a second to load, and a recording process must start without it
+
     starts = np.unique(np.linspace(0, len(t_device), min(BLOCKS, len(t_device) // 10) + 1).astype(int))[:-1]
     slope = 0.0
     for _ in range(2):  # a step is measured over a second, in which a skew alone moves the clocks apart
@@ -95,6 +95,8 @@ def _jumps(t: np.ndarray, apart: np.ndarray) -> list[tuple[float, float]]:
     """Instants at which the least latency of the second before and of the second after differ by more than JUMP_LEAST."""
     rate = (len(t) - 1) / (t[-1] - t[0])
     window = max(5, min(round(JUMP_WINDOW * rate), len(t) // 4))
+    from scipy.ndimage import minimum_filter1d
+
     least = minimum_filter1d(apart, window, origin=0, mode="nearest")
     half, inner = window // 2, len(least) - 2 * window + 1
     step = np.full(len(least), math.nan)  # the second after less the second before
