@@ -168,7 +168,7 @@ def hour(hours: float) -> list[dict[str, Any]]:
                 f"{path.stat().st_size >> 20} MB",
             )
         )
-        for name, file in (("finished file", path), ("open journal", journal)):
+        for name, file in (("finished file", path), ("journal of a killed program, finished on the way", journal)):
             done = subprocess.run(
                 [sys.executable, "-c", READER, str(file)], capture_output=True, text=True, check=True, env=ENVIRONMENT
             )
