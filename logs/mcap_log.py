@@ -98,7 +98,8 @@ def recording_state(
     elif state is not State.CLEAN:
         fault = f"{state.value} ({failure or recording.get('end_reason') or 'no reason was written'})"
         if not damage.accept_partial:
-            raise damage.refuse("state", fault, "record it again, or use what there is with --accept-partial")
+            remedy = "wait until it has ended" if state is State.OPEN else "record it again"
+            raise damage.refuse("state", fault, f"{remedy}, or use what there is with --accept-partial")
         damage.note(fault)
     return state
 

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,10 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from logs import Recorder, State, read_log
+from logs.boot import boot
 from logs.journal import Disk
+from logs.mcap_records import MAGIC, SEAL_TAG
+from logs.recover import describe, recovered
 from sim.errors import BadLog, DeviceError
 from sim.joint_state import JointState, Status
 
@@ -344,3 +348,64 @@ def test_a_kill_at_any_moment_loses_at_most_one_sample(tmp_path, kills):
         assert known > 0
         assert known <= len(log) <= known + 1
         np.testing.assert_allclose(log.q[:, 0], 0.001 * np.arange(len(log)))
+
+
+def killed(path, change=lambda data: data):
+    """The journal of a recorder that is gone, without its lock."""
+    recorder = Recorder(path, NAMES)
+    record(recorder, 30)
+    data = change(path.read_bytes())
+    recorder.close()
+    path.write_bytes(data)
+    return data
+
+
+def test_a_recording_of_another_computer_is_left_alone_while_it_may_be_written(tmp_path):
+    path = tmp_path / "a.mcap"
+    data = killed(path, lambda data: data.replace(boot().encode(), b"0" * len(boot())))
+    path.write_bytes(data := resealed(data))
+    log = read_log(path)
+    assert (len(log), log.state) == (30, State.KILLED)
+    assert path.read_bytes() == data
+    long_ago = path.stat().st_mtime - 100
+    os.utime(path, (long_ago, long_ago))
+    assert recovered(path).endswith("30 samples, at most 1 lost")
+    assert path.read_bytes() != data
+    assert read_log(path).metadata["end_reason"].endswith("30 samples, at most 1 lost")
+
+
+def resealed(data):
+    """The journal with the check sum of its head made anew."""
+    end = data.index(SEAL_TAG)
+    head = data[len(MAGIC) : end - 9]
+    return data[: end + 4] + zlib.crc32(head).to_bytes(4, "little") + data[end + 8 :]
+
+
+def test_a_killed_recording_is_ended_once_and_one_that_goes_on_is_left_alone(tmp_path):
+    path = tmp_path / "a.mcap"
+    recorder = Recorder(path, NAMES)
+    record(recorder, 30)
+    before = path.read_bytes()
+    assert recovered(path) is None
+    with pytest.raises(BadLog, match=r"still being written.*wait until it has ended"):
+        read_log(path)
+    assert path.read_bytes() == before
+    recorder.close()
+    killed(tmp_path / "b.mcap")
+    first = recovered(tmp_path / "b.mcap")
+    assert first.endswith("30 samples, at most 1 lost")
+    assert recovered(tmp_path / "b.mcap") is None
+    assert describe(tmp_path / "b.mcap") == first
+    assert {file.name for file in tmp_path.iterdir()} == {"a.mcap", "b.mcap"}
+
+
+def test_a_damaged_journal_of_a_killed_program_stays_as_it_is(tmp_path):
+    path = tmp_path / "a.mcap"
+    data = bytearray(killed(path))
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert recovered(path) is None
+    with pytest.raises(BadLog, match="check sum of the sample"):
+        read_log(path)
+    assert path.read_bytes() == data
+    assert 0 < len(read_log(path, accept_partial=True)) < 30
