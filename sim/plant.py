@@ -24,6 +24,7 @@ from sim.rigid_body import RigidBody
 # Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
 # 300 behaves like a few hertz; feed-forward does the rest).
 BANDWIDTH = 2 * np.pi * 6.0
+PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
 AMBIENT = 25.0
 
@@ -96,8 +97,8 @@ class Plant:
         self._acceleration = np.zeros(n)
         self._command_time = -np.inf
         self._gains: tuple[np.ndarray, np.ndarray] | None = None
-        inertia = np.diag(self._nominal.mass_matrix(q)) + self._rotor
-        self._kp, self._kd = BANDWIDTH**2 * inertia, 2 * 0.9 * BANDWIDTH * inertia
+        inertia, damping = self._driven(q)
+        self._kp, self._kd = BANDWIDTH**2 * inertia + BANDWIDTH * damping, 2 * 0.9 * BANDWIDTH * inertia
         self._ki = 0.15 * BANDWIDTH * self._kp
         self._integral = np.zeros(n)
         self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
@@ -106,6 +107,23 @@ class Plant:
         self._reported = self._nominal.gravity_torque(q[None])[0]
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
+
+    def _driven(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) kg m^2 and (n,) N m s/rad by which the drive scales its gains: what each joint carries at q with the others held.
+
+        Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
+        rotors): what each joint feels with the others free, the least of it over a few postures, and its viscous friction besides.
+        """
+        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
+        held, n = np.diag(matrix), self.drive.n
+        if np.linalg.eigvals(np.linalg.solve(matrix, np.diag(held))).real.max() <= PUSHED:
+            return held, np.zeros(n)
+        low, high = np.nan_to_num(self.drive.q_min, nan=-np.pi), np.nan_to_num(self.drive.q_max, nan=np.pi)
+        postures = [q, *np.random.default_rng(0).uniform(low, high, (20, n))]
+        matrices = [self._nominal.mass_matrix(p) + np.diag(self._rotor) for p in postures]
+        viscous = [self.drive.effect("viscous_friction", joint) for joint in self.drive.joint_names]
+        damping = np.array([e.parameters["viscous"] if e else 0.0 for e in viscous])
+        return np.min([1 / np.diag(np.linalg.inv(m)) for m in matrices], axis=0), damping
 
     @property
     def time(self) -> float:

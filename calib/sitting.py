@@ -1,0 +1,48 @@
+"""Plan and record in one call each, as `calib plan` and `calib record` do."""
+
+from __future__ import annotations
+
+import getpass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from calib.excitation.session import Session, design, open_cell
+from drivers import open_driver
+from safety.approval import approval_of, approve, check_approval
+from safety.confirmation import check_yes
+from safety.control import drive
+from safety.execution import Recorded
+from safety.plan import Plan, check_plan, write_plan
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, require_postures
+
+
+def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, folder: str | Path) -> Plan:
+    """Motions for one sitting, every one proved, written to the new `folder`.
+
+    Without a cell the arm stands on a plane and nothing else. AnswerIsNo says which limit binds where no motion fits; ConfigError and
+    SafetyStop as `calib plan`.
+    """
+    if cell is not None:
+        require_postures(cell, arm)
+    designed = design(arm, cell or open_cell(arm), session or Session())
+    return write_plan(Path(folder), arm, designed.motions, cell, designed.summary)
+
+
+def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", configs: Path | None = None) -> Recorded:
+    """Drive the motions of a plan in a cell and record one log a motion in the new `folder`, slowly first.
+
+    A simulated cell needs no person. For every other the plan must have been approved by one with `calib record`: SafetyStop where it
+    was not, where the approval is for something else, or where a motion is refused.
+    """
+    arm = load_arm(cell.table.arm, configs)
+    check_plan(plan, arm, cell)
+    approval, now = approval_of(plan), datetime.now(UTC)
+    if approval is None:
+        check_yes(cell)
+        approve(plan, arm, cell, operator or getpass.getuser(), now)
+    else:
+        check_approval(approval, plan, arm, cell, now)
+    home = Path(folder)
+    home.mkdir(parents=True, exist_ok=True)
+    return drive(plan, cell, arm, open_driver, home, audit=home / "audit.jsonl", operator=operator)
