@@ -49,6 +49,8 @@ class Plant:
         self._nominal = RigidBody(self.drive)
         rotor = [self.drive.effect("rotor_inertia", n) for n in arm.joint_names]
         self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotor])
+        viscous = [self.drive.effect("viscous_friction", n) for n in arm.joint_names]
+        self._viscous = np.array([e.parameters["viscous"] if e else 0.0 for e in viscous])
         self._rng = np.random.default_rng(seed)
         self.reset(np.zeros(arm.n))
 
@@ -97,9 +99,9 @@ class Plant:
         self._acceleration = np.zeros(n)
         self._command_time = -np.inf
         self._gains: tuple[np.ndarray, np.ndarray] | None = None
-        inertia, damping = self._driven(q)
-        self._kp, self._kd = BANDWIDTH**2 * inertia + BANDWIDTH * damping, 2 * 0.9 * BANDWIDTH * inertia
-        self._ki = 0.15 * BANDWIDTH * self._kp
+        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
+        self._pushed = np.linalg.eigvals(np.linalg.solve(matrix, np.diag(np.diag(matrix)))).real.max() > PUSHED
+        self._kp, self._kd = self._gain_matrices(q)
         self._integral = np.zeros(n)
         self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
         self._noise = np.zeros(n)
@@ -108,22 +110,17 @@ class Plant:
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
 
-    def _driven(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) kg m^2 and (n,) N m s/rad by which the drive scales its gains: what each joint carries at q with the others held.
+    def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """kp N m/rad and kd N m s/rad of the drive at q, (n, n): by what each joint carries, the others held.
 
         Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
-        rotors): what each joint feels with the others free, the least of it over a few postures, and its viscous friction besides.
+        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by the viscous friction besides.
         """
         matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
-        held, n = np.diag(matrix), self.drive.n
-        if np.linalg.eigvals(np.linalg.solve(matrix, np.diag(held))).real.max() <= PUSHED:
-            return held, np.zeros(n)
-        low, high = np.nan_to_num(self.drive.q_min, nan=-np.pi), np.nan_to_num(self.drive.q_max, nan=np.pi)
-        postures = [q, *np.random.default_rng(0).uniform(low, high, (20, n))]
-        matrices = [self._nominal.mass_matrix(p) + np.diag(self._rotor) for p in postures]
-        viscous = [self.drive.effect("viscous_friction", joint) for joint in self.drive.joint_names]
-        damping = np.array([e.parameters["viscous"] if e else 0.0 for e in viscous])
-        return np.min([1 / np.diag(np.linalg.inv(m)) for m in matrices], axis=0), damping
+        if not self._pushed:
+            held = np.diag(np.diag(matrix))
+            return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
+        return BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous), 2 * 0.9 * BANDWIDTH * matrix
 
     @property
     def time(self) -> float:
@@ -214,8 +211,11 @@ class Plant:
                 + self._rotor * self._acceleration
             )
             error = q - angle
-            self._integral += self._ki * error * (1.0 / self.arm.sensors.rate)
-            torque = model + self._kp * error + self._kd * (dq - speed) + self._integral + tau
+            if self._pushed:
+                self._kp, self._kd = self._gain_matrices(q)
+            push = self._kp @ error
+            self._integral += 0.15 * BANDWIDTH * push * (1.0 / self.arm.sensors.rate)
+            torque = model + push + self._kd @ (dq - speed) + self._integral + tau
         limit = np.where(np.isfinite(self.arm.tau_max), self.arm.tau_max, np.inf)
         torque = np.clip(torque, -limit, limit)
         for effect, joint, item in self._stages[Stage.DRIVE]:
