@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any
@@ -13,6 +14,7 @@ from typer.main import get_command
 
 from calib import console
 from calib.run_folder import INVOCATION, Invocation, end_run
+from calib.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError
 from sim.resources import nearest
 from sim.version import software_version
@@ -105,7 +107,7 @@ app = typer.Typer(
     cls=Commands,
     help="Make a simulated robot arm true: excite, record, identify, and name the physical effect that the model lacks.",
     epilog="Every command has --help with an example. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
-    "3 safety stop, 4 device.",
+    "3 safety stop, 4 device, 70 a fault of the program.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings=HELP,
@@ -129,6 +131,8 @@ def _program(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
+    if arguments is None:
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started from here
     return start(sys.argv[1:] if arguments is None else list(arguments))[0]
 
 
@@ -137,7 +141,8 @@ def start(arguments: list[str]) -> tuple[int, str]:
     invocation = Invocation(arguments)
     token = INVOCATION.set(invocation)
     try:
-        code, sentence = _run(arguments, invocation)
+        with quiet_libraries():
+            code, sentence = _run(arguments, invocation)
         for folder in invocation.folders:
             try:
                 end_run(folder, code, sentence)
@@ -164,9 +169,14 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         return 2, sentence
     except typer.Exit as stop:
         return stop.exit_code, "done" if stop.exit_code == 0 else f"ended with exit code {stop.exit_code}"
+    except (
+        BrokenPipeError
+    ):  # whoever read the answer has gone, as `| head` does; what Python flushes at its end must go somewhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141, "the reader of the answer went away"
     except OSError as error:
         if error.errno not in OF_FILES:
-            raise
+            return _unexpected(error, arguments, invocation)
         console.warn(_of_file(error))
         return 2, _of_file(error)
     except (KeyboardInterrupt, typer.Abort):
@@ -176,6 +186,14 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
             told += f"; what was begun stands in {folder}, and the same again is `calib runs {folder} --again`"
         console.warn(told)
         return 130, "interrupted by the operator"
+    except Exception as error:
+        return _unexpected(error, arguments, invocation)
+
+
+def _unexpected(error: Exception, arguments: list[str], invocation: Invocation) -> tuple[int, str]:
+    sentence = write_fault(error, arguments, invocation.folders)
+    console.warn(sentence)
+    return EXIT_CODE, sentence
 
 
 def _of_file(error: OSError) -> str:

@@ -1,14 +1,18 @@
 """The program's manners: exit codes, nearest right words, and nothing that looks like a traceback."""
 
 import errno
+import logging
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
 from calib import main as program
+from calib.run_folder import new_run
+from calib.unexpected import write_fault
 
 
 def test_no_arguments_is_a_request_for_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,10 +54,75 @@ def test_a_disk_that_fills_up_while_a_run_ends_is_told(
     assert "the disk: No space left on device" in capsys.readouterr().err
 
 
-def test_an_error_that_is_no_file_s_is_a_fault_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "error", [OSError("a bug"), ValueError("a\nbug"), RecursionError(), AssertionError("x" * 5000), MemoryError()]
+)
+def test_what_nobody_foresaw_is_one_sentence_and_a_file(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     def broken(**_: object) -> None:
-        raise OSError("a bug")
+        raise error
 
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(program, "app", broken)
-    with pytest.raises(OSError, match="a bug"):
-        program.main(["export", "ur10e"])
+    assert program.main(["export", "ur10e"]) == 70
+    said = capsys.readouterr().err
+    assert said.startswith("calib: this is a fault of the program")
+    assert "Traceback" not in said
+    assert len(said) < 600
+    (file,) = tmp_path.glob("calib-fault-*.txt")
+    assert file.name in said
+    text = file.read_text()
+    assert "Traceback" in text
+    assert "'export' 'ur10e'" in text
+
+
+def test_the_details_stand_with_the_run_that_was_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(**_: object) -> None:
+        new_run("ur10e", "export", Path("here"))
+        raise KeyError("a bug")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(program, "app", broken)
+    assert program.main(["export", "ur10e", "--out", "here"]) == 70
+    assert "here/calib-fault-" in capsys.readouterr().err
+    assert list(Path("here").glob("calib-fault-*.txt"))
+    assert "exit_code = 70" in Path("here/run.toml").read_text()
+
+
+def test_where_no_file_can_be_written_there_is_still_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert "no file could be written" in write_fault(ValueError("a bug"), ["effects"], [tmp_path])
+
+
+def test_libraries_complain_into_the_file_and_not_to_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def loud(**_: object) -> int:
+        warnings.warn("a library's warning", RuntimeWarning, stacklevel=1)
+        logging.getLogger("a.library").warning("a library's log record")
+        raise ValueError("a bug")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(program, "app", loud)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert program.main(["effects"]) == 70
+    said = capsys.readouterr()
+    assert "library" not in said.out + said.err
+    text = next(tmp_path.glob("calib-fault-*.txt")).read_text()
+    assert "RuntimeWarning: a library's warning" in text
+    assert "a.library: a library's log record" in text
+
+
+def test_a_reader_that_goes_away_is_no_fault(tmp_path: Path) -> None:
+    command = f"cd {tmp_path}; {sys.executable} -m calib effects --json | head -c 10 > /dev/null; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.strip() in ("0", "141")
+    assert not list(tmp_path.iterdir())
