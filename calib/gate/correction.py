@@ -1,0 +1,178 @@
+"""One way in which a recording may have to be read: a unit, a sign, a column, a clock. The same word names it for `--assume`.
+
+t=ms                 instants are in ms (us, ns, min)
+q=deg  dq=deg/s      all positions are in degrees (rev), all speeds in deg/s (rpm, rev/s)
+current=mA  tau=mNm  readings of the drives in thousandths
+tau=current          what is recorded as torque is a current in A
+sign:tau:elbow       the reading of one joint is reversed (tau the drive's reading, torque or current; q, dq, or all of it)
+swap:all:a,b         the columns of two joints are exchanged (tau, q, dq, or all)
+scale:tau:elbow=101  one joint's reading is so many times too large (tau, q, dq; a gear ratio)
+scale:tau=0.1        the same of all joints
+shift=0.25           the drives' readings are so much too late against the positions, s
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from logs.log import Log
+from logs.units import ANGLE, SPEED, TIME
+from sim.errors import ConfigError
+from sim.resources import nearest
+
+PARTS = ("q", "dq", "motion", "tau", "all")
+UNITS = {"t": TIME, "q": ANGLE, "dq": SPEED, "current": {"mA": 1e-3}, "tau": {"mNm": 1e-3}}
+ARRAYS = {
+    "q": ("q", "q_cmd"), "dq": ("dq", "dq_cmd"), "motion": ("q", "dq", "q_cmd", "dq_cmd"), "tau": ("tau", "current", "tau_cmd"),
+    "all": ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd"),
+}  # fmt: skip
+SIGNED = tuple(name for name in ARRAYS["all"] if name != "temperature")
+CURRENT = "tau=current"
+AS_RECORDED = "as-recorded"
+
+
+@dataclass(frozen=True)
+class Correction:
+    """kind: unit, sign, swap, scale, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
+    factor: the reading is divided by it (units, scale), or moved earlier by it, s (shift)."""
+
+    kind: str
+    part: str = "all"
+    joints: tuple[int, ...] = ()
+    factor: float = 1.0
+    unit: str = ""
+
+    def word(self, names: Sequence[str]) -> str:
+        """As `--assume` has it."""
+        at = ",".join(names[j] for j in self.joints)
+        match self.kind:
+            case "unit":
+                return f"{self.part}={self.unit}"
+            case "current":
+                return CURRENT
+            case "shift":
+                return f"shift={self.factor:.4g}"
+            case "scale":
+                return f"scale:{self.part}:{at}={self.factor:.4g}" if at else f"scale:{self.part}={self.factor:.4g}"
+        return f"{self.kind}:{self.part}:{at}"
+
+    def sentence(self, names: Sequence[str]) -> str:
+        """What would be wrong with the recording."""
+        at = [names[j] for j in self.joints]
+        reading = {"q": "position", "dq": "speed", "motion": "motion", "tau": "drive's reading", "all": "whole recording"}
+        match self.kind:
+            case "unit" if self.part == "t":
+                return f"the instants are in {self.unit}, not in s"
+            case "unit":
+                own = {"q": "rad", "dq": "rad/s", "current": "A", "tau": "N m"}[self.part]
+                what = {"q": "positions", "dq": "speeds", "current": "currents", "tau": "torques"}[self.part]
+                return f"the {what} are in {'mN m' if self.unit == 'mNm' else self.unit}, not in {own}"
+            case "current":
+                return "what is recorded as torque is the motors' current in A"
+            case "sign":
+                return f"the {reading[self.part]} of {at[0]} has the opposite direction"
+            case "swap":
+                return (
+                    f"{' and '.join(at)} are exchanged in the {'columns' if self.part == 'all' else reading[self.part] + 's'}"
+                )
+            case "scale":
+                whose = f"of {at[0]} " if at else "of every joint "
+                return f"the {reading[self.part]} {whose}is {self.factor:.3g} times too large (gear ratio, or unit)"
+        return f"the drives' readings come {self.factor:+.2f} s late against the positions: another clock"
+
+
+def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None = None) -> Log:
+    """The log read that way; its metadata says so under `assumed`."""
+    c = correction
+    change: dict[str, object] = {}
+    match c.kind:
+        case "unit" if c.part == "t":
+            change = {"t": log.t * TIME[c.unit]}
+        case "unit" | "scale":
+            names = ("current",) if c.part == "current" else ("tau",) if c.unit == "mNm" else ARRAYS[c.part]
+            factor = np.ones(log.n)
+            factor[list(c.joints) if c.joints else slice(None)] = 1 / c.factor if c.kind == "scale" else UNITS[c.part][c.unit]
+            change = {name: getattr(log, name) * factor for name in names}
+        case "current":
+            nothing = np.full(log.tau.shape, np.nan)
+            change = {"current": np.where(np.isfinite(log.current), log.current, log.tau), "tau": nothing}
+        case "sign":
+            sign = np.ones(log.n)
+            sign[list(c.joints)] = -1
+            change = {name: getattr(log, name) * sign for name in ARRAYS[c.part] if name in SIGNED}
+        case "swap":
+            order = np.arange(log.n)
+            order[list(c.joints)] = order[list(c.joints[::-1])]
+            change = {name: getattr(log, name)[:, order] for name in ARRAYS[c.part]}
+        case "shift":
+            change = {name: _earlier(log.t, getattr(log, name), c.factor) for name in ("tau", "current")}
+    said = [*json.loads(log.metadata.get("assumed", "[]")), c.word(log.joint_names)]
+    return replace(log, **change, metadata={**log.metadata, "assumed": json.dumps(said, ensure_ascii=False)})  # type: ignore[arg-type]
+
+
+def _earlier(t: np.ndarray, x: np.ndarray, by: float) -> np.ndarray:
+    if not np.isfinite(x).any():
+        return x
+    out = np.stack([np.interp(t + by, t, column, left=np.nan, right=np.nan) for column in x.T], axis=1)
+    return out
+
+
+def parsed(text: str, names: Sequence[str]) -> Correction:
+    """A word of `--assume`; ConfigError lists what there is."""
+    head, colon, rest = text.partition(":")
+    if not colon:
+        return _of_all(text)
+    if head not in ("sign", "swap", "scale"):
+        raise ConfigError(f"--assume {text!r:.80}: {nearest(head[:40], ('sign', 'swap', 'scale', *UNITS, 'shift'))}")
+    part, colon, where = rest.partition(":")
+    if head == "scale" and not colon:
+        part, _, number = part.partition("=")
+        return Correction("scale", _part(part, text), (), _factor(number, text))
+    where, equals, number = where.partition("=")
+    joints = tuple(_joint(name.strip(), names, text) for name in where.split(","))
+    if len(joints) != (2 if head == "swap" else 1) or len(set(joints)) != len(joints):
+        raise ConfigError(f"--assume {text!r:.80}: {'two different joints' if head == 'swap' else 'one joint'} must be named")
+    if (head == "scale") != bool(equals):
+        raise ConfigError(f"--assume {text!r:.80}: write {head}:PART:JOINT{'=FACTOR' if head == 'scale' else ''}")
+    return Correction(head, _part(part, text), joints, _factor(number, text) if equals else 1.0)
+
+
+def _of_all(text: str) -> Correction:
+    part, _, value = text.partition("=")
+    if text == CURRENT:
+        return Correction("current", "tau")
+    if part == "shift":
+        return Correction("shift", "tau", (), _factor(value, text))
+    if part not in UNITS or value not in UNITS[part]:
+        known = [f"{p}={u}" for p, units in UNITS.items() for u in units if units[u] != 1.0]
+        raise ConfigError(
+            f"--assume {text!r:.80}: {nearest(text[:40], [*known, CURRENT, 'sign:tau:JOINT', 'swap:all:JOINT,JOINT', AS_RECORDED])}"
+        )
+    return Correction("unit", part, (), 1.0, value)
+
+
+def _part(part: str, text: str) -> str:
+    if part not in PARTS or (text.startswith("scale") and part == "all"):
+        raise ConfigError(f"--assume {text!r:.80}: {nearest(part[:40], PARTS)}")
+    return part
+
+
+def _joint(name: str, names: Sequence[str], text: str) -> int:
+    if name not in names:
+        raise ConfigError(f"--assume {text!r:.80}: there is no joint {name!r:.40}; {nearest(name[:40], names)}")
+    return list(names).index(name)
+
+
+def _factor(number: str, text: str) -> float:
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or value == 0 or not 1e-9 < abs(value) < 1e9:
+        raise ConfigError(f"--assume {text!r:.80}: {number!r:.40} is no number to divide by, or to shift by")
+    return value

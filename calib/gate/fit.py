@@ -1,0 +1,159 @@
+"""How well an arm's own model explains the load readings, joint by joint, with friction and a scale free but never of the wrong sign.
+
+    y_j = a tau_j + r ddq_j + v dq_j + c tanh(dq_j / 0.02) + o,    a, r, v, c >= 0
+
+tau the torque of the arm's rigid bodies along the motion. Friction takes energy, inertia is positive and gravity pulls down: a reading
+that needs one of them negative has the wrong sign, the wrong column or the wrong motion. What is left is compared between ways of reading
+the same data, never against an absolute bound: a bad model is bad either way.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.gate.signals import Signals
+from sim.arm import Arm
+from sim.rigid_body import RigidBody
+
+SLOW = 0.02  # rad/s: about zero speed dry friction is not of one size
+LEAST_ROWS = 40
+MOVING = 0.04  # of a joint's fastest; below, its load may be anything within its dry friction
+CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
+FEW = 1e-9
+SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of every joint: gram (n, 4, 4) of the scaled columns, norm (n, 4), rows (n,), and x (n,) the columns of a joint
+    with the rows they stand for, to put other readings against them."""
+
+    gram: np.ndarray
+    norm: np.ndarray
+    rows: np.ndarray
+    x: list[tuple[np.ndarray, np.ndarray]]
+
+    def left(self, y: np.ndarray) -> np.ndarray:
+        """(n, K) share of the columns y (R, K) that every joint's model leaves; NaN where the joint or the column tells nothing."""
+        size = np.full((len(self.x), y.shape[1]), np.nan)
+        for j, (rows, _) in enumerate(self.x):
+            if len(rows):
+                size[j] = y[rows].std(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.solved(y)[0] / np.where(size > 0, size, np.nan)
+
+    def solved(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, K) standard deviation of what is left, and the coefficients a, r, v, c (n, 4, K)."""
+        n, k = len(self.x), y.shape[1]
+        own, power = np.zeros((n, 4, k)), np.full((n, k), np.nan)
+        for j, (rows, x) in enumerate(self.x):
+            if len(rows):
+                part = y[rows]
+                part = part - part.mean(axis=0)
+                own[j], power[j] = x.T @ part, (part**2).sum(axis=0)
+        own[~np.isfinite(own)] = 0.0
+        theta, rest = nonnegative(self.gram, own, power)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.sqrt(rest / self.rows[:, None]), theta / self.norm[:, :, None]
+
+    def own(self, y: np.ndarray) -> np.ndarray:
+        """(n,) what is left of every joint's own column of y (R, n)."""
+        n = len(self.x)
+        right, power = np.zeros((n, 4, 1)), np.full((n, 1), np.nan)
+        for j, (rows, x) in enumerate(self.x):
+            if len(rows):
+                part = y[rows, j] - y[rows, j].mean()
+                right[j, :, 0], power[j, 0] = x.T @ part, part @ part
+        right[~np.isfinite(right)] = 0.0
+        rest = nonnegative(self.gram, right, power)[1][:, 0]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.sqrt(rest / self.rows)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the fit of every joint's own column says.
+
+    left (n,) standard deviation of what is left, NaN where the joint tells nothing; size (n,) that of its readings
+    scale, scale_std (n,) a; dry (n,) c; signal (n,) standard deviation of a tau_j, the part that masses make
+    """
+
+    left: np.ndarray
+    size: np.ndarray
+    scale: np.ndarray
+    scale_std: np.ndarray
+    dry: np.ndarray
+    signal: np.ndarray
+
+
+def model_torque(arm: Arm, s: Signals) -> np.ndarray:
+    """(R, n) torque of the arm's rigid bodies along the motion."""
+    return RigidBody(arm).inverse_dynamics(s.q, s.dq, s.ddq)
+
+
+def normal(s: Signals, tau: np.ndarray) -> Normal:
+    """The normal equations of the motion in s with the model torques tau (R, n)."""
+    n = s.n
+    gram, norm, count = np.tile(np.eye(4), (n, 1, 1)), np.full((n, 4), np.inf), np.full(n, np.nan)
+    parts = []
+    for j in range(n):
+        rows = np.flatnonzero(moving(s, j))
+        if len(rows) < LEAST_ROWS:
+            parts.append((rows[:0], np.zeros((0, 4))))
+            continue
+        v = s.dq[rows, j]
+        x = np.column_stack([tau[rows, j], s.ddq[rows, j], v, np.tanh(v / SLOW)])
+        x -= x.mean(axis=0)
+        size = np.sqrt((x**2).sum(axis=0))
+        size[~(size > 1e-9)] = np.inf
+        x /= size
+        gram[j], norm[j], count[j] = x.T @ x, size, len(rows)
+        parts.append((rows, x))
+    return Normal(gram, norm, count, parts)
+
+
+def fitted(s: Signals, tau: np.ndarray) -> Fit:
+    """The fit of every joint's own load."""
+    equations = normal(s, tau)
+    left, theta = equations.solved(s.load)
+    n = s.n
+    at = np.arange(n)
+    a, c, own = theta[at, 0, at], theta[at, 3, at], left[at, at]
+    size, signal, std = (np.full(n, np.nan) for _ in range(3))
+    for j, (rows, _) in enumerate(equations.x):
+        if not len(rows):
+            continue
+        size[j] = np.std(s.load[rows, j])
+        signal[j] = a[j] * np.std(tau[rows, j])
+        free = np.linalg.inv(equations.gram[j] + 1e-6 * np.eye(4))[0, 0]
+        std[j] = np.sqrt(free * CORRELATED) * own[j] / equations.norm[j, 0]
+    silent = ~np.isfinite(own)
+    return Fit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
+
+
+def moving(s: Signals, j: int) -> np.ndarray:
+    """(R,) rows in which joint j moves."""
+    speed = np.abs(s.dq[:, j])
+    fastest = float(np.quantile(speed, 0.95)) if len(speed) else 0.0
+    return speed > max(MOVING * fastest, 0.5 * SLOW)
+
+
+def nonnegative(gram: np.ndarray, own: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares with every coefficient >= 0: gram (n, 4, 4), right sides (n, 4, K), their power (n, K); the coefficients and what is
+    left of the power. Of the subsets of columns whose free solution is feasible the best one is the solution."""
+    best, theta = power.copy(), np.zeros_like(own)
+    usable = np.diagonal(gram, axis1=1, axis2=2) > 0.5
+    for at in SUBSETS:
+        part = gram[:, at][:, :, at] + FEW * np.eye(len(at))
+        solved = np.linalg.solve(part, own[:, at])
+        rest = power - (solved * own[:, at]).sum(axis=1)
+        better = (solved >= 0).all(axis=1) & (rest < best) & usable[:, at].all(axis=1)[:, None]
+        best = np.where(better, rest, best)
+        if better.any():
+            full = np.zeros_like(own)
+            full[:, at] = solved
+            theta = np.where(better[:, None, :], full, theta)
+    return theta, np.maximum(best, 1e-12 * power)

@@ -1,0 +1,183 @@
+"""What a recording can be told from itself and from the arm's limits alone: joints, clock, range, frozen readings, the same log twice."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.gate.check import Cause, Check
+from calib.gate.correction import UNITS, Correction
+from calib.gate.fit import moving
+from calib.gate.signals import Signals
+from logs.log import Log
+from sim.arm import Arm
+
+STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
+USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
+MOST_LOST = 0.3
+FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
+OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 1.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
+SHARE = 0.005  # of the samples
+FACTOR = 2.2  # dq over dq/dt of q: units and gears are beyond, filters within
+NEAR = 1.25  # a ratio is a unit's factor within this
+LEAST_ROWS = 40
+ALIKE = 0.9
+
+
+def name_of(log: Log) -> str:
+    """How sentences call a log."""
+    return log.path.name if log.path else "log"
+
+
+def joints(log: Log, arm: Arm) -> Check:
+    """The columns must be the arm's joints, by name."""
+    name = name_of(log)
+    if tuple(log.joint_names) == arm.joint_names:
+        return Check("joints", True, f"{name}: the joints are the arm's")
+    extra = [j for j in log.joint_names if j not in arm.joint_names]
+    missing = [j for j in arm.joint_names if j not in log.joint_names]
+    if not missing and extra:
+        cause = f"{', '.join(extra)} are no joints of {arm.name}: a gripper's? read the log for this arm, which leaves them out"
+    elif len(log.joint_names) == arm.n and missing:
+        cause = f"the joints have other names: import the recording again with --joints {','.join(arm.joint_names)}"
+    elif not missing:
+        cause = "the joints stand in another order: read the log for this arm, which orders them by name"
+    else:
+        cause = f"it is a recording of another arm: {', '.join(missing)} are not in it"
+    return Check(
+        "joints",
+        False,
+        f"{name}: joints {', '.join(log.joint_names)}; {arm.name} has {', '.join(arm.joint_names)}",
+        (Cause(cause),),
+    )
+
+
+def clock(log: Log) -> Check:
+    """Between 5 Hz and 10 kHz an arm is recorded."""
+    name = name_of(log)
+    step = np.diff(log.t[np.isfinite(log.t)])
+    if len(step) < 16 or not (step > 0).any():
+        return Check("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
+    if np.any(step < 0):
+        at = int(np.argmax(step < 0))
+        cause = Cause("time runs backwards: two recordings one after the other, or a clock that was set")
+        return Check("clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s before the one before", (cause,))
+    middle = float(np.median(step[step > 0]))
+    if STEP_LEAST <= middle <= STEP_MOST:
+        return Check("clock", True, f"{name}: {1 / middle:.4g} Hz")
+    moved = _elapsed(log)
+    causes = []
+    for unit, factor in UNITS["t"].items():
+        if factor != 1 and USUAL_LEAST <= middle * factor <= USUAL_MOST:
+            gain = -abs(math.log(moved / (middle * factor))) if moved else -1.0
+            causes.append(Cause(Correction("unit", "t", unit=unit).sentence(()), gain, (Correction("unit", "t", unit=unit),)))
+    causes.sort(key=lambda cause: -cause.gain)
+    return Check(
+        "clock", False, f"{name}: a sample every {middle:.4g} s; arms are recorded at 5 Hz to 10 kHz", tuple(causes[:2])
+    )
+
+
+def _elapsed(log: Log) -> float | None:
+    """Seconds between samples by q against dq, where both are there."""
+    moved, speed = np.diff(log.q, axis=0), 0.5 * (log.dq[1:] + log.dq[:-1])
+    ok = np.isfinite(moved) & np.isfinite(speed) & (np.abs(speed) > 0.3 * np.nanmax(np.abs(speed), initial=1e-9))
+    ratio = moved[ok] / speed[ok]
+    return float(np.median(ratio)) if len(ratio) > LEAST_ROWS and np.median(ratio) > 0 else None
+
+
+def losses(log: Log) -> Check:
+    """Not too many samples are missing."""
+    step = np.diff(log.t)
+    share = 1 - len(log) / max(1.0, (log.t[-1] - log.t[0]) / float(np.median(step[step > 0])) + 1)
+    detail = f"{name_of(log)}: {max(share, 0.0):.1%} of the samples missing, longest gap {step.max():.3g} s"
+    return Check("losses", share < MOST_LOST, detail, () if share < MOST_LOST else (Cause("samples were lost"),))
+
+
+def frozen(log: Log) -> Check:
+    """No joint's position and load stand to the last bit while others move."""
+    name, period = name_of(log), float(np.median(np.diff(log.t)))
+    load = np.where(np.isfinite(log.tau).any(axis=0), log.tau, log.current)
+    still = (np.diff(log.q, axis=0) == 0) & (np.diff(load, axis=0) == 0)
+    moving_any = ~(np.diff(log.q, axis=0) == 0).all(axis=1)
+    worst, joint = 0, ""
+    for j in range(log.n):
+        run = _longest(still[:, j] & moving_any)
+        if run > worst:
+            worst, joint = run, log.joint_names[j]
+    if worst * period < FROZEN or worst < 3:
+        return Check("frozen joints", True, f"{name}: no joint's readings stand")
+    cause = Cause(f"the readings of {joint} stopped being updated: a lost drive or topic; leave that time out")
+    return Check("frozen joints", False, f"{name}: the readings of {joint} stand still for {worst * period:.2f} s", (cause,))
+
+
+def _longest(flags: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def twice(logs: Sequence[Log]) -> Check:
+    """No recording is there twice: its rows would count twice, and as a check of itself it is none."""
+    for a, b in itertools.combinations(logs, 2):
+        if len(a) and len(b) and _same(a, b):
+            cause = Cause(
+                f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
+            )
+            return Check("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,))
+    return Check("recordings", True, f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording")
+
+
+def _same(a: Log, b: Log) -> bool:
+    """Whether most samples of the shorter one stand in the longer one, position and load, as they are or rounded."""
+    short, long = (a, b) if len(a) <= len(b) else (b, a)
+    if short.n != long.n:
+        return False
+    pick = np.linspace(0, len(short) - 1, min(200, len(short))).astype(int)
+    moved = np.abs(np.diff(short.q, axis=0)).max(axis=1, initial=0.0)
+    pick = pick[np.r_[moved, 0.0][pick] > 0]
+    if len(pick) < 20:
+        return False
+    load = [np.where(np.isfinite(x.tau), x.tau, x.current) for x in (short, long)]
+    q_all = np.concatenate([np.nan_to_num(long.q), np.nan_to_num(load[1])], axis=1)
+    scale = np.maximum(q_all.std(axis=0), 1e-9)
+    found = 0
+    for k in pick:
+        one = np.concatenate([np.nan_to_num(short.q[k]), np.nan_to_num(load[0][k])])
+        found += bool((np.abs(q_all - one) < 1e-3 * scale).all(axis=1).any())
+    return found >= ALIKE * len(pick)
+
+
+def ratios(s: Signals) -> np.ndarray:
+    """(n, n) dq of column k over the derivative of q of joint j, where they go together; NaN where they do not or nothing moves."""
+    out = np.full((s.n, s.n), np.nan)
+    for j in range(s.n):
+        rows = moving(s, j)
+        if rows.sum() < LEAST_ROWS:
+            continue
+        v = s.dq[rows, j]
+        for k in range(s.n):
+            x = s.read[rows, k]
+            if np.isfinite(x).all() and x.std() > 0:
+                together = float(v @ x) / math.sqrt(float(v @ v) * float(x @ x))
+                if abs(together) > ALIKE:
+                    out[j, k] = float(x @ x) / float(v @ x)
+    return out
+
+
+def told(s: Signals) -> np.ndarray:
+    """(n,) joints that move and have a speed reading."""
+    return np.array([moving(s, j).sum() >= LEAST_ROWS and np.isfinite(s.read[:, j]).all() for j in range(s.n)])
+
+
+def over_range(log: Log, arm: Arm) -> np.ndarray:
+    """(n,) share of the samples beyond the joints' limits."""
+    with np.errstate(invalid="ignore"):
+        return np.mean((log.q > arm.q_max + OVER_RANGE) | (log.q < arm.q_min - OVER_RANGE), axis=0)
+
+
+def over_speed(s: Signals, arm: Arm) -> np.ndarray:
+    """(n,) share of the rows in which the position moves faster than the joint can."""
+    limit = np.where(arm.dq_max > 0, arm.dq_max, np.inf) * OVER_SPEED
+    return np.mean(np.abs(s.dq) > limit, axis=0) if len(s) else np.zeros(s.n)

@@ -1,0 +1,146 @@
+"""Are the drives' readings of the right size? The scale of every joint's reading against the arm's masses, its limits and its siblings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.gate.check import Cause
+from calib.gate.correction import Correction
+from calib.gate.fit import Fit
+from calib.gate.readings import OVER_LOAD, SHARE
+from calib.gate.signals import Signals
+from sim.arm import Arm
+
+TELLING = 0.12  # of a joint's reading that its masses make, for its scale to be judged
+SURE = 4.0  # standard deviations
+ODD, ODD_ALONE = 3.0, 6.0  # a scale beyond is no error of a model: of all joints alike, and of one against the others
+PATTERN = 2.2  # readings fit a unit within this
+DRY_ODD = 12.0  # dry friction of one joint, as a share of tau_max, against that of the others
+LEAST_LEFT = 0.6  # a fit that leaves more says nothing about a scale
+
+
+@dataclass(frozen=True)
+class Scale:
+    """log_scale (n,) ln a, and its std; NaN where a joint does not tell; impossible (n,) joints with readings beyond any that they can give."""
+
+    log_scale: np.ndarray
+    std: np.ndarray
+    impossible: np.ndarray
+
+    @property
+    def telling(self) -> np.ndarray:
+        """(n,) joints that tell."""
+        return np.isfinite(self.log_scale)
+
+
+def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
+    """What every joint tells; loads in N m."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        good = (fit.signal > TELLING * fit.size) & (fit.scale > SURE * fit.scale_std) & (fit.left < LEAST_LEFT * fit.size)
+        log_scale = np.where(good, np.log(np.where(good, fit.scale, 1.0)), np.nan)
+        std = np.where(good, fit.scale_std / np.where(good, fit.scale, 1.0), np.nan)
+        limit = np.where(np.isfinite(arm.tau_max) & (arm.tau_max > 0), arm.tau_max, np.inf)
+        size = np.abs(s.load) if len(s) else np.zeros((1, s.n))
+        impossible = np.nan_to_num(np.quantile(size, 1 - SHARE, axis=0)) > OVER_LOAD * limit
+    return Scale(log_scale, std, impossible)
+
+
+def causes(arm: Arm, s: Signals, fit: Fit, from_current: np.ndarray, known_unit: bool) -> list[Cause]:
+    """Likely causes of readings that are of the wrong size, best first; none where their size is right or cannot be told.
+
+    from_current (n,) joints whose reading is a current; known_unit: whether it was made a torque by a known constant.
+    """
+    told = scale_of(arm, s, fit)
+    found: list[Cause] = []
+    at = told.log_scale[told.telling]
+    common = float(np.median(at)) if len(at) else math.nan
+    if known_unit:
+        found = _common(arm, told, at, common, from_current)
+    apart = 0.0 if not math.isfinite(common) else common
+    if not found:
+        found = _alone(arm, told, apart if known_unit or len(at) > 2 else math.nan, fit)
+    if not found and told.impossible.any() and known_unit:
+        found = _beyond(arm, s, told, from_current)
+    return found
+
+
+def _common(arm: Arm, told: Scale, at: np.ndarray, common: float, from_current: np.ndarray) -> list[Cause]:
+    if not len(at) or abs(common) < math.log(ODD):
+        return []
+    constant = arm.torque_constant
+    ways: list[tuple[float, Correction]] = []
+    thousand = Correction("unit", "current", unit="mA") if from_current.all() else Correction("unit", "tau", unit="mNm")
+    if not from_current.any() or from_current.all():
+        ways.append((_off(at - math.log(1e3)), thousand))
+    if constant is not None and not from_current.any():
+        ways.append((_off(at + np.log(constant[told.telling])), Correction("current", "tau")))
+    named = [(off, way) for off, way in ways if off < math.log(PATTERN)]
+    spread = float(np.std(at)) if len(at) > 1 else 0.0
+    if not named and spread > math.log(PATTERN):
+        return []  # no unit does that, a wrong model does
+    low, high = _interval(told)
+    out = [
+        Cause(way.sentence(arm.joint_names), abs(common) - off, (way,), (low, high))
+        for off, way in sorted(named, key=lambda pair: pair[0])
+    ]
+    factor = Correction("scale", "tau", (), float(f"{math.exp(common):.4g}"))
+    sentence = f"the drives' readings are {low:.3g} to {high:.3g} times what the arm's masses make"
+    if not from_current.any() and common < 0 and constant is None:
+        sentence += (
+            f"; a current in A would be that with a torque constant of {1 / high:.3g} to {1 / low:.3g} N m/A at the joint"
+        )
+    least = min([abs(common) - spread, *(cause.gain - 0.01 for cause in out)])
+    return [*out, Cause(sentence, least, (factor,), (low, high))]
+
+
+def _interval(told: Scale) -> tuple[float, float]:
+    """95 % interval of the common scale; joints differ by more than each one's own uncertainty."""
+    at, std = told.log_scale[told.telling], told.std[told.telling]
+    error = math.hypot(float(np.std(at)) / math.sqrt(len(at)), float(np.min(std)))
+    middle = float(np.median(at))
+    return math.exp(middle - 2 * error), math.exp(middle + 2 * error)
+
+
+def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
+    """One joint's reading against those of the others: by its masses, else by its dry friction."""
+    out = []
+    share = np.where((fit.dry > 0) & (arm.tau_max > 0) & (fit.left < LEAST_LEFT * fit.size), fit.dry / arm.tau_max, np.nan)
+    for j, name in enumerate(arm.joint_names):
+        others = np.delete(np.arange(arm.n), j)
+        if told.telling[j] and math.isfinite(common):
+            rest = told.log_scale[others]
+            rest = rest[np.isfinite(rest)]
+            off = told.log_scale[j] - (float(np.median(rest)) if len(rest) else 0.0)
+            odd = abs(off) > math.log(ODD_ALONE) and (len(rest) > 0 or abs(off) > 2 * math.log(ODD_ALONE))
+        else:
+            rest = share[others]
+            rest = rest[np.isfinite(rest)]
+            if not np.isfinite(share[j]) or len(rest) < 2 or np.ptp(np.log(rest)) > 2 * math.log(DRY_ODD):
+                continue
+            off = math.log(share[j] / float(np.median(rest)))
+            odd = abs(off) > math.log(DRY_ODD) and (share[j] > max(rest) * 3 or share[j] < min(rest) / 3)
+        if odd:
+            c = Correction("scale", "tau", (j,), float(f"{math.exp(off):.3g}"))
+            sentence = f"the drive's reading of {name} is {math.exp(off):.3g} times what the other joints' would make it: a gear ratio or a unit"
+            out.append(Cause(sentence, abs(off), (c,)))
+    return sorted(out, key=lambda cause: -cause.gain)
+
+
+def _beyond(arm: Arm, s: Signals, told: Scale, from_current: np.ndarray) -> list[Cause]:
+    """Readings that the arm cannot give, where masses tell nothing; a scale that the masses confirm makes the stated limit wrong instead."""
+    wrong = told.impossible & ~(told.telling & (np.abs(told.log_scale) < math.log(ODD)))
+    if not wrong.any():
+        return []
+    most = np.nanmax(np.abs(s.load), axis=0)
+    j = int(np.argmax(np.where(wrong, most / arm.tau_max, 0)))
+    c = Correction("unit", "current", unit="mA") if from_current[j] else Correction("unit", "tau", unit="mNm")
+    if wrong.sum() < max(2, told.impossible.size / 2):
+        c = Correction("scale", "tau", (j,), float(f"{most[j] / (0.3 * arm.tau_max[j]):.2g}"))
+    return [Cause(c.sentence(arm.joint_names), float(np.log(most[j] / arm.tau_max[j])), (c,))]
+
+
+def _off(x: np.ndarray) -> float:
+    return float(np.median(np.abs(x)))

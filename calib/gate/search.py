@@ -1,0 +1,124 @@
+"""Which way of reading the same data makes the arm's own model fit: the best one first, then the best one after that.
+
+The gain of a reading is sum_j ln(left before / left after), over the joints that tell. Columns and signs of the drives' readings are tried
+all at once (every column against every joint); a reversed or exchanged motion needs the model's torque anew.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.gate.correction import UNITS, Correction
+from calib.gate.fit import Normal, model_torque, normal
+from calib.gate.signals import Signals
+from sim.arm import Arm
+
+LEAST_GAIN = 0.07  # twice what any wrong reading gained on good recordings
+LEAST_SHIFT_GAIN = 0.25
+MOST_STEPS = 5
+
+
+@dataclass(frozen=True)
+class Step:
+    """A correction, and its gain on top of those before it."""
+
+    correction: Correction
+    gain: float
+
+
+def read_as(s: Signals, c: Correction) -> Signals:
+    """The rows read that way."""
+    n = s.n
+    if c.kind == "swap":
+        order = np.arange(n)
+        order[list(c.joints)] = order[list(c.joints[::-1])]
+        return _each(s, c.part, lambda x: x[:, order])
+    factor = np.ones(n)
+    at = list(c.joints) if c.joints else slice(None)
+    if c.kind == "sign":
+        factor[at] = -1
+    elif c.kind == "scale":
+        factor[at] = 1 / c.factor
+    elif c.kind == "unit":
+        factor[at] = UNITS[c.part][c.unit]
+    return _each(s, c.part, lambda x: x * factor)
+
+
+def _each(s: Signals, part: str, change) -> Signals:  # type: ignore[no-untyped-def]
+    out = {}
+    if part in ("q", "motion", "all"):
+        out |= {name: change(getattr(s, name)) for name in ("q", "dq", "ddq")}
+    if part in ("dq", "motion", "all"):
+        out["read"] = change(s.read)
+    if part in ("tau", "all"):
+        out["load"] = change(s.load)
+        out["late"] = np.stack([change(x) for x in s.late]) if len(s.late) else s.late
+    return replace(s, **out)
+
+
+def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[Step], Signals]:
+    """The corrections that make the model fit, one after the other, until none gains more; and the rows read with all of them."""
+    out: list[Step] = []
+    for _ in range(MOST_STEPS):
+        best = max(_candidates(arm, s, shifts), key=lambda step: step.gain, default=None)
+        if best is None or best.gain < LEAST_GAIN:
+            break
+        out.append(best)
+        if best.correction.kind == "shift":
+            k = list(shifts).index(best.correction.factor)
+            s = replace(s, load=s.late[k], late=s.late[:0])
+            shifts = ()
+        else:
+            s = read_as(s, best.correction)
+    return out, s
+
+
+def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[Step]:
+    """All ways of reading that gain anything, best first."""
+    return sorted((c for c in _candidates(arm, s, shifts) if c.gain >= LEAST_GAIN), key=lambda step: -step.gain)
+
+
+def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[Step]:
+    equations = normal(s, model_torque(arm, s))
+    n = s.n
+    table = equations.left(np.concatenate([s.load, -s.load, *s.late], axis=1))
+    at = np.arange(n)
+    base, size = table[at, at], equations.own(s.load)
+    for j in range(n):
+        yield Step(Correction("sign", "tau", (j,)), _gain(base[j], table[j, n + j]))
+    for i, j in itertools.combinations(range(n), 2):
+        yield Step(Correction("swap", "tau", (i, j)), _gain(base[[i, j]], table[[i, j], [j, i]]))
+    for k, shift in enumerate(shifts):
+        gain = _gain(base, table[at, (2 + k) * n + at])
+        yield Step(Correction("shift", "tau", (), shift), gain if gain > LEAST_SHIFT_GAIN else 0.0)
+    for j in range(n):
+        one = (j,)
+        turned = _of_motion(arm, s, Correction("sign", "motion", one))
+        yield Step(Correction("sign", "motion", one), _gain(size, turned.own(s.load)))
+        yield Step(Correction("sign", "all", one), _gain(size, turned.own(read_as(s, Correction("sign", "tau", one)).load)))
+    for i, j in itertools.combinations(range(n), 2):
+        both = (i, j)
+        crossed = _of_motion(arm, s, Correction("swap", "motion", both))
+        order = at.copy()
+        order[[i, j]] = order[[j, i]]
+        yield Step(Correction("swap", "motion", both), _gain(size, crossed.own(s.load)))
+        yield Step(Correction("swap", "all", both), _gain(size, crossed.own(s.load[:, order])[order]))
+
+
+def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:
+    other = read_as(s, c)
+    return normal(other, model_torque(arm, other))
+
+
+def _gain(before: np.ndarray | float, after: np.ndarray | float) -> float:
+    """sum ln(before / after); none where a joint that could be judged no longer can, or the other way round."""
+    before, after = np.atleast_1d(before), np.atleast_1d(after)
+    known = np.isfinite(before) & (before > 0)
+    if not known.any() or np.any(known != (np.isfinite(after) & (after > 0))):
+        return -math.inf
+    return float(np.log(before[known] / after[known]).sum())

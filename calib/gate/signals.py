@@ -1,0 +1,104 @@
+"""A recording in few numbers: position, its derivatives and torque, smoothed alike and thinned to some hundred rows in motion.
+
+Enough to tell units, signs, columns and arms apart, and quick: two minutes at 500 Hz cost some hundredths of a second. Nothing here is
+good enough for identification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from logs.log import Log
+
+RATE = 100.0  # Hz, at most; the mean of so many samples
+WINDOW = 0.21  # s, of the polynomial
+ORDER = 3
+MOST_ROWS = 900
+SHIFTS = (-2.0, -1.0, -0.5, -0.25, -0.12, 0.12, 0.25, 0.5, 1.0, 2.0)  # s
+GAP = 0.06  # s: rows whose window reaches over a longer step are left out
+MOVING = 0.02  # of a joint's fastest
+
+
+@dataclass(frozen=True)
+class Signals:
+    """R rows of n joints: t (R,) s, q dq ddq (R, n) from the position, read (R, n) the speed as recorded, load (R, n) what was recorded of
+    the drives, N m or A, NaN where nothing was; all through one filter. log (R,) which recording each row is of. late (L, R, n) the load
+    at instants later by `SHIFTS`."""
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    read: np.ndarray
+    load: np.ndarray
+    log: np.ndarray
+    late: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def signals(logs: Sequence[Log], load: Sequence[np.ndarray], most: int = MOST_ROWS) -> Signals:
+    """The rows of all logs together; `load` (N, n) for each log, a column of one unit. No rows where nothing moves."""
+    parts = [_of_log(log, x, max(most // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
+    stacked = [np.concatenate([part[k] for part in parts]) for k in range(6)]
+    late = np.concatenate([part[6] for part in parts], axis=1)
+    return Signals(*stacked, np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)]), late)
+
+
+def _of_log(log: Log, load: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
+    n = log.q.shape[1]
+    nothing = (np.zeros(0), *(np.zeros((0, n)) for _ in range(5)), np.zeros((len(SHIFTS), 0, n)))
+    sound = np.isfinite(log.q).all(axis=1) & np.isfinite(log.t)
+    t = log.t[sound]
+    keep = np.r_[True, np.diff(t) > 0] if len(t) else np.zeros(0, dtype=bool)
+    t = t[keep]
+    if len(t) < 32:
+        return nothing
+    step = float(np.median(np.diff(t)))
+    block = max(1, round(1 / RATE / step))
+    grid = np.arange(t[0], t[-1], step)
+    if not 16 <= len(grid) <= 20 * len(t):
+        return nothing
+    x = np.concatenate([log.q[sound][keep], log.dq[sound][keep], load[sound][keep]], axis=1)
+    place = np.searchsorted(t, grid, side="right").clip(1, len(t) - 1)
+    share = ((grid - t[place - 1]) / (t[place] - t[place - 1]))[:, None]
+    uniform = x[place - 1] * (1 - share) + x[place] * share
+    count = len(grid) // block
+    mean = uniform[: count * block].reshape(count, block, -1).mean(axis=1)
+    h = block * step
+    window = max(5, 2 * round(WINDOW / h / 2) + 1)
+    if count < window + 2:
+        return nothing
+    taps = [savgol_coeffs(window, ORDER, deriv=k, delta=h, use="dot") for k in range(3)]
+    view = np.lib.stride_tricks.sliding_window_view(mean, window, axis=0)
+    at = grid[: count * block].reshape(count, block).mean(axis=1)[window // 2 : count - window // 2]
+    rows = _chosen(view, taps[1], n, most, at, t, h * window / 2)
+    part = view[rows]
+    smooth = part @ taps[0]
+    late = np.stack([view[np.clip(rows + round(by / h), 0, len(view) - 1), 2 * n :] @ taps[0] for by in SHIFTS])
+    return (
+        at[rows], smooth[:, :n], part[:, :n] @ taps[1], part[:, :n] @ taps[2], smooth[:, n : 2 * n], smooth[:, 2 * n :], late,
+    )  # fmt: skip
+
+
+def _chosen(view: np.ndarray, tap: np.ndarray, n: int, most: int, at: np.ndarray, t: np.ndarray, reach: float) -> np.ndarray:
+    """Rows in which some joint moves and no gap is near, thinned evenly to `most`."""
+    few = np.arange(0, len(view), max(1, len(view) // (6 * most)))
+    speed = np.abs(view[few, :n] @ tap)
+    moving = (speed > MOVING * np.maximum(np.quantile(speed, 0.95, axis=0), 1e-9)).any(axis=1)
+    step = np.diff(t)
+    gaps = np.flatnonzero(step > max(GAP, 4 * float(np.median(step))))
+    for k in gaps[:1000]:
+        moving &= (at[few] < t[k] - reach) | (at[few] > t[k + 1] + reach)
+    rows = few[moving]
+    return rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)] if len(rows) else rows
