@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,12 +54,14 @@ def table_of(source: Path) -> Table | None:
     return read_table(source, FORMATS, damage) if known else None
 
 
-def import_recording(source: str | Path, target: str | Path, columns: ColumnMap | None = None) -> Imported:
+def import_recording(
+    source: str | Path, target: str | Path, columns: ColumnMap | None = None, change: Callable[[Log], Log] | None = None
+) -> Imported:
     """Write what survives of `source` to the new file `target`; BadLog where nothing does.
 
     The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless told not to. A journal is
     copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
-    needs the meaning of its `columns`. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
+    needs the meaning of its `columns`. `change` may refuse the log (raise) or read it another way before it is written. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
     stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are said.
     """
     source, target = Path(source), Path(target)
@@ -74,8 +77,9 @@ def import_recording(source: str | Path, target: str | Path, columns: ColumnMap 
     state = "killed" if log.state is State.KILLED else "clean" if whole else "aborted"
     ended = log.state
     reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
-    journal = source.is_file() and is_journal(source)
-    log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(log))
+    read = log if change is None else change(log)
+    journal = source.is_file() and is_journal(source) and read is log
+    log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(read))
     words = {"end_reason": reason, "imported_from": source.name, "imported_by": software_version()}
     words["sampling"] = json.dumps(list(sampling.findings), ensure_ascii=False)
     if log.findings:

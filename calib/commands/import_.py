@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,7 +32,7 @@ def command(
         typer.Option(
             "--arm",
             metavar="ARM",
-            help="Also check the joints, and estimate the delay of the torque channel.",
+            help="Also check that the readings are this arm's, and estimate the delay of the torque channel.",
             autocompletion=console.arm_names,
         ),
     ] = None,
@@ -52,6 +53,12 @@ def command(
     ] = None,
     episode: Annotated[int | None, typer.Option("--episode", help="Which episode of a LeRobot data set.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Accept the guess of what the columns mean without being asked.")] = False,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--assume", metavar="HOW", help="Read it that way (q=deg, t=ms, tau=current, sign:tau:JOINT, ...); needs --arm."
+        ),
+    ] = None,
     report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
     out: console.Out = None,
     as_json: console.Json = False,
@@ -61,7 +68,8 @@ def command(
 
     Says what survived and what did not. The log is marked clean if the source was whole and aborted otherwise; identification refuses
     an aborted log unless it is told not to. The columns of a table are guessed from their names, shown, and kept in map.toml once they
-    are confirmed. Jittered stamps, repeated and lost samples are found from the position against the speed.
+    are confirmed. Jittered stamps, repeated and lost samples are found from the position against the speed. With --arm the readings must be
+    that arm's: a wrong unit, sign, column or clock is refused with its likely cause, and --assume reads the recording another way.
 
     Examples:
 
@@ -72,6 +80,7 @@ def command(
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
     from calib.column_choice import chosen_map, confirm
+    from calib.gate.commands import passed
     from calib.recordings import require
     from calib.torque_delay import torque_delay
     from logs import read_log
@@ -80,6 +89,8 @@ def command(
     from sim.errors import AnswerIsNo, BadLog, ConfigError, EmptyLog
 
     require(file)
+    if assume and not arm:
+        raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")
     model = load_arm(arm, configs) if arm else None
     table = table_of(file)
     if table is None and (map_file or columns or rate is not None or joints or episode is not None):
@@ -104,8 +115,11 @@ def command(
         (folder / MAP).write_text(chosen.text(), encoding="utf-8")
         if not said and not yes:
             confirm(chosen, doubts, table, folder / MAP)
+    change = None
+    if model is not None:
+        change = passed(model, tuple(assume or ()), configs)
     with console.progress(f"import {file.name}"):
-        done = import_recording(file, folder / f"{file.stem}.mcap", chosen)
+        done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change)
         delay, no_delay = None, ""
         if model is not None:
             try:
@@ -163,6 +177,8 @@ def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
         ["source", done.ended.value],
         ["marked", facts["state"]],
     ]
+    if facts["assumed"]:
+        rows.append(["assumed", ", ".join(facts["assumed"])])
     clock = done.log.clock
     if clock is not None:
         rows.append(
@@ -212,4 +228,5 @@ def _plain(done: Imported, delay: TorqueDelay | None) -> dict[str, Any]:
             "findings": done.sampling.findings,
         },
         "events": log.events,
+        "assumed": json.loads(log.metadata.get("assumed", "[]")),
     }

@@ -144,16 +144,16 @@ def moving(s: Signals, j: int) -> np.ndarray:
 def nonnegative(gram: np.ndarray, own: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares with every coefficient >= 0: gram (n, 4, 4), right sides (n, 4, K), their power (n, K); the coefficients and what is
     left of the power. Of the subsets of columns whose free solution is feasible the best one is the solution."""
-    best, theta = power.copy(), np.zeros_like(own)
+    best: np.ndarray = power.copy()
+    theta: np.ndarray = np.zeros_like(own)
     usable = np.diagonal(gram, axis1=1, axis2=2) > 0.5
     for at in SUBSETS:
         part = gram[:, at][:, :, at] + FEW * np.eye(len(at))
         solved = np.linalg.solve(part, own[:, at])
         rest = power - (solved * own[:, at]).sum(axis=1)
-        better = (solved >= 0).all(axis=1) & (rest < best) & usable[:, at].all(axis=1)[:, None]
+        better = np.all(solved >= 0, axis=1) & (rest < best) & np.all(usable[:, at], axis=1, keepdims=True)
         best = np.where(better, rest, best)
-        if better.any():
-            full = np.zeros_like(own)
-            full[:, at] = solved
-            theta = np.where(better[:, None, :], full, theta)
+        full = np.zeros_like(own)
+        full[:, at] = solved
+        theta = np.where(better[:, None, :], full, theta)
     return theta, np.maximum(best, 1e-12 * power)

@@ -24,6 +24,7 @@ from sim.arm import Arm
 OF_SPEED = {57.29578: ("dq", "deg/s"), 9.549297: ("dq", "rpm"), 0.1591549: ("dq", "rev/s"), 0.01745329: ("q", "deg")}
 GEAR_LEAST = 5.0
 BY_MODEL = ("limits", "torque", "size", "arm")
+MOST_OF_SIZE = 0.5
 TIE = 0.03  # readings whose gains differ by less are not told apart
 MOST_ODD = 0.34  # of the joints may have a speed of their own where a unit is common to the others
 FAST_SHARE = 0.05
@@ -74,7 +75,11 @@ def _in_order(failed: Sequence[Check]) -> tuple[Cause, ...]:
     """What can be seen without the model first, then what makes the model fit best."""
     seen = [cause for check in failed if check.check not in BY_MODEL for cause in check.causes]
     by_model = [cause for check in failed if check.check in BY_MODEL for cause in check.causes]
-    return (*seen, *sorted(by_model, key=lambda cause: -cause.gain))
+    # a factor of a thousand is no better reason than one of ten, and both may come of a motion that is read wrongly
+    return (
+        *seen,
+        *sorted(by_model, key=lambda cause: -(cause.gain if cause.interval is None else min(cause.gain, MOST_OF_SIZE))),
+    )
 
 
 def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[str]) -> str:
@@ -240,7 +245,11 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool) -> tuple[C
     )
     if not causes:
         causes = (Cause("the readings are in another unit, or of another arm"),)
-    return Check("limits", False, what, causes, names), turned if ways and ways[order[0]].kind == "unit" else s
+    undone = bool(ways) and ways[order[0]].kind == "unit"
+    if undone and massive:  # a position of next to nothing has no gravity to be wrong about: another reading may explain more
+        rivals = ranked(arm, s, SHIFTS)[:1]
+        undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
+    return Check("limits", False, what, causes, names), turned if undone else s
 
 
 def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:

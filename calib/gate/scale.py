@@ -125,21 +125,23 @@ def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
         if odd:
             c = Correction("scale", "tau", (j,), float(f"{math.exp(off):.3g}"))
             sentence = f"the drive's reading of {name} is {math.exp(off):.3g} times what the other joints' would make it: a gear ratio or a unit"
-            out.append(Cause(sentence, abs(off), (c,)))
+            out.append(Cause(sentence, abs(off), (c,), (math.exp(off), math.exp(off))))
     return sorted(out, key=lambda cause: -cause.gain)
 
 
 def _beyond(arm: Arm, s: Signals, told: Scale, from_current: np.ndarray) -> list[Cause]:
     """Readings that the arm cannot give, where masses tell nothing; a scale that the masses confirm makes the stated limit wrong instead."""
-    wrong = told.impossible & ~(told.telling & (np.abs(told.log_scale) < math.log(ODD)))
-    if not wrong.any():
+    right = told.telling & (np.abs(np.where(told.telling, told.log_scale, np.inf)) < math.log(ODD))
+    wrong = told.impossible & ~right
+    if not wrong.any() or (told.impossible & right).any():
         return []
     most = np.nanmax(np.abs(s.load), axis=0)
     j = int(np.argmax(np.where(wrong, most / arm.tau_max, 0)))
     c = Correction("unit", "current", unit="mA") if from_current[j] else Correction("unit", "tau", unit="mNm")
     if wrong.sum() < max(2, told.impossible.size / 2):
         c = Correction("scale", "tau", (j,), float(f"{most[j] / (0.3 * arm.tau_max[j]):.2g}"))
-    return [Cause(c.sentence(arm.joint_names), float(np.log(most[j] / arm.tau_max[j])), (c,))]
+    factor = float(most[j] / arm.tau_max[j])
+    return [Cause(c.sentence(arm.joint_names), math.log(factor), (c,), (factor, factor))]
 
 
 def _off(x: np.ndarray) -> float:

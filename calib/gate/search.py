@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,8 +49,8 @@ def read_as(s: Signals, c: Correction) -> Signals:
     return _each(s, c.part, lambda x: x * factor)
 
 
-def _each(s: Signals, part: str, change) -> Signals:  # type: ignore[no-untyped-def]
-    out = {}
+def _each(s: Signals, part: str, change: Callable[[np.ndarray], np.ndarray]) -> Signals:
+    out: dict[str, np.ndarray] = {}
     if part in ("q", "motion", "all"):
         out |= {name: change(getattr(s, name)) for name in ("q", "dq", "ddq")}
     if part in ("dq", "motion", "all"):

@@ -50,9 +50,9 @@ class Signals:
 def signals(logs: Sequence[Log], load: Sequence[np.ndarray], most: int = MOST_ROWS) -> Signals:
     """The rows of all logs together; `load` (N, n) for each log, a column of one unit. No rows where nothing moves."""
     parts = [_of_log(log, x, max(most // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
-    stacked = [np.concatenate([part[k] for part in parts]) for k in range(6)]
+    t, q, dq, ddq, read, x = (np.concatenate([part[k] for part in parts]) for k in range(6))
     late = np.concatenate([part[6] for part in parts], axis=1)
-    return Signals(*stacked, np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)]), late)
+    return Signals(t, q, dq, ddq, read, x, np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)]), late)
 
 
 def _of_log(log: Log, load: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
