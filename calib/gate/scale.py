@@ -16,7 +16,11 @@ from sim.arm import Arm
 
 TELLING = 0.12  # of a joint's reading that its masses make, for its scale to be judged
 SURE = 4.0  # standard deviations
-ODD, ODD_ALONE = 3.0, 6.0  # a scale beyond is no error of a model: of all joints alike, and of one against the others
+ODD, ODD_ALONE, ODD_LOADED = (
+    4.0,
+    6.0,
+    30.0,
+)  # a scale beyond is no error of a model: of all joints alike, of one against the others, and where a load may be it
 PATTERN = 2.2  # readings fit a unit within this
 DRY_ODD = 12.0  # dry friction of one joint, as a share of tau_max, against that of the others
 LEAST_LEFT = 0.6  # a fit that leaves more says nothing about a scale
@@ -115,6 +119,7 @@ def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
             rest = rest[np.isfinite(rest)]
             off = told.log_scale[j] - (float(np.median(rest)) if len(rest) else 0.0)
             odd = abs(off) > math.log(ODD_ALONE) and (len(rest) > 0 or abs(off) > 2 * math.log(ODD_ALONE))
+            odd &= _dry_too(share, j, off)
         else:
             rest = share[others]
             rest = rest[np.isfinite(rest)]
@@ -127,6 +132,15 @@ def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
             sentence = f"the drive's reading of {name} is {math.exp(off):.3g} times what the other joints' would make it: a gear ratio or a unit"
             out.append(Cause(sentence, abs(off), (c,), (math.exp(off), math.exp(off))))
     return sorted(out, key=lambda cause: -cause.gain)
+
+
+def _dry_too(share: np.ndarray, j: int, off: float) -> bool:
+    """A unit or a gear ratio scales dry friction as well; a load at the flange makes a wrist's masses ten times too light, and no more."""
+    rest = np.delete(share, j)
+    rest = rest[np.isfinite(rest)]
+    if not np.isfinite(share[j]) or len(rest) < 2:
+        return off < 0 or off > math.log(ODD_LOADED)
+    return bool(math.log(share[j] / float(np.median(rest))) / off > 0.5)
 
 
 def _beyond(arm: Arm, s: Signals, told: Scale, from_current: np.ndarray) -> list[Cause]:
