@@ -18,7 +18,8 @@ from drivers.ur_rtde.commander import NUMBER, SETPOINT
 from drivers.ur_rtde.options import UrOptions
 from sim.errors import DeviceError
 
-START_TIMEOUT = 15.0  # s; ur_rtde itself waits 5 s for its program to start
+START_TIMEOUT = 15.0  # s for the process to start on a busy computer
+TAKE_TIMEOUT = 8.0  # s; the program is waited for for 5 s
 END_TIMEOUT = 3.0  # s; the longest stop of a UR joint at the least deceleration worth having, and its program
 UNTAKEN = 0.25  # s that the newest setpoint may wait to be taken by the command process
 
@@ -67,19 +68,19 @@ class CommandProcess:
                 command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
             )
         self._channel = ours
-        self._expect(b"R")
+        self._expect(b"R", START_TIMEOUT)
 
     def take_control(self) -> None:
         """Upload the control program, which ends whatever plays, and wait until it takes commands; DeviceError with the remedy."""
         assert self._channel is not None
         self._channel.send(b"G")
-        self._expect(b"K")
+        self._expect(b"K", TAKE_TIMEOUT)
         self._heard = os.fstat(self._said.fileno()).st_size
 
-    def _expect(self, wanted: bytes) -> None:
+    def _expect(self, wanted: bytes, timeout: float) -> None:
         assert self._channel is not None
-        ready, _, _ = select.select([self._channel], [], [], START_TIMEOUT)
-        message = _received(self._channel) if ready else b"E" + f"no answer within {START_TIMEOUT:.0f} s".encode()
+        ready, _, _ = select.select([self._channel], [], [], timeout)
+        message = _received(self._channel) if ready else b"E" + f"no answer within {timeout:.0f} s".encode()
         if message != wanted:
             self._fail(message[1:].decode("utf-8", "replace") or "the command process ended")
             raise DeviceError(self.failure)

@@ -95,7 +95,10 @@ class UrDriver(Driver):
             self._commands = CommandProcess(self.options, self.rate, self._receiver.version)
             self._commands.start()
             self._require_no_program()
-            self._commands.take_control()
+            try:
+                self._commands.take_control()
+            except DeviceError as failure:
+                raise self._overtaken() or failure from failure
             self._await_program()
         except DeviceError:
             self.close()
@@ -133,6 +136,15 @@ class UrDriver(Driver):
             *checks.readiness(frame.values, self._said, version, self.assumed),
         ]
         return lifted(found, self.assumed)
+
+    def _overtaken(self) -> DeviceError | None:
+        """That another client's program plays now, where one does: it ended ours before ours took a command."""
+        name = said(self.options.host, self._receiver.version, self.options.robot_api_port).program
+        if not name:
+            return None
+        return DeviceError(
+            f"{self.options.host}: the program {name} began in the same moment, and plays; end it, then try again"
+        )
 
     def _require_no_program(self) -> None:
         """The last look before control is taken: a program that began meanwhile is left alone."""
@@ -274,7 +286,9 @@ class UrDriver(Driver):
             if self._listening and waited <= LISTEN_PATIENCE:
                 self._last = frame
                 return frame
-            if not self._moving and waited > PERIODS / self.rate and self._receiver.waiting:
+            # before the first command nothing waits for the newest one, and the checks count every reading
+            patience = PERIODS / self.rate if self._commanding else longest
+            if not self._moving and waited > patience and self._receiver.waiting:
                 continue
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
             self._last = frame

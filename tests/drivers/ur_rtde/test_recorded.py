@@ -27,11 +27,12 @@ from tests.drivers.ur_rtde.conftest import rests, wait_for
 
 NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 FAULTS = {
-    "protective_stop": "protective stop|not taken",
-    "emergency_stop": "emergency|not taken",
+    "protective_stop": "protective stop",
+    "emergency_stop": "emergency",
     "slider_moved": "slider",
-    "program_stopped": "control program|not taken",
-    "second_client": "control program|not taken",
+    "reduced_mode": "reduced mode",
+    "program_stopped": "control program",
+    "second_client": "control program",
     "cable_pulled": "no new reading|not taken|device time",
 }
 
@@ -66,12 +67,13 @@ def orders(there: tuple[Cell, Plan]) -> Iterator[Connection]:
     process.join()
 
 
-@pytest.fixture
-def there(cell: Callable[..., Cell], arm: Arm, tmp_path: Path) -> tuple[Cell, Plan]:
-    """A cell, and an approved plan of one motion of a few seconds."""
-    path = cell(frame_timeout=0.3).path
-    path.write_text(path.read_text() + "[motion]\nlatency = 0.3\n")
-    table = load_cell(path)
+@pytest.fixture(params=[("ur10e", "5.25.1")], ids="-".join)
+def there(cell: Callable[..., Cell], tmp_path: Path, request: pytest.FixtureRequest) -> tuple[Cell, Plan]:
+    """A cell of an arm and a version, and an approved plan of one motion of a few seconds."""
+    name, polyscope = request.param
+    path = cell(polyscope=polyscope, frame_timeout=0.3).path
+    path.write_text(path.read_text().replace('arm = "ur10e"', f'arm = "{name}"') + "[motion]\nlatency = 0.3\n")
+    table, arm = load_cell(path), load_arm(name)
     home = np.array(table.table.home)
     motion = move(home, np.add(home, [0.6, 0.1, -0.1, 0.2, 0.2, 0.3]), arm, arm.sensors.rate, 0.1)
     plan = write_plan(tmp_path / "plan", arm, [Motion("excitation", "excitation", motion)], table)
@@ -88,6 +90,19 @@ def test_a_plan_becomes_a_log_with_every_frame(there: tuple[Cell, Plan], orders:
     assert log.metadata["firmware"].startswith("5.25.1")
     assert np.rint(np.diff(log.t) * 500.0).tolist() == [1.0] * (len(log) - 1)
     assert np.all(np.isfinite(log.tau))
+    assert np.all(np.isfinite(log.current))
+
+
+@pytest.mark.parametrize("there", [("ur5e", "5.12.0"), ("ur5", "3.15.4")], ids="-".join, indirect=True)
+def test_where_no_torque_is_known_the_current_is_recorded_and_said(
+    there: tuple[Cell, Plan], orders: Connection, tmp_path: Path
+) -> None:
+    cell, plan = there
+    arm = load_arm(cell.table.arm)
+    done = execute(plan, cell, arm, open_driver, tmp_path / "run", audit=tmp_path / "audit.jsonl", now=lambda: NOON)
+    log = read_log(done.logs["excitation"])
+    assert (log.metadata["state"], log.metadata["torque_source"]) == ("clean", "actual_current")
+    assert np.all(np.isnan(log.tau))
     assert np.all(np.isfinite(log.current))
 
 
