@@ -286,9 +286,7 @@ class UrDriver(Driver):
             if self._listening and waited <= LISTEN_PATIENCE:
                 self._last = frame
                 return frame
-            # before the first command nothing waits for the newest one, and the checks count every reading
-            patience = PERIODS / self.rate if self._commanding else longest
-            if not self._moving and waited > patience and self._receiver.waiting:
+            if not self._moving and waited > PERIODS / self.rate and self._receiver.waiting:
                 continue
             gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
             self._last = frame

@@ -48,15 +48,40 @@ def channel() -> Iterator[tuple[socket.socket, socket.socket]]:
         yield ours, theirs
 
 
-def test_only_the_newest_of_waiting_setpoints_is_sent(channel: tuple[socket.socket, socket.socket]) -> None:
+def test_setpoints_that_come_together_are_all_sent_in_their_order(channel: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = channel
     control = Remembers()
     for k in range(5):
         ours.send(setpoint(k, 0.1 * k))
-    commander = Commander(control, theirs, SETTINGS)
-    commander.follow(next(m for m in reversed(commander.waiting())))
-    assert control.targets == [[0.4] * 6]
-    assert NUMBER.unpack(ours.recv(64)[1:]) == (4,)
+    thread = threading.Thread(target=Commander(control, theirs, SETTINGS).run)
+    thread.start()
+    taken = [NUMBER.unpack(ours.recv(64)[1:])[0] for _ in range(5)]
+    ours.shutdown(socket.SHUT_RDWR)
+    thread.join(10.0)
+    assert taken == [0, 1, 2, 3, 4]
+    assert [q[0] for q in control.targets[:5]] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4]), "no jump to the newest"
+
+
+def test_more_setpoints_than_may_be_late_end_the_motion(channel: tuple[socket.socket, socket.socket]) -> None:
+    ours, theirs = channel
+    for k in range(20):
+        ours.send(setpoint(k, 0.0, 0.1))
+    with pytest.raises(Lost, match="40 ms late"):
+        Commander(Remembers(), theirs, {**SETTINGS, "setpoint_timeout": 0.03}).run()
+
+
+def test_a_stop_comes_before_the_setpoints_that_wait(channel: tuple[socket.socket, socket.socket]) -> None:
+    ours, theirs = channel
+    control = Remembers()
+    for k in range(5):
+        ours.send(setpoint(k, 0.1 * k))
+    ours.send(b"S")
+    thread = threading.Thread(target=Commander(control, theirs, SETTINGS).run)
+    thread.start()
+    assert ours.recv(64) == b"S"
+    ours.shutdown(socket.SHUT_RDWR)
+    thread.join(10.0)
+    assert not any(q[0] > 0.05 for q in control.targets)
 
 
 def test_the_stop_brings_every_joint_to_rest_within_its_deceleration(channel: tuple[socket.socket, socket.socket]) -> None:
