@@ -80,6 +80,7 @@ def kills(count: int, seed: int = 0) -> list[dict[str, Any]]:
     rng = random.Random(seed)
     lost: list[int] = []
     told: list[bool] = []
+    worst: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         for k in range(count):
             board, path = Path(folder) / "board", Path(folder) / f"{k}.mcap"
@@ -102,7 +103,9 @@ def kills(count: int, seed: int = 0) -> list[dict[str, Any]]:
                 handed_over = struct.unpack_from("<q", view)[0]
             log = read_log(path)
             lost.append(handed_over - len(log))
-            told.append(f"{len(log):,} samples, at most 1 lost" in log.metadata["end_reason"])
+            told.append(log.metadata["end_reason"].endswith(f"{len(log):,} samples, at most 1 lost"))
+            if lost[-1] > 1:
+                worst.append(f"{lost[-1]} of {handed_over} ({victims} killed, {log.metadata['end_reason']})")
             path.unlink()
     return [
         row(
@@ -110,7 +113,8 @@ def kills(count: int, seed: int = 0) -> list[dict[str, Any]]:
             max(max(lost), 0),
             "",
             "<= 1",
-            f"{sum(x > 0 for x in lost)} kills lost any; {sum(told)} recordings say how many samples they hold",
+            f"{sum(x > 0 for x in lost)} kills lost any; {sum(told)} recordings say how many samples they hold"
+            + "".join(f"; lost {x}" for x in worst),
         )
     ]
 

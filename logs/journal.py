@@ -81,9 +81,10 @@ class Journal:
     """`append(records)` is one write and a seal; a kill at any moment loses at most the sample that was being written."""
 
     def __init__(
-        self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None, attachments: Sequence[Attachment] = ()
+        self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None, attachments: Sequence[Attachment] = (),
+        first: bytes = b"",
     ) -> None:  # fmt: skip
-        """A new file at `path`; `reserve` bytes are asked of the file system first, and more in time when they run low."""
+        """A new file at `path`, with `first` behind its head; `reserve` bytes are asked of the file system first, and more in time when they run low."""
         self._prepare(path, reserve, disk)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +104,7 @@ class Journal:
             self._reserve(reserve)
             self._check()
             self._size = self.disk.write(self._fd, MAGIC)
-            self.append(journal_head(metadata, attachments))
+            self.append(journal_head(metadata, attachments) + first)
         except (OSError, DeviceError) as error:
             os.close(self._fd)
             path.unlink()

@@ -116,10 +116,10 @@ class Recorder(Recording):
             "boot": boot(),
         }
         about = about or About()
-        self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start))
+        first = self._record(_DESCRIPTION, self._wall_start, self._wall_start, text_body(about.urdf)) if about.urdf else b""
+        # all in one write: one seal for the head and one for each message is what a recovery counts on
+        self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start), first)
         self._lock = self._journal.lock()
-        if about.urdf:
-            self._journal.append(self._record(_DESCRIPTION, self._wall_start, self._wall_start, text_body(about.urdf)))
 
     @classmethod
     def resumed(

@@ -149,9 +149,10 @@ def test_the_death_of_the_control_loop_ends_the_file_as_killed(tmp_path):
 BURST = """
 import sys, numpy as np
 from logs import RecorderProcess
+from logs.about import About
 from sim.errors import DeviceError
 from sim.joint_state import JointState
-recorder = RecorderProcess(sys.argv[1], ("a", "b"), stall=float(sys.argv[2]))
+recorder = RecorderProcess(sys.argv[1], ("a", "b"), {}, About("<robot/>", {"cell.toml": b"x"}), stall=float(sys.argv[2]))
 print(recorder._process.pid, flush=True)
 k = 0
 while True:
