@@ -25,7 +25,7 @@ from logs.schemas import FAILURE, RECORDING, STATES, device_offset
 from sim.errors import BadLog, DeviceError
 
 FOREIGN_AGE = 60.0  # s without a write, after which a recording of another computer, or of before its last start, is dead
-GONE = "and what the ring held when the computer stopped"
+GONE = "and what its ring still held, which is gone"
 
 
 @dataclass
@@ -125,7 +125,7 @@ def _drain(path: Path, found: _Found) -> str:
     ring = left_behind(name)
     samples = found.counts.get(STATES, 0)
     if ring is None or not found.seals:
-        return killed_sentence(samples, found.last, f"at most 1 lost {GONE}" if name else "at most 1 lost")
+        return killed_sentence(samples, found.last, f"at most 1 lost {GONE}" if "ring" in found.metadata else "at most 1 lost")
     said = ring.said("host")
     found.failure = (
         found.failure or ring.said("failure") or (f"{ring.lost} samples were lost: the disk was too slow" if ring.lost else "")

@@ -211,7 +211,7 @@ def test_a_ring_that_is_gone_is_told(tmp_path):
     forget(recorder._ring_name)
     log = read_log(tmp_path / "a.mcap")
     assert len(log) == 20
-    assert "at most 1 lost and what the ring held when the computer stopped" in log.findings[0]
+    assert "at most 1 lost and what its ring still held, which is gone" in log.findings[0]
 
 
 def test_a_motion_that_never_began_is_no_damage(tmp_path):
