@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -24,6 +24,9 @@ test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 
 fuzz: $(VENV)/ready  ## files made to do harm: mutants of everything that is read, at length
 	$(BIN)/python -m pytest -m slow tests/benchmarks/test_hostile.py tests/logs/test_hostile.py
+
+mutants: $(VENV)/ready  ## every predicate of safety/ mutated, one after another; cut off, it goes on where it was (build/mutants.jsonl)
+	MUTANTS=build/mutants.jsonl $(BIN)/python -m pytest -m slow tests/safety/test_mutated_predicates.py
 
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase

@@ -22,6 +22,8 @@ from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
 
 STAGES = 16
+# rad/s: a joint as slow as that stands at once, friction is enough for it
+CREEP = 1e-3
 COASTING = 2
 PARTS = 8
 # a stage of a stop lasts about as long as so many rows: rows are merged first
@@ -215,8 +217,8 @@ class DeviceStops(_Merged):
             with np.errstate(divide="ignore", invalid="ignore"):
                 least = np.where(long > 0, self._least[rows] / long, 0.0)
                 most = np.where(brief > 0, np.minimum(most, self._most[rows] / brief), most)
-        low = np.where(u1 < brief, least, 0.0)
-        high = np.where(u0 <= long, most, 0.0)
+        low = np.where((u1 < brief) & (self._most[rows] > CREEP), least, 0.0)
+        high = np.where((u0 <= long) & (self._most[rows] > CREEP), most, 0.0)
         forward, backward = v_hi > 0, v_lo < 0
         a_lo = np.where(forward, -high, np.where(backward, low, 0.0))
         a_hi = np.where(backward, high, np.where(forward, -low, 0.0))
