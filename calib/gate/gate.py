@@ -53,10 +53,15 @@ def gate(
 
     `family` gives other arms that the recording may be of, when it is asked for. With `as-recorded` among `assume` nothing is refused.
     """
+    with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
+        return _gate(arm, logs, assume, family)
+
+
+def _gate(arm: Arm, logs: Sequence[Log], assume: Sequence[str], family: Callable[[], Sequence[Arm]] | None) -> Gate:
     words = [word for word in assume if word != AS_RECORDED]
     corrections = [parsed(word, arm.joint_names) for word in words]
     read = tuple(logs)
-    checks = [readings.joints(log, arm) for log in read]
+    checks = [readings.joints(log, arm) for log in read] + [readings.values(log) for log in read]
     if all(check.ok for check in checks):
         for c in corrections:
             read = tuple(applied(log, c) for log in read)

@@ -15,6 +15,7 @@ from calib.gate.signals import Signals
 from logs.log import Log
 from sim.arm import Arm
 
+MOST = 1e9
 STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
 USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
 MOST_LOST = 0.3
@@ -53,6 +54,25 @@ def joints(log: Log, arm: Arm) -> Check:
         f"{name}: joints {', '.join(log.joint_names)}; {arm.name} has {', '.join(arm.joint_names)}",
         (Cause(cause),),
     )
+
+
+def values(log: Log) -> Check:
+    """Numbers that some unit of some arm can have: instants that are finite, nothing infinite, nothing beyond 1e9."""
+    name = name_of(log)
+    if not np.isfinite(log.t).all():
+        return Check(
+            "values",
+            False,
+            f"{name}: {int((~np.isfinite(log.t)).sum())} samples without a time",
+            (Cause("the file is damaged"),),
+        )
+    for channel in ("q", "dq", "tau", "current"):
+        x = getattr(log, channel)
+        if np.any(np.abs(x) > MOST):
+            return Check(
+                "values", False, f"{name}: {channel} reaches {np.nanmax(np.abs(x)):.3g}", (Cause("the file is damaged"),)
+            )
+    return Check("values", True, f"{name}: all values are of a possible size")
 
 
 def clock(log: Log) -> Check:
