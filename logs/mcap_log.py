@@ -33,6 +33,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
     metadata: dict[str, dict[str, str]] = {}
     ended, unsealed, killed = True, 0, None
     for path in paths:
+        dead = killed_now(path)  # asked before the reading: what is written meanwhile is no dead program's
         try:
             with path.open("rb") as file:
                 stream = McapStream(file, path.stat().st_size, damage)
@@ -44,7 +45,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         ended &= stream.ended
         unsealed += stream.unsealed
         if stream.journal:
-            killed = killed_now(path)
+            killed = dead
     topic = topics.get(STATES)
     check_count(metadata.get(RECORDING, {}), sum(map(len, topic.stamp)) + topic.others if topic else 0, damage)
     known = metadata.get(RECORDING, {}).get("state") in STATE_WORDS
@@ -68,7 +69,10 @@ def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
 
 def killed_now(path: Path) -> bool:
     """Whether the program that wrote the journal at `path` is gone; False where that cannot be known."""
-    return is_recording(path) is False
+    try:
+        return is_recording(path) is False
+    except OSError:
+        return False
 
 
 def recording_state(

@@ -87,6 +87,7 @@ class Ring:
         self.slots, self.slot_size = slots, slot_size
         self._after = 0
         self._memory = mmap.mmap(fd, self.size(slots, slot_size))
+        self._words = memoryview(self._memory)[:_HEADER].cast("Q")
         self._room = slot_size - _SLOT.size
         struct.pack_into("<QQ", self._memory, _SLOTS, slots, slot_size)
 
@@ -105,14 +106,14 @@ class Ring:
         head = self._get(_HEAD)
         parts = [data[k : k + self._room] for k in range(0, len(data), self._room)] or [b""]
         if head + len(parts) - self._get(_TAIL) > self.slots:
-            _COUNTER.pack_into(self._memory, _LOST, self._get(_LOST) + 1)
+            self._set(_LOST, self._get(_LOST) + 1)
             return False
         for k, part in enumerate(parts):
             at = _HEADER + (head + k) % self.slots * self.slot_size
             self._memory[at + _SLOT.size : at + _SLOT.size + len(part)] = part
             follow = len(parts) - 1 - k
             _SLOT.pack_into(self._memory, at, head + k, len(part), follow, _sum(head + k, follow, part))
-        _COUNTER.pack_into(self._memory, _HEAD, head + len(parts))
+        self._set(_HEAD, head + len(parts))
         return True
 
     def look(self) -> bytes | None:
@@ -134,7 +135,7 @@ class Ring:
 
     def let_go(self) -> None:
         """Give up the message that was last looked at."""
-        _COUNTER.pack_into(self._memory, _TAIL, self._after)
+        self._set(_TAIL, self._after)
 
     @property
     def waiting(self) -> int:
@@ -147,7 +148,7 @@ class Ring:
             raw = text.encode("utf-8", errors="replace")[:_WORD_MAX]
             at = _WORDS[place]
             self._memory[at + 8 : at + 8 + len(raw)] = raw
-            _COUNTER.pack_into(self._memory, at, len(raw) + 1)
+            self._set(at, len(raw) + 1)
 
     def said(self, place: str) -> str | None:
         """The text that was left, or None."""
@@ -156,7 +157,11 @@ class Ring:
         return None if not size else self._memory[at + 8 : at + 7 + size].decode("utf-8", errors="replace")
 
     def _get(self, at: int) -> int:
-        return int(_COUNTER.unpack_from(self._memory, at)[0])
+        return self._words[at // 8]
+
+    def _set(self, at: int, value: int) -> None:
+        """One store of eight bytes: struct.pack_into clears them first, and a kill in between would leave a zero."""
+        self._words[at // 8] = value
 
 
 def _sum(number: int, follow: int, part: bytes) -> int:

@@ -86,6 +86,7 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
     ended, unsealed, killed = True, 0, None
     with _Files(folder, joint_names, damage) as out:
         for part in bag_parts(path, damage) if path.is_dir() else [path]:
+            dead = killed_now(part)
             with part.open("rb") as file:
                 stream = McapStream(file, part.stat().st_size, damage)
                 for batch in stream.batches():
@@ -94,7 +95,7 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
             ended &= stream.ended
             unsealed += stream.unsealed
             if stream.journal:
-                killed = killed_now(part)
+                killed = dead
     recording = metadata.get(RECORDING, {})
     others = sum(topic.others for name, topic in out.topics.items() if name.endswith(STATES))
     check_count(recording, out.samples + out.left_out + others, damage)
