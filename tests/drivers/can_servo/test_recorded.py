@@ -80,4 +80,4 @@ def test_what_happens_on_the_bus_is_a_bounded_stop_and_a_closed_log(recording, f
     log = read_log(folder / "run" / "excitation.mcap", accept_partial=True)
     assert log.metadata["state"] == "aborted"
     assert len(log) > 20
-    assert [e["event"] for e in audit.verify(folder / "audit.jsonl")] == ["run begins", "run stopped"]
+    assert [e["event"] for e in audit.verify(folder / "audit.jsonl")] == ["run begins", "device", "run stopped"]

@@ -126,4 +126,4 @@ def test_what_happens_at_the_robot_is_a_bounded_stop_and_a_closed_log(
     log = read_log(path, accept_partial=True)
     assert log.metadata["state"] == "aborted"
     assert len(log) > 100
-    assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "run stopped"]
+    assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "device", "run stopped"]
