@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.search import THRESHOLD
+from calib.diagnosis.selection import THRESHOLD
 from calib.validation import LogCheck, validate
 from logs.log import Log
 from sim.arm import Arm

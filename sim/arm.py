@@ -20,7 +20,7 @@ from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_text import checked_text, urdf_speed_limits
 from sim.plugins import arm_folder, plugins
-from sim.prior import stated_prior
+from sim.prior import bare_prior
 from sim.resources import config_folders, nearest
 from sim.strict import validated
 from sim.tree import KinematicTree
@@ -225,7 +225,7 @@ def _bare(path: Path) -> Arm:
     incomplete = [key for key, value in limits.items() if not np.all(np.isfinite(value))]
     return Arm(
         name=_model_name(text, path), joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
-        sensors=unknown_sensors(tree.n), prior=stated_prior(None, tree), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
+        sensors=unknown_sensors(tree.n), prior=bare_prior(tree), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
         model_text=text, sha256=hashlib.sha256(text.encode()).hexdigest(), incomplete=(*incomplete, "sensors"),
     )  # fmt: skip
 

@@ -39,6 +39,14 @@ def stated_prior(numbers: Numbers | None, tree: KinematicTree) -> PriorTable:
     )
 
 
+def bare_prior(tree: KinematicTree) -> PriorTable:
+    """The prior of a bare model file: the numbers in it count as a calibrated model's (the defaults of PriorTable).
+
+    What it has no number for (zero at every joint) is unknown.
+    """
+    return PriorTable.model_validate({"unknown": [key for key, row in STATED.items() if not np.any(getattr(tree, row))]})
+
+
 def torque_scale(arm: Arm) -> np.ndarray:
     """(n,) N m: the arm's tau_max, or where nobody stated it the weight of the links behind the joint at full reach."""
     tree, out = arm.tree, arm.tau_max.copy()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.model import CONTACT, DELAY_SPREAD, MOST_COLUMNS, LogModel
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Effect, Stage
+from sim.effects.effect import Probe
 
 Combine = Callable[[np.ndarray], dict[str, float]]
 
@@ -59,42 +60,66 @@ def _joint(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterat
     """Effects behind the load: the tail of the path with the effect at each probe's points."""
     arm = models[0].arm
     own = arm.effect(effect.name, joint)
-    for probe in effect.probes(own.parameters if own else None):
+    for i, probe in enumerate(effect.probes(own.parameters if own else None)):
         if not probe.points:
             continue
         columns = []
         for model in models:
-            others = [e for e in model.own_effects(j) if e.effect != effect.name]
-            base = model.tail(j, [*others, ArmEffect(effect.name, joint, dict(probe.base))])
-            moved = [model.tail(j, [*others, ArmEffect(effect.name, joint, dict(p))]) - base for p in probe.points]
-            columns.append({j: model.rows(np.stack(moved, axis=1))})
+
+            def rows(model: LogModel = model, probe: Probe = probe) -> np.ndarray:
+                others = [e for e in model.own_effects(j) if e.effect != effect.name]
+                absent = own is None and dict(probe.base) == effect.none()
+                # an effect that vanishes at the probe's base leaves the torque as it is
+                base = (
+                    model.tau_hat[:, j] if absent else model.tail(j, [*others, ArmEffect(effect.name, joint, dict(probe.base))])
+                )
+                moved = [model.tail(j, [*others, ArmEffect(effect.name, joint, dict(p))]) - base for p in probe.points]
+                return model.rows(np.stack(moved, axis=1))
+
+            columns.append({j: _kept(model, (effect.name, i, model.joint_key(j)), rows)})
         yield Candidate(effect.name, joint, columns, probe.combine)
+
+
+def _kept(model: LogModel, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
+    """Columns that were computed before from the same path, or now."""
+    cache = model.side.columns
+    return cache[key] if key in cache else model.side.keep(cache, key, rows(), MOST_COLUMNS)
 
 
 def _encoder(models: list[LogModel], effect: Effect, j: int, joint: str) -> Iterator[Candidate]:
     """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
     own = models[0].arm.effect(effect.name, joint)
-    slopes = [posture_slopes(model, j) for model in models]
-    for probe in effect.probes(own.parameters if own else None):
+    drive = tuple(
+        tuple(e.parameters.items())
+        for name in ("rotor_inertia", "viscous_friction")
+        if (e := models[0].arm.effect(name, joint))
+    )
+    for i, probe in enumerate(effect.probes(own.parameters if own else None)):
         columns = []
-        for model, slope in zip(models, slopes, strict=True):
-            moved = []
-            for point in probe.points:
-                reading = model.measurement.trajectory.q[:, j]
-                error = effect.reading(reading, point) - effect.reading(reading, probe.base)
-                speed = np.gradient(error, model.link.t)
-                errors = (error, speed, np.gradient(speed, model.link.t))
-                moved.append(-sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(model.tau_hat.shape)))
-            stacked = model.rows(np.stack(moved, axis=2))
+        for model in models:
+
+            def rows(model: LogModel = model, probe: Probe = probe) -> np.ndarray:
+                slope, moved = posture_slopes(model, j), []
+                for point in probe.points:
+                    reading = model.measurement.trajectory.q[:, j]
+                    error = effect.reading(reading, point) - effect.reading(reading, probe.base)
+                    speed = np.gradient(error, model.link.t)
+                    errors = (error, speed, np.gradient(speed, model.link.t))
+                    moved.append(
+                        -sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(model.tau_hat.shape))
+                    )
+                return model.rows(np.stack(moved, axis=2))
+
+            stacked = _kept(model, (effect.name, joint, i, drive, None if own is None else tuple(own.parameters.items())), rows)
             columns.append({k: stacked[:, k] for k in range(model.n)})
         yield Candidate(effect.name, joint, columns, probe.combine)
 
 
 def posture_slopes(model: LogModel, j: int) -> list[np.ndarray]:
     """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n), by central differences in q and dq (tau is quadratic in dq)."""
-    if j not in model.slopes:
-        model.slopes[j] = _rigid_slopes(model, j)
-    by_angle, by_speed, by_push = model.slopes[j]
+    if j not in model.side.slopes:
+        model.side.slopes[j] = _rigid_slopes(model, j)
+    by_angle, by_speed, by_push = model.side.slopes[j]
     own = []
     for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
         item = model.arm.effect(name, model.arm.joint_names[j])
@@ -120,9 +145,9 @@ def _rigid_slopes(model: LogModel, j: int) -> list[np.ndarray]:
     return [by_angle, by_speed, by_push]
 
 
-def _whole(model: LogModel, columns: np.ndarray) -> dict[int, np.ndarray]:
-    """(N, n, k) samples -> rows per joint."""
-    rows = model.rows(columns)
+def _whole(model: LogModel, key: Hashable, columns: Callable[[], np.ndarray]) -> dict[int, np.ndarray]:
+    """(N, n, k) samples that depend on the link side alone -> rows per joint."""
+    rows = _kept(model, key, lambda: model.rows(columns()))
     return {j: rows[:, j] for j in range(model.n)}
 
 
@@ -135,7 +160,7 @@ def _payload(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     """Linear in m and m c of a point mass; its own moments follow at second order and come with the exact fit."""
     last = 10 * (arm.n - 1)
     scale = 0.01 * float(arm.tree.mass.sum())
-    columns = [_whole(m, scale * m.regressor[:, :, last : last + 4]) for m in models]
+    columns = [_whole(m, "payload", lambda m=m: scale * m.regressor[:, :, last : last + 4]) for m in models]  # type: ignore[misc]
 
     def combine(c: np.ndarray) -> dict[str, float]:
         mass = scale * float(c[0])
@@ -150,11 +175,11 @@ def _link(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     for i, joint in enumerate(arm.joint_names[:-1]):
         first = 10 * i
         mass, com = arm.tree.mass[i], arm.tree.com[i]
-        columns = []
-        for model in models:
-            part = model.regressor[:, :, first : first + 10]
-            moves = [part[:, :, :1], part[:, :, 1:4]]
-            columns.append(_whole(model, mass * 0.1 * np.concatenate(moves, axis=2)))
+        size = 0.1 * mass
+        columns = [
+            _whole(m, ("link", i), lambda m=m, k=first, s=size: s * m.regressor[:, :, k : k + 4])  # type: ignore[misc]
+            for m in models
+        ]
 
         def combine(c: np.ndarray, mass: float = mass, com: np.ndarray = com) -> dict[str, float]:
             new = mass * (1.0 + 0.1 * float(c[0]))
@@ -167,8 +192,8 @@ def _link(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
 def _tilt(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     """Linear in roll and pitch."""
     effect = next(e for e in EFFECTS if e.name == "base_tilt")
-    columns = []
-    for model in models:
+
+    def turned_by(model: LogModel) -> np.ndarray:
         link = model.link
         moved = []
         for point in ({"roll": 1e-3, "pitch": 0.0}, {"roll": 0.0, "pitch": 1e-3}):
@@ -176,7 +201,9 @@ def _tilt(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
             zero = np.zeros_like(link.q)
             change = model.bodies.inverse_dynamics(link.q, zero, zero, turned - arm.gravity)
             moved.append(10.0 * change)
-        columns.append(_whole(model, np.stack(moved, axis=2)))
+        return np.stack(moved, axis=2)
+
+    columns = [_whole(m, "tilt", lambda m=m: turned_by(m)) for m in models]  # type: ignore[misc]
     yield Candidate("base_tilt", None, columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
 
@@ -187,12 +214,12 @@ def force_columns(model: LogModel) -> np.ndarray:
 
 
 def _force(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    columns = [_whole(m, force_columns(m)) for m in models]
+    columns = [_whole(m, "force", lambda m=m: force_columns(m)) for m in models]  # type: ignore[misc]
     yield Candidate("tool_force", None, columns, _named("force_x", "force_y", "force_z"))
 
 
 def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    columns = [_whole(m, -1e-3 * m.rate_of_change[:, :, None]) for m in models]
+    columns = [{j: m.joints[j].nuisance[:, -1:] * (1e-3 / DELAY_SPREAD) for j in range(m.n)} for m in models]
     own = arm.effect("time_delay")
     before = own.parameters["delay"] if own else 0.0
     yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
@@ -209,8 +236,13 @@ def _ripple(models: list[LogModel], joint: str, j: int) -> Iterator[Candidate]:
     cycles = np.arange(1, RIPPLE_CYCLES + 1)
     waves = []
     for m in models:
-        angle = m.link.q[:, j, None] * cycles
-        waves.append((m.rows(-np.sin(angle)), m.rows(-np.cos(angle))))
+
+        def both(m: LogModel = m) -> np.ndarray:
+            angle = m.link.q[:, j, None] * cycles
+            return m.rows(np.stack([-np.sin(angle), -np.cos(angle)], axis=2))
+
+        wave = _kept(m, ("ripple", j), both)
+        waves.append((wave[:, :, 0], wave[:, :, 1]))
     for k, n in enumerate(cycles):
         columns = [{j: np.stack([s[:, k], c[:, k]], axis=1)} for s, c in waves]
         yield Candidate("torque_ripple", joint, columns, _wave(float(n)))
@@ -234,9 +266,14 @@ def _saturation(models: list[LogModel], joint: str, j: int) -> Iterator[Candidat
     most = max(float(np.quantile(np.abs(m.tau_hat[:, j]), 0.999)) for m in models)
     for fraction in LIMITS:
         limit = fraction * most
-        columns = [{j: m.rows((np.clip(m.tau_hat[:, j], -limit, limit) - m.tau_hat[:, j])[:, None])} for m in models]
+        columns = [{j: _cut(m, j, limit)} for m in models]
         if own is None and limit > 0 and any(np.any(c[j]) for c in columns):
             yield Candidate("torque_saturation", joint, columns, _limited(limit))
+
+
+def _cut(m: LogModel, j: int, limit: float) -> np.ndarray:
+    tau = m.tau_hat[:, j]
+    return _kept(m, ("cut", limit, m.joint_key(j)), lambda: m.rows((np.clip(tau, -limit, limit) - tau)[:, None]))
 
 
 def _limited(limit: float) -> Combine:

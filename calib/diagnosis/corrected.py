@@ -11,12 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER
+from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, centre_size, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
+from sim.prediction import SLIP_WIDTH
 
+WIDER = 1.5
 Inertial = tuple[float, np.ndarray, np.ndarray]
-FRICTION = {"coulomb_friction": "Fc", "viscous_friction": "Fv", "rotor_inertia": "Ia"}
+FRICTION = {"coulomb_friction": ("Fc", "coulomb"), "viscous_friction": ("Fv", "viscous"), "rotor_inertia": ("Ia", "rotor")}
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,24 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
     if any(e.effect == "payload" for e, _ in named):
         taken.add(start.joint_names[-1])
     inertials = {joint: _inertial(start, i, theta) for i, joint in enumerate(start.joint_names) if joint not in taken}
-    effects = [replace(e, parameters=_scaled(model.own_spread, e, start, theta), std=_finite(s)) for e, s in named]
+    effects = [replace(e, parameters=_moved(e, start, theta), std=_finite(s)) for e, s in named]
     have = {(e.effect, e.joint) for e, _ in named}
     effects += [
-        replace(e, parameters=_scaled(model.own_spread, e, start, theta))
+        replace(e, parameters=_moved(e, start, theta))
         for e in start.effects
         if e.effect in FRICTION and (e.effect, e.joint) not in have
     ]
-    return Correction(inertials, (*effects, *limits))
+    return Correction(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
+
+
+def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmEffect]:
+    """Presliding friction of the joints whose dry friction was found to build up over clearly more than SLIP_WIDTH."""
+    out, have = [], {(e.effect, e.joint) for e in (*effects, *hypothesis.start.effects)}
+    for joint, width in zip(hypothesis.start.joint_names, hypothesis.width, strict=True):
+        level = next((e.parameters["coulomb"] for e in effects if e.effect == "coulomb_friction" and e.joint == joint), 0.0)
+        if width > WIDER * SLIP_WIDTH and level > 0 and ("presliding_friction", joint) not in have:
+            out.append(ArmEffect("presliding_friction", joint, {"stiffness": float(level / width)}))
+    return out
 
 
 def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
@@ -64,20 +76,22 @@ def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
     prior, tree, k = arm.prior, arm.tree, i + 1
     scale = max(0.1, 1.0 + prior.mass * theta[f"m_{k}"])
     wider = max(0.1, 1.0 + prior.inertia * theta[f"I_{k}"])
-    size = max(float(np.linalg.norm(tree.com[i])), 0.005)
+    size = centre_size(arm, i)
     moved = prior.com * size * np.array([theta[f"c{axis}_{k}"] for axis in "xyz"])
     return float(tree.mass[i] * scale), tree.com[i] + moved, tree.inertia[i] * scale * wider
 
 
-def _scaled(spread: dict[tuple[str, str], float], item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, float]:
-    """Friction and rotors with the nuisance's relative change; other effects as they are."""
+def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, float]:
+    """Friction and rotors where the nuisance puts them, never below nothing; other effects as they are."""
     if item.effect not in FRICTION or item.joint is None:
         return dict(item.parameters)
-    k = arm.joint_index(item.joint) + 1
-    change = spread[item.effect, item.joint] * theta[f"{FRICTION[item.effect]}_{k}"]
+    j = arm.joint_index(item.joint)
+    symbol, spread = FRICTION[item.effect]
+    change = float(spreads(arm)[spread][j]) * theta[f"{symbol}_{j + 1}"]
+    (name, value), *_ = item.parameters.items()
     if item.effect == "rotor_inertia":
-        change += ROTOR_TOGETHER * theta["Ia_all"]
-    return {name: value * max(0.1, 1.0 + change) for name, value in item.parameters.items()}
+        change += ROTOR_TOGETHER * theta["Ia_all"] * value
+    return {name: max(0.0, value + change)}
 
 
 def _finite(std: dict[str, float]) -> dict[str, float]:

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.acceptance import Key, judge
 from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.integrity import Check, checks
-from calib.diagnosis.judge import Key, judge
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.rows import Rows, noise_of
-from calib.diagnosis.search import Found, search, without
+from calib.diagnosis.rows import Rows
+from calib.diagnosis.selection import Found, search, without
 from calib.diagnosis.unexplained import Odd, unexplained
 from calib.preprocessing import Measurement
 from logs.log import Log
@@ -75,7 +75,12 @@ def diagnose(
     kept = [j for j in judged if not odd or (left.get(j.effect.joint or "", 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
     named = found.best
     if len(kept) < len(judged):
-        named = fit(fitted, found.best.hypothesis.with_effects(tuple(j.effect for j in kept)), like=found.best.models)
+        named = fit(
+            fitted,
+            found.best.hypothesis.with_effects(tuple(j.effect for j in kept)),
+            noise=found.best.solved.noise,
+            like=found.best.models,
+        )
         kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
@@ -122,13 +127,12 @@ def _gaps(baseline: Fit, best: Fit, change: Correction | None, apart: list[Measu
     written = named if change is None else replace(named, arm=change.of(named.start))
     before, refit, after, floor = [], [], [], []
     for m in apart:
-        plain, full = Rows([LogModel(m, nominal)]), Rows([LogModel(m, named)])
+        plain = Rows([LogModel(m, nominal)])
         theta = baseline.solved.theta
         before.append([_rms(r) for r in plain.r])
         refit.append([_rms(r - x @ theta) for r, x in zip(plain.r, plain.x, strict=True)])
         after.append([_rms(r) for r in Rows([LogModel(m, written)]).r])
-        rest = [r - x @ best.solved.theta for r, x in zip(full.r, full.x, strict=True)]
-        floor.append(list(noise_of(rest, full.joined, np.zeros(len(rest))).sigma))
+        floor.append(list(best.solved.noise.sigma))
     return {
         key: [float(v) for v in np.sqrt(np.mean(np.square(np.array(rows)), axis=0))]
         for key, rows in (("noise_floor", floor), ("before", before), ("refit", refit), ("after", after))

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.contact import force_spread
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel, recentred
-from calib.diagnosis.rows import Noise, Rows, Solved, noise_of, solve
+from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
+from calib.diagnosis.noise import Noise, noise_of
+from calib.diagnosis.rows import Rows, Solved, solve
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
-from sim.effects import Stage, effect_named, with_effect
+from sim.effects import effect_named, with_effect
 from sim.effects.effect import Parameter
 from sim.errors import ConfigError
 from sim.prediction import by_stage, link_side, motor_side
@@ -55,14 +56,16 @@ def fit(
     rounds: int = 5,
     noise: Noise | None = None,
     like: Sequence[LogModel] = (),
+    touched: Collection[int] | None = None,
 ) -> Fit:
     """Fit the accepted effects' parameters from where they stand; at most `rounds` steps.
 
-    `like`: models of the same measurements, whose rigid-body parts are taken over where they hold.
+    noise: of the recordings; None takes the residuals' own, which is right only for a first guess. like: models of the same
+    measurements, whose parts are taken over where they hold. touched: joints whose dry friction builds up anew (None: all).
     """
-    n = hypothesis.arm.n
-    floor = np.full(n, 1e-6)
     best: Fit | None = None
+    guess = noise is None
+    joints = range(hypothesis.arm.n) if touched is None else touched
     for k in range(rounds):
         lenders = like or (None,) * len(measurements)
         models = [
@@ -73,27 +76,25 @@ def fit(
         rows = Rows(models)
         columns = columns_of(models, hypothesis)
         widened = _joined(rows, columns, hypothesis)
-        noise = noise or noise_of(rows.r, rows.joined, floor)
-        for _ in range(3):
-            joint = solve(widened, noise)
-            noise = noise_of(joint.residuals(), rows.joined, floor)
+        if noise is None or guess:
+            noise = noise or noise_of(rows.r, rows.joined)
+            noise = noise_of(solve(widened, noise).residuals(), rows.joined)
         joint = solve(widened, noise)
-        here = solve(rows, noise)
-        count = widened.p - rows.p
+        here = solve(rows, noise) if columns else joint
         value = objective(joint)
         scales = _scales(columns, hypothesis)
         covariance = joint.inverse[rows.p :, rows.p :] * np.outer(scales, scales)
         now = Fit(hypothesis, models, here, value, covariance)
-        if best is None or value < best.objective:
-            settled = best is not None and best.objective - value < 1.0
+        if best is None or value < best.objective or (guess and k < 2):
+            settled = best is not None and not guess and best.objective - value < 1.0
             best = now
             if settled:
                 break
         elif k >= 2:
             break
         theta = joint.theta[: rows.p]
-        there = recentred(hypothesis, models[0].names, theta)
-        if count:
+        there = recentred(hypothesis, models[0].names, theta, joints)
+        if columns:
             there = moved(there, joint.theta[rows.p :] * scales)
         hypothesis = there
     assert best is not None
@@ -110,13 +111,10 @@ WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of u
 
 
 def objective(solved: Solved) -> float:
-    """-2 log likelihood (Huber's loss) of all rows under the noise's scale, plus the prior's share."""
-    total = 0.0
-    for j, e in enumerate(solved.left()):
-        innovation = solved.noise.sigma[j] ** 2 * (1 - solved.noise.phi[j] ** 2)
-        total += huber(e) + float(len(e) * np.log(max(innovation, 1e-300)))
+    """-2 log likelihood (Huber's loss) of all rows under the noise, but for a constant, plus the prior's share."""
+    total = sum(huber(e) for e in solved.left())
     off = solved.theta - solved.rows.mean
-    return total + float(off @ off)
+    return float(total + off @ off)
 
 
 def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
@@ -169,11 +167,10 @@ def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffe
     """Change of the predicted torque (N, n) when one accepted effect changes."""
     effect = effect_named(item.effect)
     out = np.zeros_like(model.tau_hat)
-    late = effect.stage not in (Stage.ENCODER, Stage.RIGID, Stage.FORCE, Stage.CHANNEL)
-    if late and item.joint is not None:
+    if effect.stage in LATE and item.joint is not None:
         j = model.arm.joint_index(item.joint)
         own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
-        out[:, j] = model.tail(j, own) - model.tail(j, model.own_effects(j))
+        out[:, j] = model.tail(j, own) - model.tau_hat[:, j]
         return out
     if item.effect == CONTACT:
         if hypothesis.event_log != log:
@@ -192,7 +189,7 @@ def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffe
     stages = by_stage(effects, arm)
     state = link_side(arm, model.measurement.trajectory, stages, model.measurement.warming)
     motor_side(state, stages, hypothesis.width, hypothesis.lead)
-    return state.tau - hypothesis.delay * model._gradient(state.tau)
+    return state.tau - hypothesis.delay * model.gradient(state.tau)
 
 
 def _scales(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> np.ndarray:
@@ -224,6 +221,7 @@ def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]], hypothesi
         if _is_push(item, p):
             mean[k] = -item.parameters[p.name] / scale[k]
     widened.mean = np.concatenate([rows.mean, mean])
+    widened.least = np.concatenate([rows.least, np.full(len(columns), -np.inf)])
     return widened
 
 

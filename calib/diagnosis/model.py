@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, with_effect
 from sim.effects.effect import PathState
 from sim.prediction import SLIP_WIDTH, Stages, by_stage, link_side, motor_side
+from sim.prior import spread
 from sim.rigid_body import RigidBody, link_parameters
 
 # How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.
@@ -25,8 +28,6 @@ CONTACT = "external_contact"
 # Motors warm up; that much of all friction may go in a minute of work, or over the whole rise of the measured temperature.
 WARMTH_SPREAD = 0.015
 WARMING_SPREAD = 0.03
-# Friction of an identified arm another day, relative; a stated default, as those of the prior.
-DAY_TO_DAY = 0.05
 
 
 @dataclass(frozen=True)
@@ -66,40 +67,95 @@ class Hypothesis:
         return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3))
 
 
+class LinkSide:
+    """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
+
+    Models whose links move alike share it. paths and columns are caches: torque of one joint with given effects, and candidate columns.
+    """
+
+    def __init__(self, measurement: Measurement, arm: Arm, stages: Stages) -> None:
+        self.measurement = measurement
+        self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
+        self.bodies = RigidBody(arm)
+        self.regressor = self.bodies.regressor(self.path.q, self.path.dq, self.path.ddq)
+        self.inertial = _inertial_rows(measurement, arm, self.regressor, self.bodies.parameters())
+        self.slopes: dict[int, list[np.ndarray]] = {}
+        self.paths: dict[Hashable, JointPath] = {}
+        self.columns: dict[Hashable, np.ndarray] = {}
+
+    def keep(self, cache: dict[Hashable, Any], key: Hashable, value: Any, most: int) -> Any:
+        """Put a value into a cache of at most `most` entries; the oldest goes first."""
+        if len(cache) >= most:
+            del cache[next(iter(cache))]
+        cache[key] = value
+        return value
+
+
+@dataclass(frozen=True)
+class JointPath:
+    """Torque of one joint along the path: tau and its rate of change (N,), and rows (R, k) of the uncertain numbers of OWN, delay, rotors.
+
+    tau_hat (N,) is shifted by the hypothesis's delay; residual (R,) N m.
+    """
+
+    key: Hashable
+    tau_hat: np.ndarray
+    rate: np.ndarray
+    residual: np.ndarray
+    nuisance: np.ndarray
+
+
+OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth")
+# effect, parameter and prior of the first of OWN: none of them can be negative
+POSITIVE = (
+    ("coulomb_friction", "coulomb", "coulomb"),
+    ("viscous_friction", "viscous", "viscous"),
+    ("rotor_inertia", "inertia", "rotor"),
+)
+LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
+MOST_PATHS, MOST_COLUMNS = 400, 6000
+
+
 class LogModel:
     """Prediction, residual rows (R, n) and nuisance rows (R, n, p) of one measurement under a hypothesis.
 
-    `like`, a model of the same measurement, lends its rigid-body part where the hypothesis did not change it.
+    `like`, a model of the same measurement, lends its link side where the hypothesis did not change it; joints that the hypothesis
+    did not touch are taken from there.
     """
 
     def __init__(
         self, measurement: Measurement, hypothesis: Hypothesis, event: ArmEffect | None = None, like: LogModel | None = None
     ) -> None:
         self.measurement, self.hypothesis = measurement, hypothesis
-        arm = hypothesis.arm
-        self.arm = arm
+        arm = self.arm = hypothesis.arm
         effects = arm.effects if event is None else (*arm.effects, event)
         self.stages: Stages = by_stage(effects, arm)
-        self.link: PathState
-        self.bodies: RigidBody
-        self.regressor: np.ndarray
-        self.inertial: np.ndarray
-        self.slopes: dict[int, list[np.ndarray]]  # of the rigid bodies by a joint's posture, filled when first asked for
-        if like is not None and like.same_link(measurement, arm, self.stages):
-            self.link, self.bodies, self.regressor, self.inertial = like.link, like.bodies, like.regressor, like.inertial
-            self.slopes = like.slopes
-        else:
-            self.slopes = {}
-            self.link = link_side(arm, measurement.trajectory, self.stages, measurement.warming)
-            self.bodies = RigidBody(arm)
-            self.regressor = self.bodies.regressor(self.link.q, self.link.dq, self.link.ddq)
-            self.inertial = self._inertial()
-        self.state = copied(self.link)
-        motor_side(self.state, self.stages, hypothesis.width, hypothesis.lead)
-        self.rate_of_change = self._gradient(self.state.tau)
-        self.tau_hat = self.state.tau - hypothesis.delay * self.rate_of_change
-        self.residual = measurement.rows(measurement.tau - self.tau_hat)
-        self.nuisance, self.names = self._nuisance()
+        lent = like is not None and like.same_link(measurement, arm, self.stages)
+        self.side: LinkSide = like.side if lent and like is not None else LinkSide(measurement, arm, self.stages)
+        self.joints = [self._joint_path(j) for j in range(arm.n)]
+        self.tau_hat = np.stack([x.tau_hat for x in self.joints], axis=1)
+        self.residual = np.stack([x.residual for x in self.joints], axis=1)
+        self.names = nuisance_names(arm.n)
+
+    @property
+    def link(self) -> PathState:
+        """The path up to the load."""
+        return self.side.path
+
+    @property
+    def bodies(self) -> RigidBody:
+        """The rigid bodies of the hypothesis."""
+        return self.side.bodies
+
+    @property
+    def regressor(self) -> np.ndarray:
+        """(N, n, 10 n) of the links."""
+        return self.side.regressor
+
+    @property
+    def rate_of_change(self) -> np.ndarray:
+        """(N, n) N m/s of the predicted torque."""
+        return np.stack([x.rate for x in self.joints], axis=1)
 
     def same_link(self, measurement: Measurement, arm: Arm, stages: Stages) -> bool:
         """Whether the path up to the load is the same for that arm."""
@@ -115,106 +171,138 @@ class LogModel:
         """Number of joints."""
         return self.arm.n
 
-    def tail(self, j: int, own: list[ArmEffect], **changes: float) -> np.ndarray:
+    @property
+    def least(self) -> np.ndarray:
+        """(p,) where friction and rotors have come down to nothing, in standard deviations of the prior."""
+        arm, of = self.arm, spreads(self.arm)
+        out = np.full(len(self.names), -np.inf)
+        for k, (effect, parameter, key) in enumerate(POSITIVE):
+            for j, joint in enumerate(arm.joint_names):
+                own, size = arm.effect(effect, joint), of[key][j]
+                if size > 0:
+                    out[5 * arm.n + len(OWN) * j + k] = -(own.parameters[parameter] if own else 0.0) / size
+        return out
+
+    def nuisance(self, j: int) -> np.ndarray:
+        """(R, p) N m per prior standard deviation of every uncertain number, for joint j."""
+        n, own = self.n, self.joints[j].nuisance
+        out = np.zeros((len(own), len(self.names)))
+        out[:, : 5 * n] = self.side.inertial[:, j]
+        first = 5 * n + len(OWN) * j
+        out[:, first : first + len(OWN)] = own[:, : len(OWN)]
+        out[:, -2:] = own[:, len(OWN) :]
+        return out
+
+    def tail(self, j: int, own: Sequence[ArmEffect], **changes: float) -> np.ndarray:
         """tau (N,) of joint j with `own` as its joint effects, from the present load; changes: width, lead."""
-        state = one_joint(self.link, j)
-        items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
-        stages = by_stage(items, self.arm)
-        width = np.array([changes.get("width", self.hypothesis.width[j])])
-        lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
-        motor_side(state, stages, width, lead)
-        tau = state.tau[:, 0]
-        return tau - self.hypothesis.delay * self._gradient(tau)
+        tau = self._state(j, own, **changes).tau[:, 0]
+        return tau - self.hypothesis.delay * self.gradient(tau)
 
     def own_effects(self, j: int) -> list[ArmEffect]:
         """The effects of joint j after the link side, as the hypothesis has them."""
-        late = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
-        return [item for stage in late for _, joint, item in self.stages[stage] if joint == j]
+        return [item for stage in LATE for _, joint, item in self.stages[stage] if joint == j]
+
+    def joint_key(self, j: int) -> Hashable:
+        """What the torque of joint j depends on, beside its link side."""
+        h = self.hypothesis
+        items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
+        return j, float(h.width[j]), float(h.lead[j]), h.delay, tuple(items)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows of samples."""
         return self.measurement.rows(x)
 
-    def _gradient(self, x: np.ndarray) -> np.ndarray:
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        """d x / dt of samples (N, ...), stretch by stretch."""
         t, starts = self.link.t, self.measurement.starts
-        parts = [np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)]
-        return np.concatenate(parts)
+        return np.concatenate([np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)])
 
-    def _spread(self, j: int, effect: str, otherwise: float) -> float:
-        """Relative standard deviation of an effect's one parameter: as identified, with what changes from day to day, else the prior's."""
-        item = self.hypothesis.start.effect(effect, self.arm.joint_names[j])
-        if item is None or not item.std:
-            return otherwise
-        (name, value), std = next(iter(item.parameters.items())), next(iter(item.std.values()))
-        return min(otherwise, float(np.hypot(std / max(abs(value), 1e-12), DAY_TO_DAY))) if name in item.std else otherwise
+    def _channel(self) -> list[ArmEffect]:
+        return [item for _, _, item in self.stages[Stage.CHANNEL]]
 
-    @property
-    def own_spread(self) -> dict[tuple[str, str], float]:
-        """(effect, joint) -> relative standard deviation of friction and rotors."""
-        prior = self.arm.prior
-        of = {"coulomb_friction": prior.coulomb, "viscous_friction": prior.viscous, "rotor_inertia": prior.rotor}
-        return {(e, joint): self._spread(j, e, s) for e, s in of.items() for j, joint in enumerate(self.arm.joint_names)}
+    def _state(self, j: int, own: Sequence[ArmEffect], **changes: float) -> PathState:
+        state = one_joint(self.link, j)
+        items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
+        width = np.array([changes.get("width", self.hypothesis.width[j])])
+        lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
+        motor_side(state, by_stage([*items, *self._channel()], self.arm), width, lead)
+        return state
+
+    def _joint_path(self, j: int) -> JointPath:
+        side, key = self.side, self.joint_key(j)
+        if key in side.paths:
+            return side.paths[key]
+        own = self.own_effects(j)
+        state = self._state(j, own)
+        rate = self.gradient(state.tau[:, 0])
+        tau_hat = state.tau[:, 0] - self.hypothesis.delay * rate
+        spread = {key: values[j] for key, values in spreads(self.arm).items()}
+        friction = state.warmth[:, 0] * state.slip[:, 0]
+        viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
+        rotor = sum((e.parameters["inertia"] for e in own if e.effect == "rotor_inertia"), 0.0)
+        speed, push = state.dq_motor[:, 0], state.ddq_motor[:, 0]
+        wider = self.tail(j, own, width=self.hypothesis.width[j] * 1.3)
+        later = self.tail(j, own, lead=self.hypothesis.lead[j] + 1e-3)
+        columns = (
+            spread["coulomb"] * friction,
+            spread["viscous"] * speed,
+            spread["rotor"] * push,
+            np.full(len(rate), spread["offset"]),
+            WIDTH_SPREAD / np.log(1.3) * (wider - tau_hat),
+            LEAD_SPREAD / 1e-3 * (later - tau_hat),
+            -self._warmth(j) * (friction * state.level[:, 0] + viscous * speed),
+            ROTOR_TOGETHER * rotor * push,
+            -DELAY_SPREAD * rate,
+            self.measurement.tau[:, j] - tau_hat,
+        )
+        rows = self.rows(np.stack(columns, axis=1))
+        return side.keep(side.paths, key, JointPath(key, tau_hat, rate, rows[:, -1], rows[:, :-1]), MOST_PATHS)
 
     def _warmth(self, j: int) -> np.ndarray:
         """(N,) share of friction lost, one standard deviation of the prior."""
         warming = self.measurement.warming
         return WARMTH_SPREAD * self.link.t / 60.0 if warming is None else WARMING_SPREAD * warming[:, j]
 
-    def _inertial(self) -> np.ndarray:
-        """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
-        prior, tree, n = self.arm.prior, self.arm.tree, self.arm.n
-        pi = self.bodies.parameters()
-        out = np.zeros((len(self.measurement.row_samples), n, 5 * n))
-        for i in range(n):
-            block = slice(10 * i, 10 * i + 10)
-            size = max(float(np.linalg.norm(tree.com[i])), 0.005)
-            step = 1e-6
-            moves = [prior.mass * pi[block]]
-            for axis in np.eye(3):
-                moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
-                moves.append(prior.com * size * (moved - pi[block]) / step)
-            moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
-            columns = self.regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
-            out[:, : i + 1, 5 * i : 5 * i + 5] = self.measurement.rows(columns)
-        return out
 
-    def _nuisance(self) -> tuple[np.ndarray, list[str]]:
-        """(R, n, p) N m per prior standard deviation, and the parameters' names."""
-        prior, n = self.arm.prior, self.arm.n
-        names = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
-        own = [f"{what}_{j + 1}" for j in range(n) for what in ("Fc", "Fv", "Ia", "width", "lead", "warmth")]
-        out = np.zeros((len(self.residual), n, len(names) + len(own) + 2))
-        out[:, :, : 5 * n] = self.inertial
-        together = np.zeros_like(self.tau_hat)
-        for j in range(n):
-            effects = self.own_effects(j)
-            friction = self.state.warmth[:, j] * self.state.level[:, j] * self.state.slip[:, j]
-            viscous = sum((e.parameters["viscous"] for e in effects if e.effect == "viscous_friction"), 0.0)
-            rotor = sum((e.parameters["inertia"] for e in effects if e.effect == "rotor_inertia"), 0.0)
-            speed, push = self.state.dq_motor[:, j], self.state.ddq_motor[:, j]
-            base = self.tau_hat[:, j]
-            wider = self.tail(j, effects, width=self.hypothesis.width[j] * 1.3)
-            later = self.tail(j, effects, lead=self.hypothesis.lead[j] + 1e-3)
-            columns = (
-                self._spread(j, "coulomb_friction", prior.coulomb) * friction,
-                self._spread(j, "viscous_friction", prior.viscous) * viscous * speed,
-                self._spread(j, "rotor_inertia", prior.rotor) * rotor * push,
-                WIDTH_SPREAD / np.log(1.3) * (wider - base),
-                LEAD_SPREAD / 1e-3 * (later - base),
-                -self._warmth(j) * (friction + viscous * speed),
-            )
-            first = 5 * n + 6 * j
-            out[:, j, first : first + 6] = self.measurement.rows(np.stack(columns, axis=1))
-            together[:, j] = ROTOR_TOGETHER * rotor * push
-        out[:, :, -2] = self.measurement.rows(together)
-        out[:, :, -1] = self.measurement.rows(-DELAY_SPREAD * self.rate_of_change)
-        return out, [*names, *own, "Ia_all", "delay"]
+def nuisance_names(n: int) -> list[str]:
+    """The uncertain numbers of an arm of n joints, in the order of their columns."""
+    links = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
+    return [*links, *[f"{what}_{j + 1}" for j in range(n) for what in OWN], "Ia_all", "delay"]
 
 
-def copied(state: PathState) -> PathState:
-    """The same path in arrays of its own."""
-    arrays = {k: np.array(v) for k, v in vars(state).items() if k != "warming"}
-    return PathState(**arrays, warming=state.warming)
+def spreads(arm: Arm) -> dict[str, np.ndarray]:
+    """Standard deviations (n,) of coulomb, viscous, rotor and offset; a stated arm's readings have no offset."""
+    out = spread(arm)
+    if "offset" not in arm.prior.unknown:
+        out["offset"] = np.zeros(arm.n)
+    return out
+
+
+def centre_size(arm: Arm, i: int) -> float:
+    """m: the length of which prior.com is a share, for link i."""
+    tree = arm.tree
+    size = max(float(np.linalg.norm(tree.com[i])), 0.005)
+    if arm.prior.numbers in ("guessed", "unknown"):
+        size += float(np.sqrt(max(np.trace(tree.inertia[i]), 0.0) / max(tree.mass[i], 1e-9)))
+    return size
+
+
+def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarray:
+    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
+    prior, tree, n = arm.prior, arm.tree, arm.n
+    out = np.zeros((len(measurement.row_samples), n, 5 * n))
+    for i in range(n):
+        block = slice(10 * i, 10 * i + 10)
+        size = centre_size(arm, i)
+        step = 1e-6
+        moves = [prior.mass * pi[block]]
+        for axis in np.eye(3):
+            moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
+            moves.append(prior.com * size * (moved - pi[block]) / step)
+        moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
+        columns = regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
+        out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(columns)
+    return out
 
 
 def one_joint(state: PathState, j: int) -> PathState:
@@ -225,10 +313,11 @@ def one_joint(state: PathState, j: int) -> PathState:
     )
 
 
-def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray) -> Hypothesis:
-    """The hypothesis with width, lead and delay moved to where the fit puts them; the rest of the nuisance stays linear."""
-    n = hypothesis.arm.n
+def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray, joints: Collection[int]) -> Hypothesis:
+    """The hypothesis with width and lead of some joints moved to where the fit puts them; the rest of the nuisance stays linear."""
     at = {name: k for k, name in enumerate(names)}
-    width = hypothesis.width * np.exp(np.clip([WIDTH_SPREAD * theta[at[f"width_{j + 1}"]] for j in range(n)], -0.7, 0.7))
-    lead = hypothesis.lead + np.clip([LEAD_SPREAD * theta[at[f"lead_{j + 1}"]] for j in range(n)], -4e-3, 4e-3)
+    width, lead = hypothesis.width.copy(), hypothesis.lead.copy()
+    for j in joints:
+        width[j] *= np.exp(np.clip(WIDTH_SPREAD * theta[at[f"width_{j + 1}"]], -0.7, 0.7))
+        lead[j] += np.clip(LEAD_SPREAD * theta[at[f"lead_{j + 1}"]], -4e-3, 4e-3)
     return replace(hypothesis, width=np.clip(width, 1e-5, 6e-4), lead=np.clip(lead, -5e-3, 2e-2))

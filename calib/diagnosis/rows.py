@@ -5,11 +5,15 @@ r = X theta + S c + e,  theta ~ N(mean, I) (columns of X are scaled by their pri
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calib.diagnosis.model import LogModel
+from calib.diagnosis.noise import Noise
+
+HOLDS = 4
 
 
 @dataclass
@@ -21,6 +25,7 @@ class Rows:
     joined   per joint (R_j,) the row before is the neighbour in time
     index    per joint, per log: the usable rows, to evaluate further columns on the same rows
     mean     (p,) where the prior of the parameters has its middle
+    least    (p,) below this a parameter means friction that drives, or a rotor that has less than no inertia
     """
 
     models: list[LogModel]
@@ -29,6 +34,7 @@ class Rows:
     joined: list[np.ndarray] = field(init=False)
     index: list[list[np.ndarray]] = field(init=False)
     mean: np.ndarray = field(init=False)
+    least: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.models[0].measurement.n
@@ -36,13 +42,13 @@ class Rows:
         self.r, self.x, self.joined = [], [], []
         for j in range(n):
             self.r.append(np.concatenate([m.residual[k, j] for m, k in zip(self.models, self.index[j], strict=True)]))
-            self.x.append(np.concatenate([m.nuisance[k, j] for m, k in zip(self.models, self.index[j], strict=True)]))
+            self.x.append(np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)]))
             joined = []
             for m, k in zip(self.models, self.index[j], strict=True):
                 stretch = m.measurement.row_stretch[k]
                 joined.append(np.concatenate([[False], (np.diff(k) == 1) & (np.diff(stretch) == 0)])[: len(k)])
             self.joined.append(np.concatenate(joined))
-        self.mean = np.zeros(self.p)
+        self.mean, self.least = np.zeros(self.p), self.models[0].least
 
     @property
     def n(self) -> int:
@@ -60,38 +66,12 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """sigma (n,) N m and phi (n,): e_k = phi e_{k-1} + innovation, per joint."""
+class Products:
+    """Whitened columns s (R, k) of a joint, s's (k, k) and X's (p, k)."""
 
-    sigma: np.ndarray
-    phi: np.ndarray
-
-    def whiten(self, j: int, a: np.ndarray, joined: np.ndarray) -> np.ndarray:
-        """Rows (R, ...) of joint j with unit, uncorrelated noise."""
-        phi = self.phi[j]
-        innovation = self.sigma[j] * np.sqrt(1 - phi**2)
-        shape = (-1,) + (1,) * (a.ndim - 1)
-        before = np.concatenate([np.zeros_like(a[:1]), a[:-1]])
-        link = joined.reshape(shape)
-        return np.where(link, (a - phi * before) / innovation, a / self.sigma[j])
-
-
-def noise_of(residuals: list[np.ndarray], joined: list[np.ndarray], floor: np.ndarray) -> Noise:
-    """Noise of fitted residuals per joint: robust scale (Huber's, so that a few reversals do not widen it) and lag-one correlation."""
-    sigma, phi = [], []
-    for r, link, least in zip(residuals, joined, floor, strict=True):
-        if len(r) < 8:
-            sigma.append(max(least, 1e-9))
-            phi.append(0.0)
-            continue
-        middle = 1.4826 * np.median(np.abs(r)) + 1e-12
-        clipped = np.clip(r, -3 * middle, 3 * middle)
-        s = float(np.sqrt(np.mean(clipped**2))) * 1.02
-        pairs = link[1:]
-        rho = float(np.mean(clipped[1:][pairs] * clipped[:-1][pairs]) / np.mean(clipped**2)) if pairs.any() else 0.0
-        sigma.append(max(s, least))
-        phi.append(float(np.clip(rho, 0.0, 0.95)))
-    return Noise(np.array(sigma), np.array(phi))
+    s: np.ndarray
+    ss: np.ndarray
+    xs: np.ndarray
 
 
 @dataclass
@@ -118,6 +98,14 @@ class Solved:
         off = self.theta - self.rows.mean
         return float(sum(e @ e for e in self.left()) + off @ off)
 
+    def gain_of(
+        self, pieces: Mapping[int, Products], left: list[np.ndarray], spread: tuple[float, ...] | None = None
+    ) -> tuple[float, np.ndarray]:
+        """As `gain`, from products that were made before: fall of chi2 and coefficients (k,)."""
+        g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
+        ss, xs = (np.sum([getattr(x, of) for x in pieces.values()], axis=0) for of in ("ss", "xs"))
+        return _gained(g, ss, xs, self.inverse, spread)[:2]
+
     def gain(
         self, columns: dict[int, np.ndarray], spread: tuple[float, ...] | None = None, ridge: float = 1e-6
     ) -> tuple[float, np.ndarray, np.ndarray]:
@@ -132,35 +120,39 @@ class Solved:
             g += s.T @ left[j]
             ss += s.T @ s
             xs += self.xw[j].T @ s
-        own = ss - xs.T @ self.inverse @ xs
-        own = 0.5 * (own + own.T)
-        if spread is not None:
-            own += np.diag(1.0 / np.square(spread))
-        scale = np.sqrt(np.maximum(np.diag(ss), 1e-300))
-        own_n = own / np.outer(scale, scale) + ridge * np.eye(k)
-        covariance = np.linalg.inv(own_n) / np.outer(scale, scale)
-        coefficients = covariance @ g
-        return float(g @ coefficients), coefficients, covariance
+        return _gained(g, ss, xs, self.inverse, spread, ridge)
+
+
+def _gained(
+    g: np.ndarray, ss: np.ndarray, xs: np.ndarray, inverse: np.ndarray, spread: tuple[float, ...] | None, ridge: float = 1e-6
+) -> tuple[float, np.ndarray, np.ndarray]:
+    own = ss - xs.T @ inverse @ xs
+    own = 0.5 * (own + own.T)
+    if spread is not None:
+        own = own + np.diag(1.0 / np.square(spread))
+    scale = np.sqrt(np.maximum(np.diag(ss), 1e-300))
+    own_n = own / np.outer(scale, scale) + ridge * np.eye(len(scale))
+    covariance = np.linalg.inv(own_n) / np.outer(scale, scale)
+    coefficients = covariance @ g
+    return float(g @ coefficients), coefficients, covariance
 
 
 def solve(rows: Rows, noise: Noise) -> Solved:
-    """Fit the nuisance within its prior."""
-    a, g = np.eye(rows.p), rows.mean.copy()
-    xw, rw = [], []
-    for j in range(rows.n):
-        x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
-        a += x.T @ x
-        g += x.T @ r
-        xw.append(x)
-        rw.append(r)
-    inverse = np.linalg.inv(a)
-    return Solved(rows, noise, xw, rw, inverse, inverse @ g)
-
-
-def settle(rows: Rows, floor: np.ndarray, start: Noise | None = None, rounds: int = 4) -> Solved:
-    """Nuisance and noise in turn until both stand."""
-    noise = start or noise_of(rows.r, rows.joined, floor)
-    for _ in range(rounds):
-        solved = solve(rows, noise)
-        noise = noise_of(solved.residuals(), rows.joined, floor)
-    return solve(rows, noise)
+    """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
+    xw = [noise.whiten(j, rows.x[j], rows.joined[j]) for j in range(rows.n)]
+    rw = [noise.whiten(j, rows.r[j], rows.joined[j]) for j in range(rows.n)]
+    a = np.eye(rows.p) + np.sum([x.T @ x for x in xw], axis=0)
+    g = rows.mean + np.sum([x.T @ r for x, r in zip(xw, rw, strict=True)], axis=0)
+    held = np.zeros(rows.p, dtype=bool)
+    theta, inverse = np.zeros(rows.p), np.zeros((rows.p, rows.p))
+    for _ in range(HOLDS):
+        free = np.flatnonzero(~held)
+        inner = np.linalg.inv(a[np.ix_(free, free)])
+        theta[held] = rows.least[held]
+        theta[free] = inner @ (g[free] - a[np.ix_(free, np.flatnonzero(held))] @ theta[held])
+        below = ~held & (theta < rows.least)
+        if not below.any():
+            break
+        held |= below
+    inverse[np.ix_(free, free)] = inner
+    return Solved(rows, noise, xw, rw, inverse, np.maximum(theta, rows.least))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.catch_all import CatchAll
+from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Rows
@@ -47,16 +47,16 @@ class Structure:
 def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
     """Per joint, the strongest part."""
     kept = [LogModel(m, best.hypothesis) for m in apart]
-    catch_all = CatchAll([*best.models, *kept])
-    return [_strongest(best, kept, catch_all, j) for j in range(best.hypothesis.arm.n)]
+    basis = AdditiveBasis([*best.models, *kept])
+    return [_strongest(best, kept, basis, j) for j in range(best.hypothesis.arm.n)]
 
 
-def _strongest(best: Fit, kept: list[LogModel], catch_all: CatchAll, j: int) -> Structure:
+def _strongest(best: Fit, kept: list[LogModel], basis: AdditiveBasis, j: int) -> Structure:
     solved, count = best.solved, len(best.models)
     rows, noise = solved.rows, solved.noise
     other = Rows(kept) if kept else None
     out: list[Structure] = []
-    for name, columns in catch_all.groups(j).items():
+    for name, columns in basis.groups(j).items():
         seen = rows.take(j, columns[:count])
         varied = seen.std(axis=0) > 1e-9
         if not varied.any():

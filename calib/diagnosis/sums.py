@@ -20,8 +20,9 @@ from calib.diagnosis.candidates import Combine, candidates
 from calib.diagnosis.fit import columns_of, moved, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
-from calib.diagnosis.rows import Noise, Rows
-from calib.diagnosis.search import price
+from calib.diagnosis.noise import Noise
+from calib.diagnosis.rows import Rows
+from calib.diagnosis.selection import price
 from calib.identification.information import Information
 from logs.log import Log
 from sim.arm import ArmEffect

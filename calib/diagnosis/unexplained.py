@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.catch_all import CatchAll
+from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Rows
@@ -112,7 +112,7 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
     """
     rows = f.solved.rows
     rest = f.solved.residuals()[j]
-    groups = _scaled(CatchAll(f.models).groups(j), rows, j)
+    groups = _scaled(AdditiveBasis(f.models).groups(j), rows, j)
     fold = _folds(rows, j)
     chosen: list[str] = []
     out: list[tuple[str, float]] = []

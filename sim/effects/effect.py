@@ -122,6 +122,8 @@ class Effect:
     stage: ClassVar[Stage]
     scope: ClassVar[Literal["joint", "arm"]] = "joint"
     parameters: ClassVar[tuple[Parameter, ...]]
+    # tried at so many points that together they follow noise: no part of what measures the noise of a recording
+    many: ClassVar[bool] = False
 
     @property
     def law(self) -> str:

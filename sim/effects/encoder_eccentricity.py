@@ -17,6 +17,7 @@ class EncoderEccentricity(Effect):
         "Synapticon SOMANET documentation 4.19 (2022), wide angle error: eccentricity once, ovality twice per revolution"
     )
     experiment = "a slow full turn of that joint"
+    many = True
     stage = Stage.ENCODER
     parameters = (
         Parameter("amplitude", "rad", "peak error", lower=0.0, upper=0.3, grid=(0.01,)),

@@ -18,7 +18,7 @@ class NonlinearViscousFriction(Effect):
     stage = Stage.MOTOR
     parameters = (
         Parameter("coefficient", "N*m*(s/rad)^exponent", "torque at 1 rad/s", grid=(1.0,)),
-        Parameter("exponent", "1", "power of the speed", zero=None, lower=0.45, upper=3.5, grid=(0.5, 0.7, 1.5, 2.0, 3.0)),
+        Parameter("exponent", "1", "power of the speed", zero=None, lower=0.15, upper=3.5, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0)),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

@@ -15,6 +15,7 @@ class TorqueRipple(Effect):
     looks = "a wave of torque along the joint's angle, the same at every speed and in both directions"
     reference = "MuJoCo manual, actuator dcmotor, attribute cogging"
     experiment = "a slow full turn of that joint in both directions"
+    many = True
     stage = Stage.JOINT
     parameters = (
         Parameter("amplitude", "N*m", "peak torque", lower=0.0, grid=(0.5,)),

@@ -15,6 +15,7 @@ class TorqueSaturation(Effect):
     looks = "flat tops of the torque at one level while the model asks for more, and a joint that then falls behind"
     reference = "MuJoCo manual, actuator forcerange"
     experiment = "the same motion at half speed"
+    many = True
     stage = Stage.DRIVE
     parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, grid=(100.0,)),)
 

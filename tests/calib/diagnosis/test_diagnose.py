@@ -12,7 +12,7 @@ import pytest
 from calib.diagnosis import search
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import Diagnosis, diagnose
-from calib.diagnosis.judge import APART, Judged
+from calib.diagnosis.acceptance import APART, Judged
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, ArmEffect, load_arm

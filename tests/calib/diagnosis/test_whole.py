@@ -10,7 +10,7 @@ import pytest
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import Hypothesis
-from calib.diagnosis.rows import Noise
+from calib.diagnosis.noise import Noise
 from calib.diagnosis.sums import Point, Portion, Solver, others_of, portion
 from calib.diagnosis.whole import Whole, diagnose_pieces, spread
 from calib.identification.portions import Kept

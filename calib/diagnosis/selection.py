@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.candidates import candidates
+from calib.diagnosis.additive_basis import AdditiveBasis
+from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis
-from calib.diagnosis.rows import Noise, Solved, solve
+from calib.diagnosis.noise import Noise, pure_error
+from calib.diagnosis.rows import Products
 from calib.preprocessing import Measurement
-from sim.arm import ArmEffect
+from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 from sim.effects.effect import Stage
 
-MOST_EFFECTS = 6
-TRIED = 3
-TRIED_SLOW = 2
-COLOURED = 0.1  # of lag-one correlation beyond the usual joint's: there is more than noise in that joint's rest
+MOST_EFFECTS = 12
+TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
 LEAST_TWIST = 2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
 BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
@@ -69,6 +70,31 @@ class Found:
     ladder: list[list[Scored]] = field(default_factory=list)
 
 
+class Bank:
+    """Whitened columns of all candidates under one noise, with their products; computed again only where a joint's path has changed."""
+
+    def __init__(self) -> None:
+        self._old: dict[Hashable, tuple[Products, Any]] = {}
+        self._new: dict[Hashable, tuple[Products, Any]] = {}
+
+    def turn(self) -> None:
+        """A new round of scoring: what neither this round nor the last one used is dropped."""
+        self._old, self._new = self._new, {}
+
+    def piece(self, f: Fit, c: Candidate, number: int, j: int) -> Products:
+        """Columns of candidate c (the number-th of the round) at joint j."""
+        model, solved = f.models[0], f.solved
+        key = (c.key, number, j, model.joint_key(j), tuple(id(m.side) for m in f.models), id(solved.noise))
+        found = self._new.get(key) or self._old.get(key)
+        if found is None:
+            rows = solved.rows
+            s = solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j])
+            # what the key tells apart by identity is kept with it
+            found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *[m.side for m in f.models])
+        self._new[key] = found
+        return found[0]
+
+
 def price(item: ArmEffect) -> float:
     """What a name costs on the scale of -2 log likelihood."""
     return THRESHOLD + EXTRA.get(item.effect, 0.0) + PER_PARAMETER * (len(parameters_of([item])) - 1)
@@ -84,19 +110,18 @@ def cost(f: Fit) -> float:
     return f.objective + penalty(f.accepted)
 
 
-def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), solved: Solved | None = None) -> list[Scored]:
-    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
-
-    solved: the same rows under another noise, whose gains are asked for instead.
-    """
+def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | None = None) -> list[Scored]:
+    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out."""
     best: dict[tuple[str, str | None], Scored] = {}
-    solved = solved or f.solved
-    rows, noise = solved.rows, solved.noise
+    solved, left, bank = f.solved, f.solved.left(), bank or Bank()
+    bank.turn()
+    numbers: dict[tuple[str, str | None], int] = {}
     for c in candidates(f.models):
+        numbers[c.key] = numbers.get(c.key, 0) + 1
         if c.key in skip:
             continue
-        columns = {j: noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
-        gain, coefficients, _ = solved.gain(columns, c.spread)
+        pieces = {j: bank.piece(f, c, numbers[c.key], j) for j in c.columns[0]}
+        gain, coefficients = solved.gain_of(pieces, left, c.spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
@@ -109,53 +134,74 @@ def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), solved: Solved
     return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - EXTRA.get(s.effect.effect, 0.0)))
 
 
+def measured_noise(f: Fit) -> Noise:
+    """The noise of the recordings of a fit, from what an additive basis and all candidates leave (calib.diagnosis.noise)."""
+    rows, basis, n = f.solved.rows, AdditiveBasis(f.models), f.hypothesis.arm.n
+    columns: list[list[np.ndarray]] = [[rows.x[j]] for j in range(n)]
+    for c in candidates(f.models):
+        if not effect_named(c.effect).many:
+            for j in c.columns[0]:
+                columns[j].append(rows.take(j, [x[j] for x in c.columns]))
+    found = []
+    for j in range(n):
+        parts = [*columns[j], *[rows.take(j, x) for x in basis.groups(j).values()]]
+        few = len(rows.r[j]) < 2 * sum(x.shape[1] for x in parts)
+        found.append(
+            (f.solved.noise.sigma[j], f.solved.noise.phi[j])
+            if few
+            else pure_error(np.concatenate(parts, axis=1), rows.r[j], rows.joined[j])
+        )
+    return Noise(*(np.array(x) for x in zip(*found, strict=True)))
+
+
 def search(
     measurements: Sequence[Measurement], hypothesis: Hypothesis, told: Callable[[str], None] = lambda text: None
 ) -> Found:
-    """Forward, backward and exchange until nothing helps."""
-    baseline = fit(measurements, hypothesis)
-    found = Found(baseline, baseline)
+    """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
+    guess = fit(measurements, hypothesis)
+    noise = measured_noise(guess)
+    baseline = fit(measurements, guess.hypothesis, noise=noise, like=guess.models)
+    found, bank = Found(baseline, baseline), Bank()
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:
         told(f"looking for effect {len(best.accepted) + 1}")
         here = {(e.effect, e.joint) for e in best.accepted}
-        ranked = scored(best, here)
+        ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
-        first = ranked[:TRIED]
-        plain = without_colour(best)
-        if plain is not None:
-            known = {s.key for s in first}
-            first += [s for s in scored(best, here, plain) if s.key not in known][:TRIED_SLOW]
-        tried = [add(measurements, best, s) for s in first if s.gain > 0.6 * THRESHOLD]
-        tried = [f for f in tried if _settled(f)]
-        if not tried:
+        better = _next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD])
+        if better is None:
             break
-        better = min(tried, key=cost)
         if cost(better) >= cost(best):
             break
-        best = exchanged(measurements, _pruned(measurements, better))
+        best = exchanged(measurements, _pruned(measurements, better), bank)
     found.best = best
     return found
 
 
-def without_colour(f: Fit) -> Solved | None:
-    """The same rows under noise of the usual joint's colour, where a joint's rest has more; None where none has.
-
-    A strong slow effect that has no name yet is taken for slow noise, and whitening makes its own column small: among names for
-    what is fast it would never come to be tried.
-    """
-    noise = f.solved.noise
-    usual = float(np.median(noise.phi))
-    if np.all(noise.phi <= usual + COLOURED):
-        return None
-    return solve(f.solved.rows, Noise(noise.sigma, np.minimum(noise.phi, usual)))
+def _next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
+    """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none settles."""
+    for first in range(0, min(len(ranked), MOST_TRIED), TRIED):
+        some = [s for s in ranked[first : first + TRIED] if s.gain > CLOSE * ranked[first].gain]
+        settled = [g for g in (add(measurements, f, s) for s in some) if _settled(g)]
+        if settled:
+            return min(settled, key=cost)
+    return None
 
 
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect."""
     event = s.log if s.effect.effect == CONTACT else f.hypothesis.event_log
     hypothesis = f.hypothesis.with_effects((*f.accepted, s.effect), event)
-    return fit(measurements, hypothesis, noise=f.solved.noise, like=f.models)
+    return fit(measurements, hypothesis, noise=f.solved.noise, like=f.models, touched=joints_of(s.effect, f.hypothesis.arm))
+
+
+def joints_of(item: ArmEffect, arm: Arm) -> list[int]:
+    """The joints whose torque an effect changes."""
+    return (
+        list(range(arm.n))
+        if item.joint is None or effect_named(item.effect).stage < Stage.JOINT
+        else [arm.joint_index(item.joint)]
+    )
 
 
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
@@ -172,10 +218,11 @@ def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
     """The fit with the i-th effect left out."""
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
     event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
-    return fit(measurements, f.hypothesis.with_effects(rest, event), rounds=3, noise=f.solved.noise, like=f.models)
+    touched = joints_of(f.accepted[i], f.hypothesis.arm)
+    return fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models, touched)
 
 
-def exchanged(measurements: Sequence[Measurement], f: Fit) -> Fit:
+def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:
     """Each effect but the last exchanged for what comes near it beside the others, as long as that is better.
 
     Only those are asked that share a joint with the last one: at another joint it changes nothing that their names rest on.
@@ -187,7 +234,7 @@ def exchanged(measurements: Sequence[Measurement], f: Fit) -> Fit:
             if not _share_a_joint(f.accepted[i], f.accepted[-1]):
                 continue
             rest = without(measurements, f, i)
-            near = beside(rest, f, i, 0.7)[:TRIED]
+            near = beside(rest, f, i, 0.7, bank)[:TRIED]
             tried = [g for g in (add(measurements, rest, s) for s in near) if _settled(g)]
             if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
                 f, again = min(tried, key=cost), True
@@ -200,14 +247,14 @@ def _share_a_joint(a: ArmEffect, b: ArmEffect) -> bool:
     return a.joint == b.joint or any(e.joint is None or effect_named(e.effect).stage < Stage.JOINT for e in (a, b))
 
 
-def beside(rest: Fit, f: Fit, i: int, share: float) -> list[Scored]:
+def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) -> list[Scored]:
     """What promises at least `share` of the i-th effect of `f` in its place, best first; `rest` is `f` without it.
 
     A promise is compared with a promise: along a strong effect the exact fall is a multiple of the linear one, because robust
     weights and a noise that holds the effect too belong to `rest`.
     """
     own = (f.accepted[i].effect, f.accepted[i].joint)
-    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted})
+    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank)
     promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
     return [s for s in ranked if s.key != own and s.gain > share * promised]
 

@@ -1,4 +1,4 @@
-"""A flexible catch-all: additive parts over positions, speeds, acceleration, load, pairs, memory and time, as filtered columns per log."""
+"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory and time, as filtered columns per log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MEMORIES = (0.3, 1.0, 3.0)  # s
 KNOTS = 8
 
 
-class CatchAll:
+class AdditiveBasis:
     """Groups of columns of some logs; what all joints share (their positions, speeds, the time) is filtered once."""
 
     def __init__(self, models: list[LogModel]) -> None:

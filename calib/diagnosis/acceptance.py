@@ -1,0 +1,96 @@
+"""How sure each name is: what its absence costs, who could stand in its place, and whether a log that was kept apart agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.fit import Fit, huber
+from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.rows import Rows
+from calib.diagnosis.selection import Bank, add, beside, cost, joints_of, price, without
+from calib.preprocessing import Measurement
+from sim.arm import ArmEffect
+
+# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) are not told apart.
+APART = 8.0
+MOST_RIVALS = 2
+# Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
+PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
+WORSE = 0.01  # relative rise of a joint's held-out RMS that a name may bring
+Key = tuple[str, str | None]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One accepted effect.
+
+    lost      rise of -2 log likelihood when it is left out and everything else refitted
+    rivals    effects that explain the recordings as well in its place, best first
+    held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
+    worse     largest relative rise of the RMS torque error of a joint it concerns, on the logs kept apart
+    """
+
+    effect: ArmEffect
+    lost: float
+    rivals: tuple[Key, ...]
+    held_out: float
+    worse: float = 0.0
+
+    @property
+    def vetoed(self) -> bool:
+        """Whether motions that were not fitted speak against it; a contact happens in one log only."""
+        return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.worse > WORSE)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it brings little more than its price and others would bring the same: weak evidence, and for whom is open."""
+        return bool(self.rivals) and self.lost < price(self.effect) + APART
+
+    @property
+    def confidence(self) -> float:
+        """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
+        own = 1.0 / (1.0 + np.exp(-(self.lost - price(self.effect)) / 8.0))
+        return float(own / (1 + len(self.rivals)))
+
+
+def judge(
+    measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement], bank: Bank | None = None
+) -> list[Judged]:
+    """Every accepted effect of a fit, in its order."""
+    out, bank = [], bank or Bank()
+    with_all = HeldOut.of(best, apart)
+    for i, item in enumerate(best.accepted):
+        rest = without(measurements, best, i)
+        lost = rest.objective - best.objective
+        near = beside(rest, best, i, PROMISE if lost < STRONG else PROMISE_STRONG, bank)[:MOST_RIVALS]
+        rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
+        without_it = HeldOut.of(rest, apart)
+        joints = joints_of(item, best.hypothesis.arm)
+        worse = float(np.max(with_all.rms[joints] / np.maximum(without_it.rms[joints], 1e-12))) - 1.0 if apart else 0.0
+        out.append(Judged(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse))
+    return out
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; rms (n,) N m of these rows."""
+
+    loss: float
+    rms: np.ndarray
+
+    @staticmethod
+    def of(f: Fit, apart: Sequence[Measurement]) -> HeldOut:
+        """Of a fit on logs kept apart."""
+        n, noise, loss = f.hypothesis.arm.n, f.solved.noise, 0.0
+        squares, count = np.zeros(n), np.zeros(n)
+        for m in apart:
+            rows = Rows([LogModel(m, f.hypothesis)])
+            for j in range(n):
+                left = rows.r[j] - rows.x[j] @ f.solved.theta
+                loss += huber(noise.whiten(j, left, rows.joined[j]))
+                squares[j] += left @ left
+                count[j] += len(left)
+        return HeldOut(loss, np.sqrt(squares / np.maximum(count, 1)))
