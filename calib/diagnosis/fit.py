@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,42 +63,80 @@ def fit(
     noise: of the recordings; None takes the residuals' own, which is right only for a first guess. like: models of the same
     measurements, whose parts are taken over where they hold. touched: joints whose dry friction builds up anew (None: all).
     """
-    best: Fit | None = None
-    guess = noise is None
     joints = range(hypothesis.arm.n) if touched is None else touched
-    for k in range(rounds):
-        lenders = like or (None,) * len(measurements)
-        models = [
-            LogModel(m, hypothesis, hypothesis.event(i), lender)
-            for i, (m, lender) in enumerate(zip(measurements, lenders, strict=True))
-        ]
-        like = models
-        rows = Rows(models)
-        columns = columns_of(models, hypothesis)
-        widened = _joined(rows, columns, hypothesis)
-        if noise is None or guess:
-            noise = noise or noise_of(rows.r, rows.joined)
-            noise = noise_of(solve(widened, noise).residuals(), rows.joined)
-        joint = solve(widened, noise)
-        here = solve(rows, noise) if columns else joint
-        value = objective(joint)
-        scales = _scales(columns, hypothesis)
-        covariance = joint.inverse[rows.p :, rows.p :] * np.outer(scales, scales)
-        now = Fit(hypothesis, models, here, value, covariance)
-        if best is None or value < best.objective or (guess and k < 2):
-            settled = best is not None and not guess and best.objective - value < 1.0
-            best = now
-            if settled:
+    guess = noise is None
+    at = _Point.at(measurements, hypothesis, noise, like)
+    for _ in range(rounds):
+        step = at.step(joints)
+        if guess:
+            at = _Point.at(measurements, step(1.0), None, at.models)
+            continue
+        for share in SHARES:
+            there = _Point.at(measurements, step(share), at.noise, at.models)
+            if there.objective < at.objective:
                 break
-        elif k >= 2:
+        else:
             break
-        theta = joint.theta[: rows.p]
-        there = recentred(hypothesis, models[0].names, theta, joints)
-        if columns:
-            there = moved(there, joint.theta[rows.p :] * scales)
-        hypothesis = there
-    assert best is not None
-    return best
+        gained, at = at.objective - there.objective, there
+        if gained < SETTLED:
+            break
+    return at.fit()
+
+
+SHARES, SETTLED = (1.0, 0.3, 0.1), 1.0
+
+
+@dataclass
+class _Point:
+    """A hypothesis with its rows, the nuisance fitted beside it, and how its accepted parameters change the torque."""
+
+    hypothesis: Hypothesis
+    models: list[LogModel]
+    noise: Noise
+    rows: Rows
+    solved: Solved
+    objective: float
+    _joint: tuple[Solved, np.ndarray] | None = None
+
+    @staticmethod
+    def at(
+        measurements: Sequence[Measurement], hypothesis: Hypothesis, noise: Noise | None, like: Sequence[LogModel]
+    ) -> _Point:
+        lenders = like or (None,) * len(measurements)
+        pairs = zip(measurements, lenders, strict=True)
+        models = [LogModel(m, hypothesis, hypothesis.event(i), lender) for i, (m, lender) in enumerate(pairs)]
+        rows = Rows(models)
+        if noise is None:
+            noise = noise_of(solve(rows, noise_of(rows.r, rows.joined)).residuals(), rows.joined)
+        solved = solve(rows, noise)
+        return _Point(hypothesis, models, noise, rows, solved, objective(solved))
+
+    def joint(self) -> tuple[Solved, np.ndarray]:
+        """The fit with the accepted parameters free as well, and their scales (k,)."""
+        if self._joint is None:
+            columns = columns_of(self.models, self.hypothesis)
+            scales = _scales(columns, self.hypothesis)
+            solved = solve(_joined(self.rows, columns, self.hypothesis), self.noise) if columns else self.solved
+            self._joint = solved, scales
+        return self._joint
+
+    def step(self, joints: Collection[int]) -> Callable[[float], Hypothesis]:
+        """Share of the Gauss-Newton step -> hypothesis; dry friction of `joints` builds up anew."""
+        joint, scales = self.joint()
+        p = self.rows.p
+
+        def moved_by(share: float) -> Hypothesis:
+            there = recentred(self.hypothesis, self.models[0].names, share * joint.theta[:p], joints)
+            return moved(there, share * joint.theta[p:] * scales) if len(scales) else there
+
+        return moved_by
+
+    def fit(self) -> Fit:
+        """What is known at this point."""
+        joint, scales = self.joint()
+        p = self.rows.p
+        covariance = joint.inverse[p:, p:] * np.outer(scales, scales)
+        return Fit(self.hypothesis, self.models, self.solved, self.objective, covariance)
 
 
 def huber(e: np.ndarray) -> float:
