@@ -17,7 +17,7 @@ from calib.diagnosis.integrity import Check, checks
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.promotion import as_written, correction_of, promoted, torque_rms
 from calib.diagnosis.selection import Found, search, without
 from calib.diagnosis.unexplained import Odd, unexplained
 from calib.preprocessing import Measurement
@@ -68,6 +68,11 @@ def diagnose(
         worst = min(refused, key=lambda i: judged[i].held_out)
         found.best = without(fitted, found.best, worst)
         judged = judge(fitted, found.best, apart)
+    told("trying the corrected arm on logs kept apart")
+    promotion = promoted(fitted, found.best, apart)
+    if promotion.refused:
+        found.best = promotion.named
+        judged = judge(fitted, found.best, apart)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
@@ -82,6 +87,7 @@ def diagnose(
             like=found.best.models,
         )
         kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
+        promotion = replace(promotion, named=named, written=as_written(fitted, named))
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
     entries = [_entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
@@ -91,8 +97,8 @@ def diagnose(
     entries += [_entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
     limits = tuple(x.effect for x in reached)
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    change = correction(named, limits) if limits or any(j.effect.effect != CONTACT for j in kept) else None
-    gap = _gaps(found.baseline, named, change, shown)
+    change = correction_of(promotion, limits)
+    gap = _gaps(found.baseline, named, change, shown, fitted)
     answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
     return Diagnosis(answer, tuple(j.effect for j in kept), found, change, limits)
 
@@ -120,27 +126,16 @@ def _answer(
     }
 
 
-def _gaps(baseline: Fit, best: Fit, change: Correction | None, apart: list[Measurement]) -> dict[str, list[float]]:
-    """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise floor."""
-    nominal = baseline.hypothesis.with_effects(())
-    named = best.hypothesis
-    written = named if change is None else replace(named, arm=change.of(named.start))
-    before, refit, after, floor = [], [], [], []
-    for m in apart:
-        plain = Rows([LogModel(m, nominal)])
-        theta = baseline.solved.theta
-        before.append([_rms(r) for r in plain.r])
-        refit.append([_rms(r - x @ theta) for r, x in zip(plain.r, plain.x, strict=True)])
-        after.append([_rms(r) for r in Rows([LogModel(m, written)]).r])
-        floor.append(list(best.solved.noise.sigma))
-    return {
-        key: [float(v) for v in np.sqrt(np.mean(np.square(np.array(rows)), axis=0))]
-        for key, rows in (("noise_floor", floor), ("before", before), ("refit", refit), ("after", after))
-    }
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
+def _gaps(
+    baseline: Fit, best: Fit, change: Correction | None, apart: list[Measurement], fitted: list[Measurement]
+) -> dict[str, list[float]]:
+    """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise that was measured."""
+    start = baseline.hypothesis.start
+    refit = as_written(fitted, baseline)
+    after = start if change is None else change.of(start)
+    arms = (("before", start), ("refit", correction(refit).of(start)), ("after", after))
+    out = {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}
+    return {"noise_floor": [float(x) for x in best.solved.noise.sigma]} | out
 
 
 def _entry(

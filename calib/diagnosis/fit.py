@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.contact import force_spread
-from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
+from calib.diagnosis.model import CONTACT, LATE, MOST_COLUMNS, Hypothesis, LogModel, recentred
 from calib.diagnosis.noise import Noise, noise_of
 from calib.diagnosis.rows import Rows, Solved, solve
 from calib.preprocessing import Measurement
@@ -194,22 +194,28 @@ def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[flo
         if not within(_changed(item, p, step)) or _changed(item, p, step).parameters == item.parameters:
             step = -step
         moved = _changed(item, p, step)
-        per_log = []
-        for k, model in enumerate(models):
-            per_log.append(model.rows(_difference(model, hypothesis, k, item, moved)) / step)
-        out.append((step, per_log))
+        out.append((step, [_slope(model, hypothesis, k, item, moved, step) for k, model in enumerate(models)]))
+    return out
+
+
+def _slope(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect, step: float) -> np.ndarray:
+    """(R, n) change of predicted torque per unit of the parameter that `moved` has changed by `step`."""
+    if effect_named(item.effect).stage not in LATE or item.joint is None:
+        return model.rows(_difference(model, hypothesis, log, item, moved)) / step
+    j = model.arm.joint_index(item.joint)
+    key = ("slope", item.effect, tuple(moved.parameters.items()), model.joint_key(j))
+    cache = model.side.columns
+    if key not in cache:
+        own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
+        model.side.keep(cache, key, model.rows(model.tail(j, own) - model.tau_hat[:, j]) / step, MOST_COLUMNS)
+    out = np.zeros_like(model.residual)
+    out[:, j] = cache[key]
     return out
 
 
 def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect) -> np.ndarray:
     """Change of the predicted torque (N, n) when one accepted effect changes."""
-    effect = effect_named(item.effect)
     out = np.zeros_like(model.tau_hat)
-    if effect.stage in LATE and item.joint is not None:
-        j = model.arm.joint_index(item.joint)
-        own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
-        out[:, j] = model.tail(j, own) - model.tau_hat[:, j]
-        return out
     if item.effect == CONTACT:
         if hypothesis.event_log != log:
             return out

@@ -32,7 +32,10 @@ WARMING_SPREAD = 0.03
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s."""
+    """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s.
+
+    written: as an arm folder can hold it, where dry friction has no lead.
+    """
 
     arm: Arm
     width: np.ndarray
@@ -41,6 +44,7 @@ class Hypothesis:
     accepted: tuple[ArmEffect, ...] = ()
     nominal_arm: Arm | None = None
     event_log: int | None = None
+    written: bool = False
 
     @property
     def start(self) -> Arm:
@@ -60,6 +64,10 @@ class Hypothesis:
         if log != self.event_log:
             return None
         return next((e for e in self.accepted if e.effect == CONTACT), None)
+
+    def as_written(self) -> Hypothesis:
+        """The same without what an arm folder cannot hold."""
+        return replace(self, lead=np.zeros(self.arm.n), written=True)
 
     @staticmethod
     def nominal(arm: Arm) -> Hypothesis:
@@ -82,6 +90,7 @@ class LinkSide:
         self.slopes: dict[int, list[np.ndarray]] = {}
         self.paths: dict[Hashable, JointPath] = {}
         self.columns: dict[Hashable, np.ndarray] = {}
+        self.whites: dict[Hashable, Any] = {}
 
     def keep(self, cache: dict[Hashable, Any], key: Hashable, value: Any, most: int) -> Any:
         """Put a value into a cache of at most `most` entries; the oldest goes first."""
@@ -206,7 +215,7 @@ class LogModel:
         """What the torque of joint j depends on, beside its link side."""
         h = self.hypothesis
         items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
-        return j, float(h.width[j]), float(h.lead[j]), h.delay, tuple(items)
+        return j, float(h.width[j]), float(h.lead[j]), h.delay, h.written, tuple(items)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows of samples."""
@@ -249,7 +258,7 @@ class LogModel:
             spread["rotor"] * push,
             np.full(len(rate), spread["offset"]),
             WIDTH_SPREAD / np.log(1.3) * (wider - tau_hat),
-            LEAD_SPREAD / 1e-3 * (later - tau_hat),
+            (0.0 if self.hypothesis.written else LEAD_SPREAD / 1e-3) * (later - tau_hat),
             -self._warmth(j) * (friction * state.level[:, 0] + viscous * speed),
             ROTOR_TOGETHER * rotor * push,
             -DELAY_SPREAD * rate,

@@ -5,6 +5,7 @@ r = X theta + S c + e,  theta ~ N(mean, I) (columns of X are scaled by their pri
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -14,6 +15,7 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.noise import Noise
 
 HOLDS = 4
+MOST_WHITES = 60
 
 
 @dataclass
@@ -35,6 +37,7 @@ class Rows:
     index: list[list[np.ndarray]] = field(init=False)
     mean: np.ndarray = field(init=False)
     least: np.ndarray = field(init=False)
+    own: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         n = self.models[0].measurement.n
@@ -49,6 +52,13 @@ class Rows:
                 joined.append(np.concatenate([[False], (np.diff(k) == 1) & (np.diff(stretch) == 0)])[: len(k)])
             self.joined.append(np.concatenate(joined))
         self.mean, self.least = np.zeros(self.p), self.models[0].least
+
+    def released(self) -> Rows:
+        """The same rows with columns of their own, no longer those of their models: whitened anew, no least values."""
+        out = copy.copy(self)
+        out.r, out.x, out.own = list(self.r), list(self.x), True
+        out.mean, out.least = np.zeros(out.p), np.full(out.p, -np.inf)
+        return out
 
     @property
     def n(self) -> int:
@@ -107,14 +117,18 @@ class Solved:
         return _gained(g, ss, xs, self.inverse, spread)[:2]
 
     def gain(
-        self, columns: dict[int, np.ndarray], spread: tuple[float, ...] | None = None, ridge: float = 1e-6
+        self,
+        columns: dict[int, np.ndarray],
+        spread: tuple[float, ...] | None = None,
+        ridge: float = 1e-6,
+        left: list[np.ndarray] | None = None,
     ) -> tuple[float, np.ndarray, np.ndarray]:
         """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k).
 
         spread: prior standard deviation of each coefficient, where they have one.
         """
         k = next(iter(columns.values())).shape[1]
-        left = self.left()
+        left = left or self.left()
         g, ss, xs = np.zeros(k), np.zeros((k, k)), np.zeros((self.rows.p, k))
         for j, s in columns.items():
             g += s.T @ left[j]
@@ -137,12 +151,44 @@ def _gained(
     return float(g @ coefficients), coefficients, covariance
 
 
+@dataclass(frozen=True)
+class White:
+    """Whitened rows of one joint and their products: x (R, p), r (R,), x'x, x'r; of which noise and rows, so that identities stay."""
+
+    x: np.ndarray
+    r: np.ndarray
+    xx: np.ndarray
+    xr: np.ndarray
+    of: tuple[object, ...]
+
+
+def _whitened(rows: Rows, noise: Noise, j: int) -> White:
+    """Of joint j; taken from the models' link side where nothing that it depends on has changed."""
+    if rows.own:
+        x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
+        return White(x, r, x.T @ x, x.T @ r, ())
+    first = rows.models[0]
+    key = ("white", first.joint_key(j), tuple(id(m.side) for m in rows.models), id(noise))
+    found = first.side.whites.get(key)
+    if found is None:
+        p = len(first.names)
+        x, r = noise.whiten(j, rows.x[j][:, :p], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
+        sides = (noise, *[m.side for m in rows.models[1:]])
+        found = first.side.keep(first.side.whites, key, White(x, r, x.T @ x, x.T @ r, sides), MOST_WHITES)
+    if rows.x[j].shape[1] == found.x.shape[1]:
+        return found
+    more = noise.whiten(j, rows.x[j][:, found.x.shape[1] :], rows.joined[j])
+    cross = found.x.T @ more
+    xx = np.block([[found.xx, cross], [cross.T, more.T @ more]])
+    return White(np.concatenate([found.x, more], axis=1), found.r, xx, np.concatenate([found.xr, more.T @ found.r]), found.of)
+
+
 def solve(rows: Rows, noise: Noise) -> Solved:
     """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
-    xw = [noise.whiten(j, rows.x[j], rows.joined[j]) for j in range(rows.n)]
-    rw = [noise.whiten(j, rows.r[j], rows.joined[j]) for j in range(rows.n)]
-    a = np.eye(rows.p) + np.sum([x.T @ x for x in xw], axis=0)
-    g = rows.mean + np.sum([x.T @ r for x, r in zip(xw, rw, strict=True)], axis=0)
+    white = [_whitened(rows, noise, j) for j in range(rows.n)]
+    xw, rw = [w.x for w in white], [w.r for w in white]
+    a = np.eye(rows.p) + np.sum([w.xx for w in white], axis=0)
+    g = rows.mean + np.sum([w.xr for w in white], axis=0)
     held = np.zeros(rows.p, dtype=bool)
     theta, inverse = np.zeros(rows.p), np.zeros((rows.p, rows.p))
     for _ in range(HOLDS):

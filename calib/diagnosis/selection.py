@@ -12,7 +12,7 @@ from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
-from calib.diagnosis.model import CONTACT, Hypothesis
+from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, pure_error
 from calib.diagnosis.rows import Products
 from calib.preprocessing import Measurement
@@ -44,6 +44,9 @@ EXTRA = {
     "link_inertia": 4.0,
     "thermal_friction": -5.0,
 }
+
+
+Key = tuple[str, str | None]
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,9 @@ def cost(f: Fit) -> float:
     return f.objective + penalty(f.accepted)
 
 
-def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | None = None) -> list[Scored]:
+def scored(
+    f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | None = None, ask_contact: bool = True
+) -> list[Scored]:
     """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out."""
     best: dict[tuple[str, str | None], Scored] = {}
     solved, left, bank = f.solved, f.solved.left(), bank or Bank()
@@ -125,12 +130,18 @@ def scored(f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | N
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if within(item) and _sensible(item, f, gain):
+        if within(item) and sensible(item, f.hypothesis.arm, f.models, gain):
             best[c.key] = Scored(item, gain, len(coefficients))
+    if (CONTACT, None) in skip or not ask_contact:
+        return _ranked(best)
     touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
-    if touched is not None and (CONTACT, None) not in skip and within(touched[2]):
+    if touched is not None and within(touched[2]):
         log, gain, item = touched
         best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
+    return _ranked(best)
+
+
+def _ranked(best: dict[Key, Scored]) -> list[Scored]:
     return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - EXTRA.get(s.effect.effect, 0.0)))
 
 
@@ -214,12 +225,12 @@ def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
     return f
 
 
-def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
+def without(measurements: Sequence[Measurement], f: Fit, i: int, rounds: int = 3) -> Fit:
     """The fit with the i-th effect left out."""
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
     event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
     touched = joints_of(f.accepted[i], f.hypothesis.arm)
-    return fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models, touched)
+    return fit(measurements, f.hypothesis.with_effects(rest, event), rounds, f.solved.noise, f.models, touched)
 
 
 def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:
@@ -254,7 +265,7 @@ def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) ->
     weights and a noise that holds the effect too belong to `rest`.
     """
     own = (f.accepted[i].effect, f.accepted[i].joint)
-    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank)
+    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank, own[0] == CONTACT)
     promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
     return [s for s in ranked if s.key != own and s.gain > share * promised]
 
@@ -269,14 +280,14 @@ def _settled(f: Fit) -> bool:
     )
 
 
-def _sensible(item: ArmEffect, f: Fit, gain: float) -> bool:
+def sensible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:
     """Bounds that are not a single parameter's."""
     p = item.parameters
     if item.effect == "payload":
         return bool(np.linalg.norm([p["com_x"], p["com_y"], p["com_z"]]) < 0.6)
     if item.effect == "joint_elasticity" and item.joint is not None:
-        j = f.hypothesis.arm.joint_index(item.joint)
-        load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in f.models)
+        j = arm.joint_index(item.joint)
+        load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in models)
         return load / p["stiffness"] > LEAST_TWIST or (gain > BEYOND_DOUBT and load / p["stiffness"] > 0.3 * LEAST_TWIST)
     if item.effect == "time_delay":
         return p["delay"] > LEAST_DELAY

@@ -1,0 +1,380 @@
+"""What has changed since healthy recordings: a regression of the new logs on effects, beside everything that the healthy arm is known to do.
+
+The healthy logs tell what the arm's model leaves and how that varies from motion to motion and from day to day. The torque of the
+healthy arm is the model's plus a law of all joint effects of the catalogue at once, shrunk by a Gaussian prior and fitted to the
+healthy logs; each of them in turn is left out and predicted by the others. These predictions give the noise by which a new log is
+judged, and for each candidate effect the size that it takes on where nothing has changed: the null distribution of its estimate. An
+effect is named where its estimate in the new logs stands out of both (a likelihood ratio with the null's spread in the covariance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.diagnosis.additive_basis import AdditiveBasis
+from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.contact import contacts
+from calib.diagnosis.fit import fit, within
+from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.noise import Noise, noise_of
+from calib.diagnosis.rows import Rows, Solved, solve
+from calib.diagnosis.selection import EXTRA, Key, sensible
+from calib.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from sim.effects import effect_named
+
+# Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
+LAW_SPREAD = 0.3
+# A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
+THRESHOLD, PER_PARAMETER = 30.0, 4.0
+APART = 8.0  # two candidates nearer than this are not told apart
+NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
+NULL_DIAGONAL = 0.3
+MOST_CHANGES = 4
+WIDE = 1e3
+ODD, ODD_SHARE = 80.0, 0.15
+
+
+@dataclass(frozen=True)
+class Law:
+    """Torque of the healthy arm beside its model: columns L = [X D] of its nuisance and of the law, their mean (P,) and covariance root root'.
+
+    scale: per joint the RMS of D's columns on the healthy logs.
+    """
+
+    scale: list[np.ndarray]
+    mean: np.ndarray
+    root: np.ndarray
+
+    def rows(self, models: list[LogModel]) -> Rows:
+        """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
+        rows = Rows(models)
+        for j, columns in enumerate(_columns(rows, self.scale)):
+            rows.r[j] = rows.r[j] - columns @ self.mean
+            rows.x[j] = columns @ self.root
+        return rows.released()
+
+
+@dataclass(frozen=True)
+class Changed:
+    """One change: the effect with its standard deviations, what it brings on the scale of -2 log likelihood, and what would bring the same."""
+
+    effect: ArmEffect
+    std: dict[str, float]
+    gain: float
+    rivals: tuple[Key, ...]
+    log: int | None = None
+
+
+@dataclass
+class Since:
+    """Changes, most evident first; joints with structure that no candidate explains: index, variables, RMS N m; and the noise."""
+
+    changes: list[Changed]
+    odd: list[tuple[int, str, float]]
+    noise: Noise
+    ranking: list[Changed] = field(default_factory=list)
+
+
+def since(arm: Arm, baseline: Sequence[Measurement], after: Sequence[Measurement], apart: Sequence[Measurement] = ()) -> Since:
+    """What has changed in `after` since `baseline` (at least three logs); changes that `apart` speaks against are dropped."""
+    healthy = fit(baseline, Hypothesis.nominal(arm))
+    models, hypothesis = healthy.models, healthy.hypothesis
+    folds = _Folds(models)
+    noise = folds.noise
+    null = _null(folds)
+    new, held = ([LogModel(m, hypothesis) for m in x] for x in (after, apart))
+    law = folds.law()
+    rows = law.rows(new)
+    kept = law.rows(held) if held else None
+    accepted: list[_Scored] = []
+    ranking: list[_Scored] = []
+    while len(accepted) < MOST_CHANGES:
+        solved = solve(_joined(rows, accepted), noise)
+        scored = _scored(solved, new, null, {s.key for s in accepted}, arm)
+        ranking = ranking or scored
+        first = next((s for s in scored if s.worth > THRESHOLD and _holds(s, accepted, rows, kept, noise, held)), None)
+        if first is None:
+            break
+        near = [s.key for s in scored if s is not first and s.worth > first.worth - APART]
+        accepted.append(first)
+        first.rivals = tuple(near[:2])
+    solved = solve(_joined(rows, accepted), noise)
+    changes = _restated(accepted, solved, rows.p)
+    return Since(changes, _odd(solved, new, folds, noise), noise, [s.stated() for s in ranking[:12]])
+
+
+@dataclass
+class _Scored:
+    """A candidate with its columns per joint (R, k), coefficients, covariance with the null's spread, and what it is worth."""
+
+    candidate: Candidate | None
+    effect: ArmEffect
+    columns: dict[int, np.ndarray]
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    gain: float
+    worth: float
+    log: int | None = None
+    rivals: tuple[Key, ...] = ()
+
+    @property
+    def key(self) -> Key:
+        return self.effect.effect, self.effect.joint
+
+    def stated(self) -> Changed:
+        return Changed(self.effect, _spread(self), self.gain, self.rivals, self.log)
+
+
+class _Folds:
+    """The law's sums over the healthy logs, one by one, so that each can be left out."""
+
+    def __init__(self, models: list[LogModel]) -> None:
+        self.models = models
+        together = Rows(models)
+        left = solve(together, noise_of(together.r, together.joined)).residuals()
+        self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
+        white = Noise(self.size, np.zeros(len(left)))
+        self.scale = [np.sqrt(np.mean(together.take(j, d) ** 2, axis=0)) for j, d in enumerate(_dictionary(models))]
+        count = sum(len(s) for s in self.scale)
+        p = together.p
+        # prior of the nuisance as it is, of the law by what friction leaves
+        self.prior = np.concatenate(
+            [
+                np.ones(p),
+                np.concatenate(
+                    [np.full(len(s), 1 / (LAW_SPREAD * v) ** 2) for s, v in zip(self.scale, self.size, strict=True)]
+                ),
+            ]
+        )
+        assert len(self.prior) == p + count
+        self.parts = []
+        for m in models:
+            rows = Rows([m])
+            a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
+            for j, columns in enumerate(_columns(rows, self.scale)):
+                x, r = white.whiten(j, columns, rows.joined[j]), white.whiten(j, rows.r[j], rows.joined[j])
+                # neighbouring rows say much the same: each counts for as much as its colour leaves
+                a += x.T @ x / CORRELATED
+                g += x.T @ r / CORRELATED
+            self.parts.append((a, g))
+        errors: list[list[np.ndarray]] = [[] for _ in left]
+        joined: list[list[np.ndarray]] = [[] for _ in left]
+        self.left_out = [self.law(k).rows([m]) for k, m in enumerate(models)]
+        for rows in self.left_out:
+            for j in range(rows.n):
+                errors[j].append(rows.r[j])
+                joined[j].append(rows.joined[j])
+        self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined])
+
+    def law(self, without: int | None = None) -> Law:
+        """The law of all healthy logs but one."""
+        a = np.diag(self.prior) + np.sum([x for k, (x, _) in enumerate(self.parts) if k != without], axis=0)
+        g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
+        d = 1 / np.sqrt(np.diag(a))
+        value, vector = np.linalg.eigh(a * np.outer(d, d))
+        value = np.maximum(value, 1e-10)
+        root = d[:, None] * vector / np.sqrt(value)
+        return Law(self.scale, root @ (root.T @ g), root)
+
+
+CORRELATED = 10.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
+
+
+def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
+    """Per joint and log (R, m): every joint effect of the catalogue that acts on that joint's torque alone."""
+    n = models[0].n
+    out: list[list[list[np.ndarray]]] = [[[] for _ in models] for _ in range(n)]
+    for c in candidates(models):
+        if c.joint is not None and len(c.columns[0]) == 1 and not effect_named(c.effect).many:
+            (j,) = c.columns[0]
+            for part, columns in zip(out[j], c.columns, strict=True):
+                part.append(columns[j])
+    return [[np.concatenate(part, axis=1) for part in joint] for joint in out]
+
+
+def _columns(rows: Rows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
+    """Per joint L (R, P): its nuisance and its own part of the law."""
+    total = sum(len(s) for s in scale)
+    first = 0
+    for j, d in enumerate(_dictionary(rows.models)):
+        p = rows.x[j].shape[1]
+        out = np.zeros((len(rows.r[j]), p + total))
+        out[:, :p] = rows.x[j]
+        out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
+        first += len(scale[j])
+        yield out
+
+
+def _null(folds: _Folds) -> dict[tuple[Key, int], np.ndarray]:
+    """(candidate, probe) -> second moment (k, k) of its coefficients in healthy logs that the law has not seen."""
+    found: dict[tuple[Key, int], list[np.ndarray]] = {}
+    for rows, m in zip(folds.left_out, folds.models, strict=True):
+        solved = solve(rows, folds.noise)
+        left = solved.left()
+        for number, c in _numbered([m]):
+            s = _white(c, solved)
+            _, coefficients, _ = solved.gain(s, c.spread, left=left)
+            found.setdefault((c.key, number), []).append(coefficients)
+    out = {}
+    for key, each in found.items():
+        moment = np.mean([np.outer(c, c) for c in each], axis=0)
+        out[key] = NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment)))
+    return out
+
+
+def _numbered(models: list[LogModel]) -> Iterable[tuple[int, Candidate]]:
+    numbers: dict[Key, int] = {}
+    for c in candidates(models):
+        numbers[c.key] = numbers.get(c.key, 0) + 1
+        yield numbers[c.key], c
+
+
+def _white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:
+    rows = solved.rows
+    return {j: solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
+
+
+def _scored(
+    solved: Solved, models: list[LogModel], null: dict[tuple[Key, int], np.ndarray], skip: set[Key], arm: Arm
+) -> list[_Scored]:
+    """Every candidate beside what is accepted, most worth first, one entry per effect and joint."""
+    best: dict[Key, _Scored] = {}
+    left = solved.left()
+    for number, c in _numbered(models):
+        if c.key in skip:
+            continue
+        s = _white(c, solved)
+        _, coefficients, covariance = solved.gain(s, c.spread, left=left)
+        wide = covariance + null.get((c.key, number), np.zeros_like(covariance))
+        gain = float(coefficients @ np.linalg.lstsq(wide, coefficients, rcond=1e-12)[0])
+        worth = gain - PER_PARAMETER * (len(coefficients) - 1) - max(EXTRA.get(c.effect, 0.0), 0.0)
+        item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
+        if not np.isfinite(worth) or not within(item) or not sensible(item, arm, models, gain):
+            continue
+        if c.key not in best or worth > best[c.key].worth:
+            columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}
+            best[c.key] = _Scored(c, item, columns, coefficients, wide, gain, worth)
+    if (CONTACT, None) not in skip:
+        touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
+        if touched is not None and within(touched[2]):
+            log, gain, item = touched
+            push = _Scored(None, item, _push(solved, item, log), np.ones(1), np.eye(1), gain, gain - CONTACT_PRICE, log)
+            best[CONTACT, None] = push
+    return sorted(best.values(), key=lambda s: -s.worth)
+
+
+CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
+
+
+def _push(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndarray]:
+    """(R, 1) per joint: torque of a push, as one column."""
+    from calib.diagnosis.candidates import force_columns
+
+    p, out = item.parameters, {}
+    force = np.array([p[f"force_{a}"] for a in "xyz"])
+    for j in range(solved.rows.n):
+        parts = []
+        for k, (model, index) in enumerate(zip(solved.rows.models, solved.rows.index[j], strict=True)):
+            at = model.link.t[model.measurement.row_samples]
+            phase = (at - p["start"]) / p["duration"]
+            window = np.where((phase > 0) & (phase < 1) & (k == log), np.sin(np.pi * phase) ** 2, 0.0)
+            parts.append((window * (model.rows(force_columns(model))[:, j] @ force))[index])
+        out[j] = np.concatenate(parts)[:, None]
+    return out
+
+
+def _joined(rows: Rows, accepted: list[_Scored]) -> Rows:
+    """The rows with the accepted columns beside them, free."""
+    if not accepted:
+        return rows
+    out = rows.released()
+    for j in range(rows.n):
+        more = [
+            a.columns[j] if j in a.columns else np.zeros((len(rows.r[j]), len(next(iter(a.columns.values()))[0])))
+            for a in accepted
+        ]
+        out.x[j] = np.concatenate(
+            [rows.x[j], *[m * WIDE * np.abs(a.coefficients) for m, a in zip(more, accepted, strict=True)]], axis=1
+        )
+    return out.released()
+
+
+def _holds(s: _Scored, accepted: list[_Scored], rows: Rows, kept: Rows | None, noise: Noise, held: list[LogModel]) -> bool:
+    """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
+    if kept is None or s.candidate is None:
+        return True
+    match = next((c for n, c in _numbered(held) if c.key == s.key and c.combine(s.coefficients) == s.effect.parameters), None)
+    if match is None:
+        return True
+    solved = solve(kept, noise)
+    left, columns = solved.left(), _white(match, solved)
+    g = np.sum([x.T @ left[j] for j, x in columns.items()], axis=0)
+    ss = np.sum([x.T @ x for x in columns.values()], axis=0)
+    xs = np.sum([solved.xw[j].T @ x for j, x in columns.items()], axis=0)
+    own = ss - xs.T @ solved.inverse @ xs
+    return float(2 * g @ s.coefficients - s.coefficients @ own @ s.coefficients) > 0.0
+
+
+def _restated(accepted: list[_Scored], solved: Solved, p: int) -> list[Changed]:
+    """The changes with the sizes of the joint fit."""
+    out, first = [], p
+    for s in accepted:
+        k = len(s.coefficients)
+        here = slice(first, first + k)
+        first += k
+        if s.candidate is not None:
+            c = solved.theta[here] * WIDE * np.abs(s.coefficients)
+            item = ArmEffect(s.effect.effect, s.effect.joint, s.candidate.combine(c))
+            if within(item):
+                s.effect, s.coefficients = item, c
+        out.append(s.stated())
+    return sorted(out, key=lambda x: -x.gain)
+
+
+def _spread(s: _Scored) -> dict[str, float]:
+    """Standard deviation of every parameter, by finite differences of its law in the coefficients."""
+    if s.candidate is None:
+        return dict.fromkeys(s.effect.parameters, 0.0)
+    root = np.linalg.cholesky(s.covariance + 1e-12 * np.trace(s.covariance) * np.eye(len(s.coefficients)))
+    out = dict.fromkeys(s.effect.parameters, 0.0)
+    for direction in root.T:
+        moved = s.candidate.combine(s.coefficients + 0.1 * direction)
+        for name, value in s.effect.parameters.items():
+            change = (moved[name] - value) / 0.1
+            out[name] += change**2 if np.isfinite(change) else 0.0
+    return {name: float(np.sqrt(v)) for name, v in out.items()}
+
+
+def _odd(solved: Solved, new: list[LogModel], folds: _Folds, noise: Noise) -> list[tuple[int, str, float]]:
+    """Joints at which a part of the additive basis explains far more in the new logs than in any healthy one left out."""
+    out = []
+    for j in range(solved.rows.n):
+        after = _parts(solved, AdditiveBasis(new), j)
+        usual: dict[str, float] = {}
+        for rows, m in zip(folds.left_out, folds.models, strict=True):
+            for name, (gain, count) in _parts(solve(rows, noise), AdditiveBasis([m]), j).items():
+                usual[name] = max(usual.get(name, 0.0), gain / count)
+        name = max(after, key=lambda name: after[name][0] - 2 * usual.get(name, 0.0) * after[name][1])
+        gain, count = after[name]
+        excess = gain - 2 * usual.get(name, 0.0) * count
+        if excess > ODD and excess / count > ODD_SHARE:
+            out.append((j, name, float(noise.sigma[j] * np.sqrt(excess / count))))
+    return out
+
+
+def _parts(solved: Solved, basis: AdditiveBasis, j: int) -> dict[str, tuple[float, int]]:
+    """Part of the additive basis -> fall of chi2 and rows of joint j."""
+    rows, left, out = solved.rows, solved.left(), {}
+    for name, columns in basis.groups(j).items():
+        x = rows.take(j, columns)
+        keep = x.std(axis=0) > 1e-9
+        if keep.any():
+            s = solved.noise.whiten(j, x[:, keep] - x[:, keep].mean(axis=0), rows.joined[j])
+            size = np.maximum(np.sqrt((s**2).sum(axis=0)), 1e-12)
+            gain, _, _ = solved.gain({j: s / size}, (9.0,) * int(keep.sum()), left=left)
+            out[name] = (gain, max(len(x), 1))
+    return out
