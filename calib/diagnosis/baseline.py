@@ -29,8 +29,8 @@ from sim.effects import effect_named
 # Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
 LAW_SPREAD = 0.3
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
-THRESHOLD, PER_PARAMETER = 30.0, 4.0
-APART = 8.0  # two candidates nearer than this are not told apart
+THRESHOLD, PER_PARAMETER = 8.0, 2.0
+APART, ALIKE = 8.0, 0.03  # two candidates nearer than this, or than this share, are not told apart
 NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
 NULL_DIAGONAL = 0.3
 MOST_CHANGES = 4
@@ -79,37 +79,47 @@ class Since:
     ranking: list[Changed] = field(default_factory=list)
 
 
-def since(arm: Arm, baseline: Sequence[Measurement], after: Sequence[Measurement], apart: Sequence[Measurement] = ()) -> Since:
-    """What has changed in `after` since `baseline` (at least three logs); changes that `apart` speaks against are dropped."""
-    healthy = fit(baseline, Hypothesis.nominal(arm))
-    models, hypothesis = healthy.models, healthy.hypothesis
-    folds = _Folds(models)
-    noise = folds.noise
-    null = _null(folds)
-    new, held = ([LogModel(m, hypothesis) for m in x] for x in (after, apart))
-    law = folds.law()
-    rows = law.rows(new)
-    kept = law.rows(held) if held else None
-    accepted: list[_Scored] = []
-    ranking: list[_Scored] = []
-    while len(accepted) < MOST_CHANGES:
-        solved = solve(_joined(rows, accepted), noise)
-        scored = _scored(solved, new, null, {s.key for s in accepted}, arm)
-        ranking = ranking or scored
-        first = next((s for s in scored if s.worth > THRESHOLD and _holds(s, accepted, rows, kept, noise, held)), None)
-        if first is None:
-            break
-        near = [s.key for s in scored if s is not first and s.worth > first.worth - APART]
-        accepted.append(first)
-        first.rivals = tuple(near[:2])
-    solved = solve(_joined(rows, accepted), noise)
-    changes = _restated(accepted, solved, rows.p)
-    return Since(changes, _odd(solved, new, folds, noise), noise, [s.stated() for s in ranking[:12]])
+class Healthy:
+    """What the healthy logs of an arm tell: its law, the noise between motions and days, and each candidate's size where nothing changed."""
+
+    def __init__(self, arm: Arm, baseline: Sequence[Measurement]) -> None:
+        self.arm = arm
+        fitted = fit(baseline, Hypothesis.nominal(arm))
+        self.hypothesis = fitted.hypothesis
+        self._folds = _Folds(fitted.models)
+        self.noise = self._folds.noise
+        self._null = _null(self._folds)
+        self.law = self._folds.law()
+
+    def since(self, after: Sequence[Measurement], apart: Sequence[Measurement] = ()) -> Since:
+        """What has changed in `after`; changes that `apart` speaks against are dropped."""
+        new, held = ([LogModel(m, self.hypothesis) for m in x] for x in (after, apart))
+        rows = self.law.rows(new)
+        kept = self.law.rows(held) if held else None
+        accepted: list[_Scored] = []
+        ranking: list[_Scored] = []
+        while len(accepted) < MOST_CHANGES:
+            solved = solve(_joined(rows, accepted), self.noise)
+            scored = _scored(solved, new, self._null, {s.key for s in accepted}, self.arm)
+            ranking = ranking or scored
+            worth = (s for s in scored if s.worth > THRESHOLD)
+            first = next((s for s in worth if _holds(s, kept, self.noise, held)), None)
+            if first is None:
+                break
+            near = [s.key for s in scored if s is not first and s.brings > first.brings - max(APART, ALIKE * first.brings)]
+            accepted.append(first)
+            first.rivals = tuple(near[:2])
+        solved = solve(_joined(rows, accepted), self.noise)
+        odd = _odd(solved, new, self._folds, self.noise)
+        return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]])
 
 
 @dataclass
 class _Scored:
-    """A candidate with its columns per joint (R, k), coefficients, covariance with the null's spread, and what it is worth."""
+    """A candidate with its columns per joint (R, k), coefficients and covariance with the null's spread.
+
+    gain: likelihood ratio with that spread; worth: that less its price, which decides whether; brings: fall of chi2 less the price, which decides which.
+    """
 
     candidate: Candidate | None
     effect: ArmEffect
@@ -118,6 +128,7 @@ class _Scored:
     covariance: np.ndarray
     gain: float
     worth: float
+    brings: float
     log: int | None = None
     rivals: tuple[Key, ...] = ()
 
@@ -248,23 +259,34 @@ def _scored(
         if c.key in skip:
             continue
         s = _white(c, solved)
-        _, coefficients, covariance = solved.gain(s, c.spread, left=left)
+        fall, coefficients, covariance = solved.gain(s, c.spread, left=left)
         wide = covariance + null.get((c.key, number), np.zeros_like(covariance))
         gain = float(coefficients @ np.linalg.lstsq(wide, coefficients, rcond=1e-12)[0])
-        worth = gain - PER_PARAMETER * (len(coefficients) - 1) - max(EXTRA.get(c.effect, 0.0), 0.0)
+        price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(EXTRA.get(c.effect, 0.0), 0.0)
+        worth, brings = gain - price, fall - price
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
         if not np.isfinite(worth) or not within(item) or not sensible(item, arm, models, gain):
             continue
-        if c.key not in best or worth > best[c.key].worth:
+        if c.key not in best or brings > best[c.key].brings:
             columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}
-            best[c.key] = _Scored(c, item, columns, coefficients, wide, gain, worth)
+            best[c.key] = _Scored(c, item, columns, coefficients, wide, gain, worth, brings)
     if (CONTACT, None) not in skip:
         touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
         if touched is not None and within(touched[2]):
             log, gain, item = touched
-            push = _Scored(None, item, _push(solved, item, log), np.ones(1), np.eye(1), gain, gain - CONTACT_PRICE, log)
+            push = _Scored(
+                None,
+                item,
+                _push(solved, item, log),
+                np.ones(1),
+                np.eye(1),
+                gain,
+                gain - CONTACT_PRICE,
+                gain - CONTACT_PRICE,
+                log,
+            )
             best[CONTACT, None] = push
-    return sorted(best.values(), key=lambda s: -s.worth)
+    return sorted(best.values(), key=lambda s: -s.brings)
 
 
 CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
@@ -303,7 +325,7 @@ def _joined(rows: Rows, accepted: list[_Scored]) -> Rows:
     return out.released()
 
 
-def _holds(s: _Scored, accepted: list[_Scored], rows: Rows, kept: Rows | None, noise: Noise, held: list[LogModel]) -> bool:
+def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) -> bool:
     """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
     if kept is None or s.candidate is None:
         return True
