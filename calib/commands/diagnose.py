@@ -11,7 +11,7 @@ import typer
 from calib import console
 from calib.run_folder import conclude, new_run
 
-LIST_OPTIONS = ("--holdout",)
+LIST_OPTIONS = ("--holdout", "--baseline")
 
 
 def command(
@@ -21,6 +21,12 @@ def command(
     ] = None,
     holdout: Annotated[
         list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, kept apart to show the gap.")
+    ] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="LOG", help="Three or more recordings of the same arm when it was healthy: name what has changed since."
+        ),
     ] = None,
     accept_partial: console.AcceptPartial = False,
     out: console.Out = None,
@@ -37,18 +43,23 @@ def command(
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
     from calib import evidence
+    from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
     from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
 
     subject, given = arm_and_logs(arm, log, configs)
-    require_unseen(given, holdout or [])
+    require_unseen([*given, *(baseline or [])], holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, subject, Path(scratch), accept_partial)
         apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
-        found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
+        if baseline:
+            healthy = read_logs(baseline, subject, accept_partial)
+            found = diagnose_changes(subject, list(logs), apart, healthy, told=lambda text: advance(0, text))
+        else:
+            found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
         found.write(folder, subject)
         advance(0, "comparing before and after")
         shown = evidence.of_diagnosis(subject, load_arm(str(folder / "arm")), apart[0] if apart else logs[len(logs) - 1], found)

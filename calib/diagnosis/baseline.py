@@ -34,6 +34,8 @@ APART, ALIKE = 8.0, 0.03  # two candidates nearer than this, or than this share,
 NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
 NULL_DIAGONAL = 0.3
 MOST_CHANGES = 4
+LEFT_OVER = 0.15  # of a named change's evidence: what another form of the same change may leave
+ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no push on the last link
 WIDE = 1e3
 ODD, ODD_SHARE = 80.0, 0.15
 
@@ -77,6 +79,18 @@ class Since:
     odd: list[tuple[int, str, float]]
     noise: Noise
     ranking: list[Changed] = field(default_factory=list)
+    accepted: list[_Scored] = field(default_factory=list)
+
+    def left(self, healthy: Healthy, models: list[LogModel]) -> list[np.ndarray]:
+        """Per joint (R_j,) N m: what the healthy arm's law and the changes leave of other logs; a contact is in one log only."""
+        rows = healthy.law.rows(models)
+        out = list(rows.r)
+        for s in self.accepted:
+            match = _same(s, models) if s.candidate is not None else None
+            if match is not None:
+                for j in match.columns[0]:
+                    out[j] = out[j] - rows.take(j, [x[j] for x in match.columns]) @ s.coefficients
+        return out
 
 
 class Healthy:
@@ -102,7 +116,7 @@ class Healthy:
             solved = solve(_joined(rows, accepted), self.noise)
             scored = _scored(solved, new, self._null, {s.key for s in accepted}, self.arm)
             ranking = ranking or scored
-            worth = (s for s in scored if s.worth > THRESHOLD)
+            worth = (s for s in scored if s.worth > THRESHOLD and not _left_over(s, accepted))
             first = next((s for s in worth if _holds(s, kept, self.noise, held)), None)
             if first is None:
                 break
@@ -111,7 +125,7 @@ class Healthy:
             first.rivals = tuple(near[:2])
         solved = solve(_joined(rows, accepted), self.noise)
         odd = _odd(solved, new, self._folds, self.noise)
-        return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]])
+        return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]], accepted)
 
 
 @dataclass
@@ -130,6 +144,7 @@ class _Scored:
     worth: float
     brings: float
     log: int | None = None
+    number: int = 0
     rivals: tuple[Key, ...] = ()
 
     @property
@@ -138,6 +153,11 @@ class _Scored:
 
     def stated(self) -> Changed:
         return Changed(self.effect, _spread(self), self.gain, self.rivals, self.log)
+
+
+def _left_over(s: _Scored, accepted: list[_Scored]) -> bool:
+    """Whether a candidate may be no more than what the form of a named change leaves at the same joint."""
+    return any(a.key[1] == s.key[1] is not None and s.gain < LEFT_OVER * a.gain for a in accepted)
 
 
 class _Folds:
@@ -269,27 +289,27 @@ def _scored(
             continue
         if c.key not in best or brings > best[c.key].brings:
             columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}
-            best[c.key] = _Scored(c, item, columns, coefficients, wide, gain, worth, brings)
+            best[c.key] = _Scored(c, item, columns, coefficients, wide, gain, worth, brings, number=number)
     if (CONTACT, None) not in skip:
         touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
         if touched is not None and within(touched[2]):
             log, gain, item = touched
-            push = _Scored(
-                None,
-                item,
-                _push(solved, item, log),
-                np.ones(1),
-                np.eye(1),
-                gain,
-                gain - CONTACT_PRICE,
-                gain - CONTACT_PRICE,
-                log,
-            )
-            best[CONTACT, None] = push
+            columns, worth = _push(solved, item, log), gain - CONTACT_PRICE
+            if _felt(solved, left, columns):
+                best[CONTACT, None] = _Scored(None, item, columns, np.ones(1), np.eye(1), gain, worth, worth, log)
     return sorted(best.values(), key=lambda s: -s.brings)
 
 
 CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
+
+
+def _felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:
+    """Whether more than one joint speaks for a push."""
+    brings = np.zeros(solved.rows.n)
+    for j, x in columns.items():
+        s = solved.noise.whiten(j, x[:, 0], solved.rows.joined[j])
+        brings[j] = max(float(2 * s @ left[j] - s @ s), 0.0)
+    return bool(brings.max() < ONE_JOINT * brings.sum())
 
 
 def _push(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndarray]:
@@ -329,7 +349,7 @@ def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) ->
     """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
     if kept is None or s.candidate is None:
         return True
-    match = next((c for n, c in _numbered(held) if c.key == s.key and c.combine(s.coefficients) == s.effect.parameters), None)
+    match = _same(s, held)
     if match is None:
         return True
     solved = solve(kept, noise)
@@ -339,6 +359,11 @@ def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) ->
     xs = np.sum([solved.xw[j].T @ x for j, x in columns.items()], axis=0)
     own = ss - xs.T @ solved.inverse @ xs
     return float(2 * g @ s.coefficients - s.coefficients @ own @ s.coefficients) > 0.0
+
+
+def _same(s: _Scored, models: list[LogModel]) -> Candidate | None:
+    """The same candidate, at the same point of its shape, on other logs."""
+    return next((c for number, c in _numbered(models) if c.key == s.key and number == s.number), None)
 
 
 def _restated(accepted: list[_Scored], solved: Solved, p: int) -> list[Changed]:

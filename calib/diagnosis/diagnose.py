@@ -19,7 +19,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import as_written, correction_of, promoted, torque_rms
 from calib.diagnosis.selection import Found, search, without
-from calib.diagnosis.unexplained import Odd, unexplained
+from calib.diagnosis.unexplained import unexplained
 from calib.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -60,7 +60,7 @@ def diagnose(
     start = Hypothesis.nominal(arm)
     trusted = checks((*logs, *holdout), every, [LogModel(m, start) for m in every], arm)
     if not all(c.ok for c in trusted):
-        return Diagnosis(_answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
+        return Diagnosis(answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
     found = search(fitted, start, told)
     told("weighing the names")
     judged = judge(fitted, found.best, apart)
@@ -90,24 +90,28 @@ def diagnose(
         promotion = replace(promotion, named=named, written=as_written(fitted, named))
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
-    entries = [_entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
+    entries = [entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     have = {(j.effect.effect, j.effect.joint) for j in kept}
     reached = [x for x in limits_reached(arm, logs) if (x.effect.effect, x.effect.joint) not in have]
-    entries += [_entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
+    entries += [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
     limits = tuple(x.effect for x in reached)
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
     change = correction_of(promotion, limits)
     gap = _gaps(found.baseline, named, change, shown, fitted)
-    answer = _answer(arm, verdict, entries, odd, gap, shown[0].name, trusted)
-    return Diagnosis(answer, tuple(j.effect for j in kept), found, change, limits)
+    result = answer(arm, verdict, entries, [u.entry() for u in odd], gap, shown[0].name, trusted)
+    result |= {
+        "noise_source": "what an additive basis and all candidate effects leave of the recordings",
+        "refused": [r.text for r in promotion.refused],
+    }
+    return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
-def _answer(
+def answer(
     arm: Arm,
     verdict: str,
     effects: list[dict[str, Any]],
-    odd: list[Odd],
+    odd: list[dict[str, Any]],
     gap: dict[str, list[float]] | None,
     log: str,
     trusted: list[Check],
@@ -119,7 +123,7 @@ def _answer(
         "arm": arm.name,
         "verdict": verdict,
         "effects": effects,
-        "unexplained": [u.entry() for u in odd],
+        "unexplained": odd,
         "gap": {"unit": "N*m", "log": log, "joints": list(arm.joint_names), **(gap or none)},
         "data_checks": [c.entry() for c in trusted],
         "arm_out": "arm",
@@ -138,7 +142,7 @@ def _gaps(
     return {"noise_floor": [float(x) for x in best.solved.noise.sigma]} | out
 
 
-def _entry(
+def entry(
     arm: Arm, item: ArmEffect, std: dict[str, float], confidence: float, share: float, rivals: Sequence[Key] = ()
 ) -> dict[str, Any]:
     """One effect as diagnosis.json has it."""

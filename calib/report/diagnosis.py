@@ -50,6 +50,9 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
     if verdict == "bad_data":
         failed = [c["detail"] for c in diagnosis.get("data_checks", []) if not c["ok"]]
         return "The data cannot be used: " + ("; ".join(failed) if failed else "see the checks below")
+    changed = "baseline" in diagnosis
+    if verdict == "no_missing_effect" and changed:
+        return f"Nothing has changed on {diagnosis['arm']} since the {len(diagnosis['baseline'])} healthy recordings, beyond how they differ among themselves"
     if verdict == "no_missing_effect":
         return f"No effect is missing: the model of {diagnosis['arm']} agrees with the log within noise and its own uncertainty"
     found = _found(effects[0]) if len(effects) == 1 else _and([words(e["effect"], e.get("joint")) for e in effects])
@@ -60,6 +63,8 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
         ]
         text = "There is a gap that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
         return text + (f". Found beside it: {found}" if found else "")
+    if changed:
+        return f"Since the healthy recordings has changed: {found}"
     return f"The model lacks {found}" if len(effects) == 1 else f"The model lacks {len(effects)} effects: {found}"
 
 

@@ -1,0 +1,86 @@
+"""`calib diagnose --baseline`: what has changed since the healthy recordings, as diagnosis.json and a corrected arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calib.diagnosis.baseline import Changed, Healthy, Since
+from calib.diagnosis.corrected import Correction
+from calib.diagnosis.diagnose import Diagnosis, answer, entry
+from calib.diagnosis.integrity import checks
+from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.motion import measured, warmed
+from logs.log import Log
+from sim.arm import Arm, ArmEffect
+from sim.errors import AnswerIsNo
+
+LEAST_LOGS = 3
+
+
+def diagnose_changes(
+    arm: Arm,
+    logs: Sequence[Log],
+    holdout: Sequence[Log],
+    baseline: Sequence[Log],
+    told: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """The effects that `logs` have and `baseline`, at least three recordings of the healthy arm, has not.
+
+    AnswerIsNo where fewer are given: how an arm varies from day to day cannot be told from two of its days.
+    """
+    if len(baseline) < LEAST_LOGS:
+        raise AnswerIsNo(
+            f"--baseline: {len(baseline)} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
+            "from one recording to the next; record the plan again, or give the others"
+        )
+    told("preparing")
+    every = warmed([measured(log, arm) for log in (*baseline, *logs, *holdout)])
+    healthy, after, apart = (
+        every[: len(baseline)],
+        every[len(baseline) : len(baseline) + len(logs)],
+        every[len(baseline) + len(logs) :],
+    )
+    start = Hypothesis.nominal(arm)
+    trusted = checks((*logs, *holdout), [*after, *apart], [LogModel(m, start) for m in (*after, *apart)], arm)
+    shown = apart or after[-1:]
+    if not all(c.ok for c in trusted):
+        return Diagnosis(answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
+    told("learning the healthy arm")
+    reference = Healthy(arm, healthy)
+    told("comparing with the healthy arm")
+    found = reference.since(after, apart)
+    total = sum(c.gain for c in found.changes)
+    entries = [
+        entry(
+            arm,
+            c.effect,
+            c.std,
+            _confidence(c),
+            c.gain / total,
+            [k for k in c.rivals if k != (c.effect.effect, c.effect.joint)],
+        )
+        for c in found.changes
+    ]
+    odd = [{"joint": arm.joint_names[j], "depends_on": [name], "rms": rms, "unit": "N*m"} for j, name, rms in found.odd]
+    verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
+    result = answer(arm, verdict, entries, odd, _gap(reference, found, shown), shown[0].name, trusted)
+    result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}
+    lasting = tuple(c.effect for c in found.changes if c.effect.effect != CONTACT)
+    correction = Correction({}, tuple(ArmEffect(e.effect, e.joint, dict(e.parameters)) for e in lasting)) if lasting else None
+    return Diagnosis(result, tuple(c.effect for c in found.changes), None, correction)
+
+
+def _confidence(c: Changed) -> float:
+    """Odds of exp(gain / 2), capped at 99 %, divided among those that explain the recordings as well."""
+    return float(min(0.99, 1.0 / (1.0 + np.exp(-min(c.gain, 60.0) / 4.0))) / (1 + len(c.rivals)))
+
+
+def _gap(reference: Healthy, found: Since, shown: list) -> dict[str, list[float]]:  # type: ignore[type-arg]
+    """RMS per joint beside the healthy arm's own law: before, and with the changes; the noise is what the law leaves of healthy logs."""
+    models = [LogModel(m, reference.hypothesis) for m in shown]
+    rows = reference.law.rows(models)
+    before = [float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in rows.r]
+    after = [float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in found.left(reference, models)]
+    return {"noise_floor": [float(s) for s in found.noise.sigma], "before": before, "refit": before, "after": after}
