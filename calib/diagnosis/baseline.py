@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.contact import contacts
+from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import fit, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, noise_of
@@ -35,7 +35,6 @@ NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
 NULL_DIAGONAL = 0.3
 MOST_CHANGES = 4
 LEFT_OVER = 0.15  # of a named change's evidence: what another form of the same change may leave
-ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no push on the last link
 WIDE = 1e3
 ODD, ODD_SHARE = 80.0, 0.15
 
@@ -73,10 +72,10 @@ class Changed:
 
 @dataclass
 class Since:
-    """Changes, most evident first; joints with structure that no candidate explains: index, variables, RMS N m; and the noise."""
+    """Changes, most evident first; joints with structure that no candidate explains (index, variables, RMS N m, fall of chi2); and the noise."""
 
     changes: list[Changed]
-    odd: list[tuple[int, str, float]]
+    odd: list[tuple[int, str, float, float]]
     noise: Noise
     ranking: list[Changed] = field(default_factory=list)
     accepted: list[_Scored] = field(default_factory=list)
@@ -124,7 +123,7 @@ class Healthy:
             accepted.append(first)
             first.rivals = tuple(near[:2])
         solved = solve(_joined(rows, accepted), self.noise)
-        odd = _odd(solved, new, self._folds, self.noise)
+        odd = [x for x in _odd(solved, new, self._folds, self.noise) if not _formed(x, accepted, self.arm)]
         return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]], accepted)
 
 
@@ -158,6 +157,12 @@ class _Scored:
 def _left_over(s: _Scored, accepted: list[_Scored]) -> bool:
     """Whether a candidate may be no more than what the form of a named change leaves at the same joint."""
     return any(a.key[1] == s.key[1] is not None and s.gain < LEFT_OVER * a.gain for a in accepted)
+
+
+def _formed(odd: tuple[int, str, float, float], accepted: list[_Scored], arm: Arm) -> bool:
+    """Whether structure at a joint may be what the form of a change named there leaves."""
+    joint, excess = arm.joint_names[odd[0]], odd[3]
+    return any(a.key[1] in (joint, None) and excess < LEFT_OVER * a.brings for a in accepted)
 
 
 class _Folds:
@@ -294,39 +299,13 @@ def _scored(
         touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
         if touched is not None and within(touched[2]):
             log, gain, item = touched
-            columns, worth = _push(solved, item, log), gain - CONTACT_PRICE
-            if _felt(solved, left, columns):
+            columns, worth = push_columns(solved, item, log), gain - CONTACT_PRICE
+            if felt(solved, left, columns):
                 best[CONTACT, None] = _Scored(None, item, columns, np.ones(1), np.eye(1), gain, worth, worth, log)
     return sorted(best.values(), key=lambda s: -s.brings)
 
 
 CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
-
-
-def _felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:
-    """Whether more than one joint speaks for a push."""
-    brings = np.zeros(solved.rows.n)
-    for j, x in columns.items():
-        s = solved.noise.whiten(j, x[:, 0], solved.rows.joined[j])
-        brings[j] = max(float(2 * s @ left[j] - s @ s), 0.0)
-    return bool(brings.max() < ONE_JOINT * brings.sum())
-
-
-def _push(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndarray]:
-    """(R, 1) per joint: torque of a push, as one column."""
-    from calib.diagnosis.candidates import force_columns
-
-    p, out = item.parameters, {}
-    force = np.array([p[f"force_{a}"] for a in "xyz"])
-    for j in range(solved.rows.n):
-        parts = []
-        for k, (model, index) in enumerate(zip(solved.rows.models, solved.rows.index[j], strict=True)):
-            at = model.link.t[model.measurement.row_samples]
-            phase = (at - p["start"]) / p["duration"]
-            window = np.where((phase > 0) & (phase < 1) & (k == log), np.sin(np.pi * phase) ** 2, 0.0)
-            parts.append((window * (model.rows(force_columns(model))[:, j] @ force))[index])
-        out[j] = np.concatenate(parts)[:, None]
-    return out
 
 
 def _joined(rows: Rows, accepted: list[_Scored]) -> Rows:
@@ -396,7 +375,7 @@ def _spread(s: _Scored) -> dict[str, float]:
     return {name: float(np.sqrt(v)) for name, v in out.items()}
 
 
-def _odd(solved: Solved, new: list[LogModel], folds: _Folds, noise: Noise) -> list[tuple[int, str, float]]:
+def _odd(solved: Solved, new: list[LogModel], folds: _Folds, noise: Noise) -> list[tuple[int, str, float, float]]:
     """Joints at which a part of the additive basis explains far more in the new logs than in any healthy one left out."""
     out = []
     for j in range(solved.rows.n):
@@ -409,7 +388,7 @@ def _odd(solved: Solved, new: list[LogModel], folds: _Folds, noise: Noise) -> li
         gain, count = after[name]
         excess = gain - 2 * usual.get(name, 0.0) * count
         if excess > ODD and excess / count > ODD_SHARE:
-            out.append((j, name, float(noise.sigma[j] * np.sqrt(excess / count))))
+            out.append((j, name, float(noise.sigma[j] * np.sqrt(excess / count)), excess))
     return out
 
 

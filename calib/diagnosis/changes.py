@@ -63,7 +63,7 @@ def diagnose_changes(
         )
         for c in found.changes
     ]
-    odd = [{"joint": arm.joint_names[j], "depends_on": [name], "rms": rms, "unit": "N*m"} for j, name, rms in found.odd]
+    odd = [{"joint": arm.joint_names[j], "depends_on": [name], "rms": rms, "unit": "N*m"} for j, name, rms, _ in found.odd]
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
     result = answer(arm, verdict, entries, odd, _gap(reference, found, shown), shown[0].name, trusted)
     result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}

@@ -20,6 +20,7 @@ STEP = 0.3  # of a duration
 LEAST_JOINTS = 2
 # Prior standard deviation of a force's component: it would load the strongest joint at full reach with a quarter of its torque.
 FORCE_SHARE = 0.25
+ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no push on the last link
 
 
 def force_spread(arm: Arm) -> float:
@@ -65,3 +66,27 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
                 push = {"start": float(start), "duration": float(duration)}
                 push |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
                 yield which, float(g @ c), ArmEffect(CONTACT, None, push)
+
+
+def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:
+    """Whether more than one joint speaks for a push."""
+    brings = np.zeros(solved.rows.n)
+    for j, x in columns.items():
+        s = solved.noise.whiten(j, x[:, 0], solved.rows.joined[j])
+        brings[j] = max(float(2 * s @ left[j] - s @ s), 0.0)
+    return bool(brings.max() < ONE_JOINT * brings.sum())
+
+
+def push_columns(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndarray]:
+    """(R, 1) per joint: torque of a push, as one column."""
+    p, out = item.parameters, {}
+    force = np.array([p[f"force_{a}"] for a in "xyz"])
+    for j in range(solved.rows.n):
+        parts = []
+        for k, (model, index) in enumerate(zip(solved.rows.models, solved.rows.index[j], strict=True)):
+            at = model.link.t[model.measurement.row_samples]
+            phase = (at - p["start"]) / p["duration"]
+            window = np.where((phase > 0) & (phase < 1) & (k == log), np.sin(np.pi * phase) ** 2, 0.0)
+            parts.append((window * (model.rows(force_columns(model))[:, j] @ force))[index])
+        out[j] = np.concatenate(parts)[:, None]
+    return out

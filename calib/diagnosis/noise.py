@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-RIDGE = 1e-4  # of a column's sum of squares
+RIDGE = 1e-7  # of a column's sum of squares
 DRAWS = 16
 LEAST_ROWS = 8
 CLIP = 3.0  # robust standard deviations: a few reversals do not widen the noise
@@ -40,33 +40,37 @@ class Noise:
 def noise_of(residuals: list[np.ndarray], joined: list[np.ndarray]) -> Noise:
     """A first guess: scale and lag-one correlation of residuals per joint, as if the model that left them were right."""
     found = [
-        _scale_and_colour(r, link) if len(r) >= LEAST_ROWS else (1e-6, 0.0) for r, link in zip(residuals, joined, strict=True)
+        scale_and_colour(r, link) if len(r) >= LEAST_ROWS else (1e-6, 0.0) for r, link in zip(residuals, joined, strict=True)
     ]
     return Noise(np.array([max(s, 1e-9) for s, _ in found]), np.array([p for _, p in found]))
 
 
 def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
     """sigma N m and phi of one joint's noise: what columns x (R, k) leave of r (R,), with what they absorb of noise given back."""
+    if len(r) < LEAST_ROWS or not x.shape[1]:
+        sigma, phi = scale_and_colour(r, joined) if len(r) >= LEAST_ROWS else (0.0, 0.0)
+        return max(sigma, 1e-9), phi
     scale = np.sqrt(np.sum(x**2, axis=0))
     x = x[:, scale > 1e-9 * scale.max(initial=1e-300)]
     x = x / np.sqrt(np.sum(x**2, axis=0))
     gram = np.linalg.inv(x.T @ x + RIDGE * np.eye(x.shape[1]))
     e = r - x @ (gram @ (x.T @ r))
-    sigma, phi = _scale_and_colour(e, joined)
+    sigma, phi = scale_and_colour(e, joined)
     rng = np.random.default_rng(0)
     measured = sigma, phi
     for _ in range(2):
         white = rng.standard_normal((len(r), DRAWS)) * np.sqrt(1 - phi**2)
         made = lfilter([1.0], [1.0, -phi], white, axis=0)
         left = made - x @ (gram @ (x.T @ made))
-        of = [_scale_and_colour(column, joined) for column in left.T]
+        of = [scale_and_colour(column, joined) for column in left.T]
         factor = float(np.mean([s for s, _ in of]))
-        sigma = measured[0] / max(factor, 0.3)
+        sigma = max(measured[0] / max(factor, 0.3), 1e-9)
         phi = float(np.clip(measured[1] + phi - np.mean([p for _, p in of]), 0.0, LARGEST_COLOUR))
     return sigma, phi
 
 
-def _scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
+def scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
+    """Robust RMS N m and lag-one correlation of a series (R,); a few reversals do not count."""
     middle = 1.4826 * float(np.median(np.abs(e))) + 1e-12
     clipped = np.clip(e, -CLIP * middle, CLIP * middle)
     power = float(np.mean(clipped**2))

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.contact import contacts
+from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, pure_error
@@ -22,6 +22,7 @@ from sim.effects.effect import Stage
 
 MOST_EFFECTS = 12
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
+FILLED = 0.6  # columns over rows where the noise is measured
 LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
 LEAST_TWIST = 2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
 BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
@@ -137,7 +138,8 @@ def scored(
     touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
     if touched is not None and within(touched[2]):
         log, gain, item = touched
-        best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
+        if felt(solved, left, push_columns(solved, item, log)):
+            best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
     return _ranked(best)
 
 
@@ -146,32 +148,39 @@ def _ranked(best: dict[Key, Scored]) -> list[Scored]:
 
 
 def measured_noise(f: Fit) -> Noise:
-    """The noise of the recordings of a fit, from what an additive basis and all candidates leave (calib.diagnosis.noise)."""
+    """The noise of the recordings of a fit, from what an additive basis and all candidates leave (calib.diagnosis.noise).
+
+    A short recording takes as many of the columns as it has rows for, the basis before the candidates.
+    """
     rows, basis, n = f.solved.rows, AdditiveBasis(f.models), f.hypothesis.arm.n
-    columns: list[list[np.ndarray]] = [[rows.x[j]] for j in range(n)]
+    own: list[list[np.ndarray]] = [[] for _ in range(n)]
     for c in candidates(f.models):
         if not effect_named(c.effect).many:
             for j in c.columns[0]:
-                columns[j].append(rows.take(j, [x[j] for x in c.columns]))
+                own[j].append(rows.take(j, [x[j] for x in c.columns]))
     found = []
     for j in range(n):
-        parts = [*columns[j], *[rows.take(j, x) for x in basis.groups(j).values()]]
-        few = len(rows.r[j]) < 2 * sum(x.shape[1] for x in parts)
-        found.append(
-            (f.solved.noise.sigma[j], f.solved.noise.phi[j])
-            if few
-            else pure_error(np.concatenate(parts, axis=1), rows.r[j], rows.joined[j])
-        )
+        most, taken, count = FILLED * len(rows.r[j]), [np.zeros((len(rows.r[j]), 0))], 0
+        for part in (rows.x[j], *[rows.take(j, x) for x in basis.groups(j).values()], *own[j]):
+            varied = part[:, np.ptp(part, axis=0) > 0] if len(part) else part
+            if count + varied.shape[1] <= most:
+                taken.append(varied)
+                count += varied.shape[1]
+        found.append(pure_error(np.concatenate(taken, axis=1), rows.r[j], rows.joined[j]))
     return Noise(*(np.array(x) for x in zip(*found, strict=True)))
+
+
+def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
+    """The fit of a hypothesis under the noise of its recordings, which is measured here."""
+    guess = fit(measurements, hypothesis)
+    return fit(measurements, guess.hypothesis, noise=measured_noise(guess), like=guess.models)
 
 
 def search(
     measurements: Sequence[Measurement], hypothesis: Hypothesis, told: Callable[[str], None] = lambda text: None
 ) -> Found:
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
-    guess = fit(measurements, hypothesis)
-    noise = measured_noise(guess)
-    baseline = fit(measurements, guess.hypothesis, noise=noise, like=guess.models)
+    baseline = started(measurements, hypothesis)
     found, bank = Found(baseline, baseline), Bank()
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:

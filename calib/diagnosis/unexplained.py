@@ -1,7 +1,7 @@
 """What no effect of the catalogue explains: at which joints, how large, and on what it depends.
 
-Every joint's rest is compared with what its own fast noise and the other joints lead one to expect; where it is larger, a catch-all
-of additive parts (positions, speeds, accelerations, loads, pairs, memory, time) says on which variables it depends.
+Every joint's rest is compared with the noise that was measured beside the model; where it is larger, an additive basis
+of parts (positions, speeds, accelerations, loads, pairs, memory, time) says on which variables it depends.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import LogModel
+from calib.diagnosis.noise import scale_and_colour
 from calib.diagnosis.rows import Rows
 from calib.diagnosis.structure import structures
 from calib.preprocessing import Measurement
@@ -33,8 +33,8 @@ RIDGE = 1e-2
 class Rest:
     """What the fit leaves at one joint.
 
-    sigma     N m, scale of the rest; expected the same from the fast noise and the other joints
-    colour    correlation from row to row over the median of all joints
+    sigma     N m, scale of the rest; expected the same of the noise alone (calib.diagnosis.noise)
+    colour    correlation from row to row over the noise's
     share     what is left of the squared excess of the fit without effects
     """
 
@@ -53,28 +53,18 @@ class Rest:
 
 
 def rests(baseline: Fit, best: Fit) -> list[Rest]:
-    """Per joint, what is left after naming."""
-    fast = np.array([fast_noise(best.models, j) for j in range(best.hypothesis.arm.n)])
-    first, last, phi = baseline.solved.noise.sigma, best.solved.noise.sigma, best.solved.noise.phi
-    usual = float(np.median(last / fast))
-    expected = np.minimum(usual * fast, last * 1.02)
-    out = []
+    """Per joint, what is left after naming, beside the noise that was measured without the model."""
+    out, noise = [], best.solved.noise
+    first, last = (
+        [scale_and_colour(e, link) for e, link in zip(f.solved.residuals(), f.solved.rows.joined, strict=True)]
+        for f in (baseline, best)
+    )
     for j, joint in enumerate(best.hypothesis.arm.joint_names):
-        excess = max(last[j] ** 2 - expected[j] ** 2, 0.0)
-        before = max(first[j] ** 2 - expected[j] ** 2, 1e-300)
-        out.append(
-            Rest(joint, float(last[j]), float(expected[j]), float(phi[j] - np.median(phi)), float(min(1.0, excess / before)))
-        )
+        (before, _), (after, colour), expected = first[j], last[j], float(noise.sigma[j])
+        excess = max(after**2 - expected**2, 0.0)
+        share = min(1.0, excess / max(before**2 - expected**2, 1e-300))
+        out.append(Rest(joint, after, expected, colour - float(noise.phi[j]), share))
     return out
-
-
-def fast_noise(models: list[LogModel], j: int) -> float:
-    """Noise of torque from sample to sample, N m: second differences, robust against reversals."""
-    parts = [
-        np.abs(np.diff(m.measurement.tau[m.measurement.usable[:, j], j] - m.tau_hat[m.measurement.usable[:, j], j], 2))
-        for m in models
-    ]
-    return float(1.4826 * np.median(np.concatenate(parts)) / np.sqrt(6.0))
 
 
 @dataclass(frozen=True)

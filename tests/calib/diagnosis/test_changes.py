@@ -1,0 +1,75 @@
+"""What has changed since healthy recordings, on an arm whose friction has another form than the catalogue's and which the model does not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.baseline import Healthy
+from calib.diagnosis.changes import diagnose_changes
+from calib.diagnosis.motion import measured
+from sim.arm import Arm, load_arm
+from sim.errors import AnswerIsNo
+from sim.trajectory import Trajectory
+from tests.calib.diagnosis.conftest import recording
+
+ELBOW, WRIST = 2, 3
+
+
+def always(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+    """What this arm has had from the start and its model has not: load-dependent friction and a spring."""
+    out = np.zeros_like(tau)
+    out[:, ELBOW] = 0.15 * np.abs(tau[:, ELBOW]) * np.tanh(motion.dq[:, ELBOW] / 4e-3) + 20.0 * (motion.q[:, ELBOW] - 0.4)
+    return out
+
+
+def and_offset(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+    out = always(motion, tau)
+    out[:, WRIST] += 3.0
+    return out
+
+
+@pytest.fixture(scope="module")
+def healthy(ur10e: Arm) -> Healthy:
+    return Healthy(ur10e, [measured(recording(ur10e, seed, always), ur10e) for seed in (1, 2, 3, 4)])
+
+
+def test_what_the_arm_always_had_is_no_change(ur10e: Arm, healthy: Healthy) -> None:
+    found = healthy.since([measured(recording(ur10e, 11, always), ur10e)], [measured(recording(ur10e, 12, always), ur10e)])
+    assert found.changes == []
+    assert found.odd == []
+
+
+def test_a_change_is_named_alone_beside_what_the_model_lacks(ur10e: Arm, healthy: Healthy) -> None:
+    found = healthy.since(
+        [measured(recording(ur10e, 11, and_offset), ur10e)], [measured(recording(ur10e, 12, and_offset), ur10e)]
+    )
+    assert [(c.effect.effect, c.effect.joint) for c in found.changes] == [("torque_offset", "wrist_1_joint")]
+    assert found.changes[0].effect.parameters["offset"] == pytest.approx(3.0, abs=0.3)
+    assert 0 < found.changes[0].std["offset"] < 1.0
+
+
+def test_logs_kept_apart_can_refuse_a_change(ur10e: Arm, healthy: Healthy) -> None:
+    found = healthy.since([measured(recording(ur10e, 11, and_offset), ur10e)], [measured(recording(ur10e, 12, always), ur10e)])
+    assert ("torque_offset", "wrist_1_joint") not in [(c.effect.effect, c.effect.joint) for c in found.changes]
+
+
+def test_the_answer_names_the_question_and_writes_the_changed_arm(ur10e: Arm, tmp_path: Path) -> None:
+    baseline = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
+    found = diagnose_changes(ur10e, [recording(ur10e, 11, and_offset)], [recording(ur10e, 12, and_offset)], baseline)
+    assert found.answer["verdict"] == "effects_found"
+    assert len(found.answer["baseline"]) == 3
+    gap = found.answer["gap"]
+    assert gap["after"][WRIST] < 0.5 * gap["before"][WRIST]
+    found.write(tmp_path, ur10e)
+    written = load_arm(tmp_path / "arm").effect("torque_offset", "wrist_1_joint")
+    assert written is not None
+    assert written.parameters["offset"] == pytest.approx(3.0, abs=0.3)
+
+
+def test_two_healthy_logs_are_too_few(ur10e: Arm) -> None:
+    log = recording(ur10e, 1)
+    with pytest.raises(AnswerIsNo, match="at least 3"):
+        diagnose_changes(ur10e, [log], [], [log, log])
