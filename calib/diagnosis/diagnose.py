@@ -70,9 +70,6 @@ def diagnose(
         judged = judge(fitted, found.best, apart)
     told("trying the corrected arm on logs kept apart")
     promotion = promoted(fitted, found.best, apart)
-    if promotion.refused:
-        found.best = promotion.named
-        judged = judge(fitted, found.best, apart)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.

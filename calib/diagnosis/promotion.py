@@ -36,8 +36,8 @@ class Refusal:
         """What was tried and why it was refused."""
         where = f" at {self.effect.joint}" if self.effect.joint else ""
         return (
-            f"{self.effect.effect}{where} was fitted and not kept: on the held-out logs the torque error of {self.joint} is "
-            f"{self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
+            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on the held-out "
+            f"logs the torque error of {self.joint} is {self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
         )
 
 
@@ -51,38 +51,48 @@ class Promotion:
 
 
 def promoted(measurements: Sequence[Measurement], named: Fit, apart: Sequence[Measurement]) -> Promotion:
-    """Drop names, the most harmful first, until each lowers (within WORSE) the held-out error of every joint that it concerns.
+    """The arm is written with those names that lower the held-out error of every joint that they concern.
 
-    Without logs kept apart nothing can be refused.
+    An arm folder does not hold how far a reading leads or how friction builds up at a reversal, so a name that the fit bears out
+    (calib.diagnosis.acceptance) can make the arm worse: it stays a name and is left out of the arm. Without logs kept apart nothing
+    can be refused.
     """
-    refused: list[Refusal] = []
     written = as_written(measurements, named)
-    while apart and named.accepted:
+    if not apart:
+        return Promotion(named, written, ())
+    written, left_out = _helpful(measurements, written, apart)
+    return Promotion(named, written, tuple(left_out))
+
+
+def _helpful(measurements: Sequence[Measurement], f: Fit, apart: Sequence[Measurement]) -> tuple[Fit, list[Refusal]]:
+    """The fit without the effects with which the held-out error of a joint that they concern is higher, the most harmful first."""
+    refused: list[Refusal] = []
+    while f.accepted:
         harmful = []
-        rms = held_out_rms(written, apart)
-        for i, item in enumerate(named.accepted):
+        rms = held_out_rms(as_written(measurements, f), apart)
+        for i, item in enumerate(f.accepted):
             if item.effect == CONTACT:
                 continue
-            bare = held_out_rms(without(measurements, written, i, 1), apart)
-            joints = joints_of(item, named.hypothesis.arm)
+            bare = held_out_rms(as_written(measurements, without(measurements, f, i, 1)), apart)
+            joints = joints_of(item, f.hypothesis.arm)
             ratio = rms[joints] / np.maximum(bare[joints], 1e-12)
             worst = int(np.argmax(ratio))
-            # a name of one joint must help there; one of the whole arm must harm no joint and help on the whole
-            if ratio[worst] > 1 + WORSE or float(np.mean(np.log(ratio))) > 0:
+            if ratio[worst] > 1 + WORSE:
                 j = joints[worst]
-                harmful.append((float(ratio[worst]), i, Refusal(item, named.hypothesis.arm.joint_names[j], bare[j], rms[j])))
+                harmful.append((float(ratio[worst]), i, Refusal(item, f.hypothesis.arm.joint_names[j], bare[j], rms[j])))
         if not harmful:
             break
         _, i, refusal = max(harmful, key=lambda x: x[0])
         refused.append(refusal)
-        named = without(measurements, named, i)
-        written = as_written(measurements, named)
-    return Promotion(named, written, tuple(refused))
+        f = without(measurements, f, i)
+    return f, refused
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
     """The fit of what an arm folder can hold."""
-    return fit(measurements, named.hypothesis.as_written(), noise=named.solved.noise, like=named.models)
+    if named.hypothesis.written:
+        return named
+    return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
 
 
 def held_out_rms(written: Fit, apart: Sequence[Measurement]) -> np.ndarray:
@@ -91,16 +101,17 @@ def held_out_rms(written: Fit, apart: Sequence[Measurement]) -> np.ndarray:
 
 
 def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m RMS torque error of an arm over all rows between the first and the last motion, filtered as the fit's rows are."""
-    squares, count = np.zeros(arm.n), 0
+    """(n,) N m RMS torque error of an arm between the first and the last motion, filtered as the fit's rows are."""
+    squares, count = np.zeros(arm.n), np.zeros(arm.n)
     for m in measurements:
         error = m.rows(m.tau - predict(arm, m.trajectory))
         moving = np.flatnonzero(m.row_usable.any(axis=1))
+        counted = np.zeros(m.row_usable.shape, dtype=bool)
         if len(moving):
-            error = error[moving[0] : moving[-1] + 1]
-            squares += np.sum(error**2, axis=0)
-            count += len(error)
-    return np.sqrt(squares / max(count, 1))
+            counted[moving[0] : moving[-1] + 1] = True
+        squares += np.sum(np.where(counted, error**2, 0.0), axis=0)
+        count += counted.sum(axis=0)
+    return np.sqrt(squares / np.maximum(count, 1))
 
 
 def correction_of(promotion: Promotion, limits: Sequence[ArmEffect]) -> Correction | None:

@@ -22,7 +22,7 @@ SUBCOMMANDS = ["arm new", "arm drive", "arm read"]
 MISTAKES = [
     "identfy ur10e excitation.mcap",
     "help",
-    "plan ur10",
+    "plan ur11",
     "plan UR10E",
     "check mock_ur10e",
     "plan ur10e --cell mock-ur10",
@@ -47,7 +47,7 @@ MISTAKES = [
     "report first nothing",
     "replay excitaton.mcap",
     "import notes.txt",
-    "export ur10",
+    "export ur11",
     "effects couloumb_friction",
     "arm new robot.urdf",
     "emulate mock-ur10e",
