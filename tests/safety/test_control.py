@@ -60,7 +60,7 @@ def place(tmp_path: Path, arm_folder: Path) -> Path:
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "model.xml").write_bytes((arm_folder / "model.xml").read_bytes())
     (tmp_path / "arm" / "arm.toml").write_text(ARM.replace("rate = 500.0", "rate = 50.0"))
-    motion_rule = "[motion]\nfollowing_error_max = 0.5\n[[obstacles]]"
+    motion_rule = "[motion]\nfollowing_error_max = 0.3\n[[obstacles]]"
     text = CELL.replace('driver = "mock"', 'driver = "mock"\noptions = {realtime = true}').replace(
         "[[obstacles]]", motion_rule, 1
     )
