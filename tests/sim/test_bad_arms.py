@@ -116,4 +116,4 @@ def test_a_mesh_link_out_of_the_folder(folder, tmp_path):
 
 def test_wrong_names_are_answered_with_the_nearest():
     with pytest.raises(ConfigError, match="did you mean 'ur10e'"):
-        load_arm("ur10")
+        load_arm("ur10ee")
