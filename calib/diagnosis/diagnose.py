@@ -27,7 +27,7 @@ from sim.arm_folder import write_arm
 from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
-LEAST_LEFT = 0.2  # of a joint's structure: with less than this unexplained, what was named there is most of it
+LEAST_LEFT = 0.4  # of a joint's structure: with less than this unexplained, what was named there is most of it
 
 
 @dataclass
