@@ -1,0 +1,124 @@
+"""Measured figures as files: results/NAME.json, written by the command that measured, read by README and docs.
+
+A figure is a row of the benchmarks: `what`, `value`, and optionally `unit`, `bar`, `note`. A file also holds the commit, the date, the
+command line, the machine's load and a digest of the code that was measured, so that a page can be built from it and an outdated figure
+is found.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "results"
+SCHEMA = "results/1"
+KEYS = ("what", "value", "unit", "bar", "note")
+NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+
+
+def write(
+    name: str,
+    rows: Sequence[Mapping[str, Any]],
+    *,
+    command: str,
+    measures: Sequence[str] = ("calib", "safety", "drivers", "logs", "sim"),
+    load_before: float | None = None,
+    folder: Path = FOLDER,
+) -> Path:
+    """Write results/NAME.json and return its path.
+
+    name: of the figure set, lower case. rows: dicts with what (unique in the file) and value (text or number), and optionally unit, bar,
+    note. command: what a reader types to measure again. measures: the paths, from the checkout's root, whose change outdates the figures.
+    load_before: the 1 min load average when the measurement began; the one at its end is added. ValueError names a row that is wrong.
+    """
+    if not NAME.fullmatch(name):
+        raise ValueError(f"results name {name!r}: needs lower-case letters, digits, - and _")
+    kept = [_checked(row) for row in rows]
+    doubles = {row["what"] for row in kept if sum(r["what"] == row["what"] for r in kept) > 1}
+    if doubles:
+        raise ValueError(
+            f"results {name}: more than one row is called {sorted(doubles)[0]!r}; a page could not name one of them"
+        )
+    content = {
+        "schema": SCHEMA,
+        "name": name,
+        "command": command,
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "commit": _git("rev-parse", "--short=12", "HEAD"),
+        "uncommitted": bool(_git("status", "--porcelain", "--untracked-files=no", "--", *measures)),
+        "machine": {
+            "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+            "cores": os.cpu_count(),
+            "load_before": load_before,
+            "load_after": round(os.getloadavg()[0], 2),
+        },
+        "measures": {path: digest(path) for path in measures},
+        "rows": kept,
+    }
+    folder.mkdir(exist_ok=True)
+    place = folder / f"{name}.json"
+    place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return place
+
+
+def _checked(row: Mapping[str, Any]) -> dict[str, Any]:
+    kept = {key: row[key] for key in KEYS if row.get(key) not in (None, "")}
+    if not isinstance(kept.get("what"), str) or not isinstance(kept.get("value"), str | int | float):
+        raise ValueError(f"results row {dict(row)!r}: needs `what` as text and `value` as text or a number")
+    if isinstance(kept["value"], float) and kept["value"] != kept["value"]:
+        raise ValueError(f"results row {kept['what']!r}: its value is NaN; say in words why there is none")
+    return kept
+
+
+def digest(path: str) -> str:
+    """Of the tracked files under a path and their content; it survives a rebase, which a commit's name does not."""
+    found = hashlib.sha256()
+    for file in _git("ls-files", "--", path).splitlines():
+        place = ROOT / file
+        if place.suffix in (".py", ".toml", ".xml", ".urdf") and place.is_file():
+            found.update(file.encode() + b"\0" + place.read_bytes() + b"\0")
+    return found.hexdigest()[:16]
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=False)
+    return done.stdout.strip()
+
+
+@dataclass(frozen=True)
+class Results:
+    """One results file."""
+
+    name: str
+    command: str
+    date: str
+    commit: str
+    machine: Mapping[str, Any]
+    measures: Mapping[str, str]
+    rows: tuple[Mapping[str, Any], ...]
+
+    def outdated(self) -> list[str]:
+        """The measured paths whose code has changed since."""
+        return [path for path, was in self.measures.items() if digest(path) != was]
+
+
+def read(folder: Path = FOLDER) -> dict[str, Results]:
+    """All results files by name; ValueError names a file that is not one."""
+    found = {}
+    for file in sorted(folder.glob("*.json")):
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if content.get("schema") != SCHEMA or content.get("name") != file.stem:
+            raise ValueError(f"{file.name}: needs schema {SCHEMA!r} and the name {file.stem!r}")
+        keys = ("name", "command", "date", "commit", "machine", "measures")
+        found[file.stem] = Results(**{key: content[key] for key in keys}, rows=tuple(_checked(r) for r in content["rows"]))
+    return found

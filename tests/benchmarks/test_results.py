@@ -1,0 +1,49 @@
+"""A results file holds what was measured, with what and when; a wrong row is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import results
+
+ROW = {"what": "a", "value": 1.5, "unit": "s", "bar": "", "other": 3}
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    results.write("demo", [ROW], command="make demo", measures=("benchmarks",), load_before=0.5, folder=tmp_path)
+    found = results.read(tmp_path)["demo"]
+    assert found.rows == ({"what": "a", "value": 1.5, "unit": "s"},)
+    assert found.command == "make demo"
+    assert found.machine["load_before"] == 0.5
+    assert found.outdated() == []
+
+
+def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results.write("demo", [ROW], command="make demo", measures=("benchmarks", "results"), folder=tmp_path)
+    monkeypatch.setattr(
+        results, "digest", lambda path: "other" if path == "benchmarks" else results.read(tmp_path)["demo"].measures[path]
+    )
+    assert results.read(tmp_path)["demo"].outdated() == ["benchmarks"]
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "said"),
+    [
+        ("Demo", [ROW], "lower-case"),
+        ("../demo", [ROW], "lower-case"),
+        ("demo", [ROW, ROW], "more than one row"),
+        ("demo", [{"what": "a"}], "needs `what`"),
+        ("demo", [{"what": "a", "value": float("nan")}], "NaN"),
+    ],
+)
+def test_wrong_rows_are_refused(tmp_path: Path, name: str, rows: list[dict[str, object]], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        results.write(name, rows, command="make demo", folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_committed_file_can_be_read() -> None:
+    for name, found in results.read().items():
+        assert found.rows, name
