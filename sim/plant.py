@@ -7,7 +7,7 @@ encoder, and holds its torque between two control instants. What it reports is q
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 
 import mujoco
 import numpy as np
@@ -18,8 +18,9 @@ from sim.effects import Stage
 from sim.effects.effect import PathState
 from sim.joint_state import JointState
 from sim.mjcf import TWIST, plant_text
-from sim.prediction import SLIP_WIDTH, by_stage, slip_direction
+from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
+from sim.slip import SLIP_WIDTH, slip_direction
 
 # Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
 # 300 behaves like a few hertz; feed-forward does the rest).
@@ -104,6 +105,7 @@ class Plant:
         self._kp, self._kd = self._gain_matrices(q)
         self._integral = np.zeros(n)
         self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
+        self._memory: dict[Hashable, tuple[float, float]] = {}
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
         self._reported = self._nominal.gravity_torque(q[None])[0]
@@ -274,6 +276,9 @@ class Plant:
             self.model.dof_frictionloss[self._dof] = level
             self.model.dof_damping[self._dof] = self._damping * state.warmth[0]
         state.tau[:] = 0.0
+        if any(effect.needs_load for effect, _, _ in steps[Stage.MOTOR]) and not self._level_varies:
+            state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+        state.memory = self._memory
         for effect, joint, item in steps[Stage.MOTOR]:
             effect.apply(state, joint, item.parameters)
         data.qfrc_applied[self._dof] -= state.tau[0]

@@ -14,7 +14,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, centre_size, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
-from sim.prediction import SLIP_WIDTH
+from sim.slip import SLIP_WIDTH
 
 WIDER = 1.5
 Inertial = tuple[float, np.ndarray, np.ndarray]

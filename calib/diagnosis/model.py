@@ -13,9 +13,10 @@ from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, with_effect
 from sim.effects.effect import PathState
-from sim.prediction import SLIP_WIDTH, Stages, by_stage, link_side, motor_side
+from sim.prediction import Stages, by_stage, link_side, motor_side
 from sim.prior import spread
 from sim.rigid_body import RigidBody, link_parameters
+from sim.slip import SLIP_WIDTH
 
 # How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.
 WIDTH_SPREAD = 0.7
@@ -316,7 +317,7 @@ def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi
 
 def one_joint(state: PathState, j: int) -> PathState:
     """The path of joint j alone, in arrays of its own."""
-    own = {k: v[:, j : j + 1].copy() for k, v in vars(state).items() if k not in ("t", "force", "warming")}
+    own = {k: v[:, j : j + 1].copy() for k, v in vars(state).items() if k not in ("t", "force", "warming", "memory")}
     return PathState(
         **own, t=state.t, force=state.force, warming=None if state.warming is None else state.warming[:, j : j + 1]
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arm import Arm
-from sim.prediction import SLIP_WIDTH, slip_direction
 from sim.rigid_body import BaseParameters, RigidBody
+from sim.slip import SLIP_WIDTH, slip_direction
 
 FRICTION = ("viscous", "coulomb", "offset")
 FRICTION_UNITS = {"viscous": "N*m*s/rad", "coulomb": "N*m", "offset": "N*m"}

@@ -6,12 +6,15 @@ backwards: from the reported torque to the torque that the gear passes on to the
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 
 from calib.watch.kernels import slip_on
 from sim.arm import Arm
 from sim.effects.effect import PathState, Stage
-from sim.prediction import SLIP_WIDTH, by_stage
+from sim.prediction import by_stage
+from sim.slip import SLIP_WIDTH
 
 # effects that need the torque of the next instant or the motor's own angle; what they leave goes into the unmodelled torque
 NOT_FOLLOWED = (Stage.TRANSMISSION, Stage.DRIVE)
@@ -53,6 +56,7 @@ class DriveTorque:
         """The direction of dry friction is unknown again, as after a gap."""
         self._slip: np.ndarray | None = None
         self._angle: np.ndarray | None = None
+        self._memory: dict[Hashable, tuple[float, float]] = {}
 
     def link_torque(
         self, t: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, gravity: np.ndarray
@@ -65,8 +69,9 @@ class DriveTorque:
             slip = self._slipping(q, np.broadcast_to(SLIP_WIDTH, q.shape))
             return (tau - self._offset) / self._gain - self.coulomb * slip - self.viscous * dq, slip
         state = _path(t, q, dq)
+        state.memory = self._memory
         state.level += self.coulomb
-        if self._joint or self._friction:
+        if self._joint or self._friction or self._motor:
             state.load[:] = gravity
         for effect, joint, item in self._joint:
             effect.apply(state, joint, item.parameters)

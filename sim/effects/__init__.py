@@ -31,6 +31,7 @@ from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
 from sim.effects.viscous_friction import ViscousFriction
 from sim.errors import ConfigError
+from sim.friction_law import FrictionLaw
 from sim.plugins import OWN, check_names, loaded, origin, plugins
 from sim.resources import nearest
 
@@ -61,6 +62,9 @@ OWN_EFFECTS: tuple[Effect, ...] = (
     ExternalContact(),
 )
 
+# what a regression writes into an arm beside the named effects; nobody looks for it by name
+LAWS: tuple[Effect, ...] = (FrictionLaw(),)
+
 # effects of other packages that cannot be used -> why; the others are as good as our own
 BROKEN: dict[str, str] = {}
 
@@ -68,7 +72,7 @@ BROKEN: dict[str, str] = {}
 def _of_packages() -> tuple[Effect, ...]:
     """The effects that installed packages add (entry point arm_calib.effects), in the order of their names."""
     found = []
-    check_names("effects", (e.name for e in OWN_EFFECTS))
+    check_names("effects", (e.name for e in (*OWN_EFFECTS, *LAWS)))
     for name, entry in sorted(plugins("effects").items()):
         try:
             effect = loaded(entry, Effect)
@@ -83,7 +87,7 @@ def _of_packages() -> tuple[Effect, ...]:
 
 
 EFFECTS: tuple[Effect, ...] = (*OWN_EFFECTS, *_of_packages())
-_BY_NAME = {effect.name: effect for effect in EFFECTS}
+_BY_NAME = {effect.name: effect for effect in (*EFFECTS, *LAWS)}
 
 
 def effect_origin(name: str) -> str:
@@ -135,6 +139,7 @@ def with_effect(arm: Arm, instance: ArmEffect) -> Arm:
 __all__ = [
     "BROKEN",
     "EFFECTS",
+    "LAWS",
     "Effect",
     "Mjcf",
     "Parameter",

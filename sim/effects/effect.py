@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -88,7 +88,7 @@ class PathState:
     t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor;
     level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
     tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
-    warm, where a recording has temperatures.
+    warm, where a recording has temperatures. memory: what a law needs of the samples before, kept by whoever walks along a path in parts.
     """
 
     t: np.ndarray
@@ -106,6 +106,7 @@ class PathState:
     tau: np.ndarray
     force: np.ndarray
     warming: np.ndarray | None = None
+    memory: dict[Hashable, tuple[float, float]] = field(default_factory=dict)
 
 
 class Effect:
@@ -124,6 +125,8 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     # tried at so many points that together they follow noise: no part of what measures the noise of a recording
     many: ClassVar[bool] = False
+    # at stage MOTOR: whether it uses the torque through the gear
+    needs_load: ClassVar[bool] = False
 
     @property
     def law(self) -> str:

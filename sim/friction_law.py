@@ -1,0 +1,99 @@
+"""The friction of one joint as data show it: a sum of stated terms, for what no single effect of the catalogue describes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.slip import slip_along, slip_direction
+
+WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+POWERS = (0.3, 0.6, 2.0)
+SPEEDS = (0.02, 0.1, 0.4)
+# the other terms turn over this displacement, so that none of them steps at a reversal
+TURNING = 1e-3
+FAMILIES: dict[str, tuple[str, ...]] = {
+    "slip": ("slip_1e-4", "slip_3e-4", "slip_1e-3", "slip_3e-3", "slip_1e-2", "slip_3e-2", "slip_1e-1"),
+    "speed": ("power_0.3", "power_0.6", "power_2"),
+    "stribeck": ("stribeck_0.02", "stribeck_0.1", "stribeck_0.4"),
+    "load": ("load", "load_2", "load_driving"),
+}
+TERMS = tuple(name for family in FAMILIES.values() for name in family)
+
+
+class FrictionLaw(Effect):
+    """tau += sum_w a_w z_w + z (sum_p b_p |dq|^p + sum_v c_v exp(-|dq|/v) + d_1 |load| + d_2 load^2 + d_3 max(load z, 0)).
+
+    z_w in [-1, 1] is the slip direction that builds up over a displacement w (parallel Maxwell slip elements, F. Al-Bender et al.
+    2005, doi:10.1109/TAC.2005.858676), z that of TURNING. The terms are a library for regression: coefficients may have either sign.
+    """
+
+    name = "friction_law"
+    summary = "friction as a fitted sum of terms"
+    looks = (
+        "memory after each change of direction on several scales, and friction that depends on speed and load in no simple way"
+    )
+    reference = (
+        "F. Al-Bender, V. Lampaert, J. Swevers (2005), doi:10.1109/TAC.2005.858676; terms chosen by regression on the data"
+    )
+    stage = Stage.MOTOR
+    needs_load = True
+    parameters = (
+        *(Parameter(n, "N*m", f"dry friction that builds up over {w:g} rad") for n, w in zip(FAMILIES["slip"], WIDTHS, strict=True)),
+        *(Parameter(n, f"N*m/(rad/s)^{p:g}", f"friction that grows with |dq|^{p:g}") for n, p in zip(FAMILIES["speed"], POWERS, strict=True)),
+        *(
+            Parameter(n, "N*m", f"excess of friction at rest that falls with exp(-|dq|/{v:g} rad/s)")
+            for n, v in zip(FAMILIES["stribeck"], SPEEDS, strict=True)
+        ),
+        Parameter("load", "1", "dry friction per transmitted torque"),
+        Parameter("load_2", "1/(N*m)", "dry friction per square of the transmitted torque", grid=(0.01,)),
+        Parameter("load_driving", "1", "dry friction per torque against which the joint moves"),
+    )  # fmt: skip
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """Add the terms whose coefficients are not zero."""
+        assert joint is not None
+        wanted = [name for name in TERMS if p[name] != 0.0]
+        if wanted:
+            state.tau[:, joint] += self.columns(state, joint, wanted) @ np.array([p[name] for name in wanted])
+
+    def columns(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
+        """(N, k) torque of each of these terms with a coefficient of one."""
+        speed, load = np.abs(state.dq_motor[:, joint]), state.load[:, joint]
+        widths = dict(zip(FAMILIES["slip"], WIDTHS, strict=True))
+        powers = dict(zip(FAMILIES["speed"], POWERS, strict=True))
+        scales = dict(zip(FAMILIES["stribeck"], SPEEDS, strict=True))
+        turn = self._slip(state, joint, TURNING) if any(name not in widths for name in names) else speed
+        out = np.empty((len(speed), len(names)))
+        for k, name in enumerate(names):
+            if name in widths:
+                out[:, k] = self._slip(state, joint, widths[name])
+            elif name in powers:
+                out[:, k] = turn * speed ** powers[name]
+            elif name in scales:
+                out[:, k] = turn * np.exp(-speed / scales[name])
+            else:
+                out[:, k] = {
+                    "load": turn * np.abs(load),
+                    "load_2": turn * load**2,
+                    "load_driving": np.maximum(load * turn, 0.0) * turn,
+                }[name]
+        return out
+
+    def _slip(self, state: PathState, joint: int, width: float) -> np.ndarray:
+        """Slip direction over a width, going on from where the path that came before ended."""
+        q, dq = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor))
+        key = (self.name, joint, width)
+        if key in state.memory:
+            angle, slip = state.memory[key]
+            z = slip_direction(np.append(angle, q), np.full(len(q) + 1, width), slip)[1:]
+        elif len(q) > 1:
+            z = slip_along(state.t, q, dq, np.full(len(q), width), 0.0)
+        else:
+            z = np.zeros(1)
+        state.memory[key] = (float(q[-1]), float(z[-1]))
+        return z
+
+    def probes(self, own: Values | None) -> list[Probe]:
+        """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
+        return []
