@@ -1,7 +1,8 @@
 """A position-controlled arm in MuJoCo with every effect that the arm has: native where MuJoCo has it, each step where not.
 
 The drive knows only the nominal arm: it adds that model's torque to a proportional, differential and integral law on its own
-encoder, and holds its torque between two control instants. What it reports is quantised and noisy as `arm.sensors` says.
+encoder. Its loop is closed at every step of the simulation, so the torque that it reports is that of the instant of its position. What it
+reports is quantised and noisy as `arm.sensors` says.
 """
 
 from __future__ import annotations
@@ -71,6 +72,10 @@ class Plant:
         }
         self._presliding = [j for e, j, _ in self._stages[Stage.FRICTION] if e.name == "presliding_friction" and j is not None]
         self._damping = self.model.dof_damping[self._dof].copy()
+        self._limit = np.where(np.isfinite(arm.tau_max), arm.tau_max, np.inf)
+        # views of MuJoCo's arrays: taking them anew at every step costs as much as the step
+        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
+        self._encoders = [x for x in self._stages[Stage.ENCODER] if x[1] is not None]
         self._level_varies = bool(self._each_step[Stage.FRICTION])
         self._bodies = RigidBody(arm)
 
@@ -97,7 +102,7 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
         n = self.arm.n
         self._target = (q.copy(), np.zeros(n), np.zeros(n))
-        self._acceleration = np.zeros(n)
+        self._acceleration, self._period = np.zeros(n), 0.0
         self._command_time = -np.inf
         self._gains: tuple[np.ndarray, np.ndarray] | None = None
         matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
@@ -109,6 +114,7 @@ class Plant:
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
         self._reported = self._nominal.gravity_torque(q[None])[0]
+        self._line = (q, np.zeros(n), self._reported, q, np.zeros(n), self._reported)
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
 
@@ -134,24 +140,37 @@ class Plant:
     ) -> None:
         """A new control instant: follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m.
 
-        With kp (N m/rad) and kd (N m s/rad) the drive is a servo in impedance mode: kp (q - angle) + kd (dq - speed) + tau, alone.
+        The drive goes on a smooth line to where these two will be at the next command, as far off as the last one, and waits there. With kp
+        (N m/rad) and kd (N m s/rad) it is a servo in impedance mode, whose target stands still: kp (q - angle) + kd (dq - speed) + tau, alone.
         """
         q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
         elapsed = self.time - self._command_time
-        if 0 < elapsed < 0.1:
-            self._acceleration = (dq - self._target[1]) / elapsed
-        else:
-            self._acceleration = np.zeros_like(q)
+        q0, dq0, model0 = self._wanted()
+        if elapsed > 0:  # a second command at one instant replaces the first
+            self._period = elapsed if elapsed < 0.1 else 0.0
+            self._acceleration = (dq - self._target[1]) / elapsed if self._period else np.zeros_like(q)
         self._target, self._command_time = (q, dq, tau), self.time
         self._gains = None if kp is None or kd is None else (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float))
+        if self._gains is None:
+            # no jump at a command: a reading would show it half a period late
+            ddq, period = self._acceleration, self._period
+            q1, dq1 = q + period * dq + 0.5 * period**2 * ddq, dq + period * ddq
+            model1 = self._nominal.inverse_dynamics(q1[None], dq1[None], ddq[None])[0] + self._rotor * ddq
+            self._line = (q0, dq0, model0, q1, dq1, model1)
+            if self._pushed:
+                self._kp, self._kd = self._gain_matrices(q)
         self._control()
 
     def advance(self, dt: float) -> None:
-        """Let dt seconds pass, to the nearest simulation step; the drive holds its torque."""
+        """Let dt seconds pass, to the nearest simulation step."""
         steps = max(1, round(dt / self.timestep))
+        torque_alone = self._gains is not None and not np.any(self._gains)
         for _ in range(steps):
             self._apply_effects()
             mujoco.mj_step(self.model, self.data)
+            # position k and the torque of step k belong together: q[k+1] - 2 q[k] + q[k-1] = h^2 ddq(tau[k])
+            if not torque_alone:
+                self._control(self.timestep)
         friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
         self._heat += dt * (friction - self._heat * 2.0) / 200.0
 
@@ -186,10 +205,9 @@ class Plant:
 
     def _motor_reading(self) -> tuple[np.ndarray, np.ndarray]:
         """Angle and speed on the drive's own encoder: the motor's side of a soft joint."""
-        angle, speed = self.data.qpos[self._dof].copy(), self.data.qvel[self._dof].copy()
-        for effect, joint, item in self._stages[Stage.ENCODER]:
-            if joint is not None:
-                angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0]
+        angle, speed = self._qpos[self._dof], self._qvel[self._dof]
+        for effect, joint, item in self._encoders:
+            angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0]
         return angle, speed
 
     def _angle(self, reading: np.ndarray) -> np.ndarray:
@@ -201,38 +219,49 @@ class Plant:
                     angle[joint] += reading[joint] - effect.reading(angle[joint : joint + 1], item.parameters)[0]
         return angle
 
-    def _control(self) -> None:
-        q, dq, tau = self._target
+    def _wanted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q, dq and the model's torque on the line of the last command, now; at its end where it has none or has run out."""
+        q0, dq0, model0, q1, dq1, model1 = self._line
+        since = self.time - self._command_time
+        if since >= self._period:
+            return q1, dq1, model1
+        share = since / self._period
+        missed = q1 - q0 - 0.5 * self._period * (dq0 + dq1)
+        dq = dq0 + share * (dq1 - dq0)
+        return q0 + 0.5 * since * (dq0 + dq) + share * missed, dq, model0 + share * (model1 - model0)
+
+    def _control(self, dt: float = 0.0) -> None:
+        """Close the drive's loop at this instant; its integral grows by dt s."""
+        now = self.time
         angle, speed = self._motor_reading()
         if self._gains is not None:
+            q, dq, tau = self._target
             kp, kd = self._gains
             torque = kp * (q - angle) + kd * (dq - speed) + tau
         else:
-            model = (
-                self._nominal.inverse_dynamics(q[None], dq[None], self._acceleration[None])[0]
-                + self._rotor * self._acceleration
-            )
-            error = q - angle
-            if self._pushed:
-                self._kp, self._kd = self._gain_matrices(q)
-            push = self._kp @ error
-            self._integral += 0.15 * BANDWIDTH * push * (1.0 / self.arm.sensors.rate)
-            torque = model + push + self._kd @ (dq - speed) + self._integral + tau
-        limit = np.where(np.isfinite(self.arm.tau_max), self.arm.tau_max, np.inf)
-        torque = np.clip(torque, -limit, limit)
+            q, dq, model = self._wanted()
+            push = self._kp @ (q - angle)
+            self._integral += (0.15 * BANDWIDTH * dt) * push
+            torque = model + push + self._kd @ (dq - speed) + self._integral + self._target[2]
+        torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         for effect, joint, item in self._stages[Stage.DRIVE]:
             state = self._instant(torque=torque)
             effect.apply(state, joint, item.parameters)
             torque = state.tau[0]
-        self.data.ctrl[self._motor] = torque
+        self._ctrl[self._motor] = torque
         self._reported = torque
-        self._history.append((self.time, torque))  # holds from now on
+        if self._history[-1][0] == now:
+            self._history.pop()
+        self._history.append((now, torque))
 
     def _sensed(self) -> np.ndarray:
         tau = self._reported
         for _, _, item in self._stages[Stage.CHANNEL]:
             when = self.time - item.parameters["delay"]
-            tau = next((value for t, value in reversed(self._history) if t <= when + 1e-9), self._history[0][1])
+            later = next((k for k in range(len(self._history)) if self._history[-1 - k][0] <= when + 1e-9), len(self._history) - 1)
+            (t0, first), (t1, second) = self._history[-1 - later], self._history[-max(later, 1)]
+            share = np.clip((when - t0) / (t1 - t0), 0.0, 1.0) if t1 > t0 else 0.0
+            tau = first + share * (second - first)
         state = self._instant(torque=tau)
         for effect, joint, item in self._stages[Stage.SENSOR]:
             effect.apply(state, joint, item.parameters)
