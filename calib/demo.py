@@ -23,7 +23,6 @@ from sim.effects import checked, effect_named, with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-SURE = 3.0  # standard deviations
 Draw = Callable[[np.random.Generator, Arm, int, float], dict[str, float]]  # of a joint, by its number, and its angle at home
 # of what `calib check` lets pass at rest: beyond it the story would end at its first step, with a forgotten tool suspected (and a much
 # stronger spring would end it at the third: the guard stops an arm whose torques are far from expectation)
@@ -58,9 +57,6 @@ HIDDEN: dict[str, Draw] = {
 }
 # Hz: half of what the arm can do halves the time of recording and diagnosis, and shows the same two minutes
 RATE = 250.0
-# s: the mock holds each torque for a period, so what it reads is half a period older than its position, and half a step of MuJoCo's
-# integrator; no effect, but true, and a diagnosis may say so
-LAG = 0.5 / RATE + 0.5e-3
 WHOLE_ARM = ("payload",)
 
 
@@ -151,8 +147,6 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
     key = (hidden.effect, hidden.joint)
     units = {p.name: p.unit for p in effect_named(hidden.effect).parameters}
-    delay = found.get(("time_delay", None), {}).get("delay")
-    lag = delay is not None and abs(delay["value"] - LAG) <= SURE * delay["std"]
     rows: list[list[Any]] = []
     for name, value in hidden.parameters.items():
         seen = found.get(key, {}).get(name)
@@ -160,9 +154,8 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
         rows.append([hidden.effect, hidden.joint or "whole arm", name, truth, quantity(seen) if seen else None])
     for (effect, joint), parameters in found.items():
         if (effect, joint) != key:
-            own = quantity({"value": LAG, "unit": "s"}) if lag and effect == "time_delay" else None
-            rows += [[effect, joint or "whole arm", name, own, quantity(p)] for name, p in parameters.items()]
-    others = len(found) - (key in found) - lag
+            rows += [[effect, joint or "whole arm", name, None, quantity(p)] for name, p in parameters.items()]
+    others = len(found) - (key in found)
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     if key not in found:
         told = "what was hidden was not found; the report says what speaks for each candidate"
@@ -170,6 +163,4 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
         told = f"what was hidden was found, and beside it {beside}"
     else:
         told = "what was hidden was found, and nothing else"
-    if lag:
-        told += f"; the time delay is true too: the mock holds a torque for {1e3 / RATE:g} ms, so its reading is {1e3 * LAG:g} ms old"
     return Reveal(rows, key in found and not others, told)

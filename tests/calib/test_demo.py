@@ -95,17 +95,6 @@ def test_what_was_named_too_much_is_admitted() -> None:
     assert both.sentence == "what was hidden was found, and beside it 1 more effect that was not hidden"
 
 
-@pytest.mark.parametrize(("delay", "right"), [(0.0026, True), (0.5, False)])
-def test_the_age_of_the_mocks_torque_reading_is_no_wrong_name(delay: float, right: bool) -> None:
-    hidden = ArmEffect("torque_gain", "elbow_joint", {"gain": 1.2})
-    found = diagnosis(("torque_gain", "elbow_joint", {"gain": 1.2}), ("time_delay", None, {"delay": delay}))
-    found["effects"][1]["parameters"]["delay"]["std"] = 0.001
-    both = demo.reveal(hidden, found)
-    assert both.right is right
-    assert ("true too" in both.sentence) is right
-    assert (both.rows[1][3] is not None) is right
-
-
 @pytest.mark.slow
 def test_the_whole_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
