@@ -75,7 +75,7 @@ class Plant:
         self._limit = np.where(np.isfinite(arm.tau_max), arm.tau_max, np.inf)
         # views of MuJoCo's arrays: taking them anew at every step costs as much as the step
         self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
-        self._encoders = [x for x in self._stages[Stage.ENCODER] if x[1] is not None]
+        self._encoders = [(e, j, item) for e, j, item in self._stages[Stage.ENCODER] if j is not None]
         self._level_varies = bool(self._each_step[Stage.FRICTION])
         self._bodies = RigidBody(arm)
 
@@ -258,7 +258,9 @@ class Plant:
         tau = self._reported
         for _, _, item in self._stages[Stage.CHANNEL]:
             when = self.time - item.parameters["delay"]
-            later = next((k for k in range(len(self._history)) if self._history[-1 - k][0] <= when + 1e-9), len(self._history) - 1)
+            later = next(
+                (k for k in range(len(self._history)) if self._history[-1 - k][0] <= when + 1e-9), len(self._history) - 1
+            )
             (t0, first), (t1, second) = self._history[-1 - later], self._history[-max(later, 1)]
             share = np.clip((when - t0) / (t1 - t0), 0.0, 1.0) if t1 > t0 else 0.0
             tau = first + share * (second - first)

@@ -1,11 +1,18 @@
-"""The emulated drive follows an arm whose links push one another and whose rotors nobody stated, as well as one that has them."""
+"""The emulated drive reports torque and position of one instant, and follows an arm whose links push one another and whose rotors nobody stated, as well as one that has them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drivers.mock import MockDriver
 from sim.arm import ArmEffect, load_arm
+from sim.clock import SimulatedClock
 from sim.effects import with_effect
 from sim.plant import Plant
+from sim.rigid_body import RigidBody
+
+HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
 
 def _followed(arm, q):
@@ -32,3 +39,55 @@ def test_it_is_steady_without_rotors(q):
     assert Plant(bare)._pushed
     assert not Plant(arm)._pushed
     assert _followed(bare, q) < 2e-3
+
+
+@pytest.mark.parametrize("rate", [500.0, 250.0, 200.0])
+def test_torque_and_position_are_of_one_instant(rate):
+    """The torque reported behaves as inverse dynamics of the positions reported, with no delay: a clean mock has no time_delay."""
+    arm = load_arm("ur10e")
+    bare = arm
+    for joint in arm.joint_names:
+        for effect, parameter in (("coulomb_friction", "coulomb"), ("viscous_friction", "viscous")):
+            bare = with_effect(bare, ArmEffect(effect, joint, {parameter: 0.0}))
+    quiet = {"torque_noise": [0.0] * 6, "velocity_noise": [0.0] * 6, "encoder_resolution": 1e-12}
+    bare = replace(bare, sensors=bare.sensors.model_copy(update=quiet))
+    driver = MockDriver(Plant(bare, drive=arm), arm, rate, SimulatedClock(), start=HOME)
+    driver.connect()
+    period, states = 1 / rate, []
+    for k in range(int(6 * rate)):
+        states.append(driver.read())
+        phase = np.arange(1.0, 7.0) * k * period
+        swing = 0.3 * (1 - np.exp(-k * period)) / np.arange(1.0, 7.0)
+        driver.send(HOME + swing * np.sin(phase), swing * np.arange(1.0, 7.0) * np.cos(phase), np.zeros(6))
+    q, tau = (np.array([getattr(s, name) for s in states[int(rate) :]]) for name in ("q", "tau"))
+    ddq = (q[2:] - 2 * q[1:-1] + q[:-2]) / period**2
+    rotor = np.array([bare.effect("rotor_inertia", j).parameters["inertia"] for j in bare.joint_names])
+    expected = RigidBody(bare).inverse_dynamics(q[1:-1], (q[2:] - q[:-2]) / (2 * period), ddq) + rotor * ddq
+    change, left = np.gradient(expected, period, axis=0), tau[1:-1] - expected
+    delay = -(change * left).sum(axis=0) / np.square(change).sum(axis=0)
+    assert np.abs(delay).max() < 0.3e-3, delay
+    assert (left.std(axis=0) < 5e-3 * expected.std(axis=0)).all()
+
+
+def test_a_hidden_delay_is_that_delay():
+    arm = load_arm("ur10e")
+    late = Plant(with_effect(arm, ArmEffect("time_delay", None, {"delay": 0.0043})), drive=arm)
+    plant = Plant(arm)
+    for p in (late, plant):
+        p.reset(HOME)
+        p._rng = SilentNoise()
+    taus = []
+    for k in range(500):
+        for p in (late, plant):
+            p.command(HOME + 0.2 * np.sin(2e-3 * k * 5), np.full(6, np.cos(2e-3 * k * 5)), np.zeros(6))
+            p.advance(0.002)
+        taus.append((late.read().tau, plant.read().tau))
+    now, then = np.array(taus)[50:].swapaxes(0, 1)[::-1]
+    t = 0.002 * np.arange(len(now))
+    shifted = np.stack([np.interp(t - 0.0043, t, x) for x in now.T], axis=1)
+    assert np.abs(shifted - then)[10:].max() < 0.02 * np.ptp(now, axis=0).max()
+
+
+class SilentNoise:
+    def normal(self, *_):
+        return 0.0

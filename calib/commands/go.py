@@ -1,0 +1,156 @@
+"""`calib go CELL`: the guided session, from the first look at a device to a model that can be used."""
+
+from __future__ import annotations
+
+import io
+import shlex
+import sys
+import time
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import conclude, new_run
+
+if TYPE_CHECKING:
+    from calib.guided import Session, Step
+
+LEFT = "left by the operator"
+
+
+def command(
+    cell: console.CellArgument,
+    session: Annotated[
+        Path | None,
+        typer.Option("--session", metavar="DIR", help="Continue this session; the newest open one of CELL if not given."),
+    ] = None,
+    new: Annotated[bool, typer.Option("--new", help="Begin a new session, whatever is open.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Plan quickly: a random motion and short sweeps.")] = False,
+    rounds: Annotated[
+        int, typer.Option(min=1, max=20, help="Recordings at most, to decide between effects that look alike.")
+    ] = 2,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> int:
+    """Guide through a whole session: check, plan, record, identify, validate, diagnose, and another round where the answer is open.
+
+    Every step is a command of this program; it is printed, and its output is kept. Leave at any question or with Ctrl-C; the same
+    command continues where the session was left. Everything is in one folder, with the page session.html.
+
+    Example:
+
+        calib go mock-ur10e --quick --yes
+    """
+    from calib import guided
+    from safety.confirmation import check_yes
+    from sim.arm import load_arm
+    from sim.cell import load_cell
+    from sim.errors import ConfigError
+
+    where = load_cell(cell, configs)
+    load_arm(where.table.arm, configs)
+    if yes:
+        check_yes(where)
+    if new and session is not None:
+        raise ConfigError("--new begins a session and --session continues one; give one of the two")
+    open_one = None if new else guided.read_session(session) if session else guided.open_session(where.name, where.sha256)
+    if open_one is not None and open_one.cell_sha256 != where.sha256:
+        raise ConfigError(
+            f"{open_one.folder}: the session was begun with another version of {where.path.name}; its plan may not fit this cell. "
+            "Begin a new one with --new"
+        )
+    with redirect_stdout(sys.stderr if as_json else sys.stdout):
+        if open_one is None:
+            folder = new_run(where.table.arm, "go", None, where)
+            current = guided.Session(folder, cell, where.sha256, where.table.arm, quick, rounds)
+            current.write()
+            console.say(f"New session in {folder}. Leave with Ctrl-C; `calib go {cell}` continues it.")
+        else:
+            current = open_one
+            new_run(where.table.arm, "go", current.folder, where, continues=True)
+            console.say(f"Continues the session in {current.folder}; --new begins another.")
+        current, code = _run(current, yes, configs)
+    if as_json:
+        console.print_json(
+            {
+                "schema": "go/1", "folder": current.folder, "closed": current.closed, "steps": [d.model_dump() for d in current.done],
+                "arm": guided.best_arm(current) if current.closed else None,
+            }
+        )  # fmt: skip
+    return code
+
+
+def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, int]:
+    """Step by step until nothing is left, or a step fails, or the person leaves; the session and the exit code."""
+    from calib import guided
+    from calib.report import session as page
+
+    while (step := guided.next_step(current)) is not None:
+        if step.asks and not yes and not _agreed(step.asks):
+            return _left(current, step)
+        current, code, sentence = _do(current, step, yes, configs)
+        page.write(current)
+        if code in step.fine:
+            console.say(f"   {_capital(sentence)}.")
+            continue
+        if step.name.startswith("plan-") and code == 1:
+            console.say(f"   {_capital(sentence)}. This cannot be decided in this cell.")
+            continue
+        if code == 130 or yes or not _again(step):
+            return _left(current, step, code, sentence)
+    current = guided.replace(current, closed=True)
+    current.write()
+    page.write(current)
+    told = guided.ending(current)
+    conclude(told[0])
+    console.say("\nThe session is complete.")
+    for sentence in told:
+        console.say(f"- {_capital(sentence)}.")
+    console.say("- Use it elsewhere:")
+    console.copyable(f"   $ calib export {guided.best_arm(current)}")
+    console.say("The page of the session, for a browser:")
+    console.copyable(str((current.folder / page.FILE).resolve()))
+    return current, 0
+
+
+def _do(current: Session, step: Step, yes: bool, configs: Path | None) -> tuple[Session, int, str]:
+    """Run one command; what it prints is kept in the session's folder, and shown where it failed."""
+    from calib.main import start
+
+    moves = step.name.split("-")[0] == "record"
+    arguments = [*step.arguments, *(("--yes",) if moves and yes else ()), *(("--configs", str(configs)) if configs else ())]
+    number = len(current.done) + 1
+    console.say(f"\n{number}. {step.why}")
+    console.copyable(f"   $ calib {shlex.join(arguments)}")
+    printed, began = io.StringIO(), time.monotonic()
+    # a person who lets an arm move must see what is asked and what it does
+    with redirect_stdout(sys.stdout if moves and not yes else printed):
+        code, sentence = start(arguments)
+    (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue(), encoding="utf-8")
+    if code not in step.fine:
+        console.say(printed.getvalue().rstrip("\n"))
+    return current.with_done(step, step.folder, code, sentence, time.monotonic() - began), code, sentence
+
+
+def _left(current: Session, step: Step, code: int = 0, sentence: str = LEFT) -> tuple[Session, int]:
+    conclude(f"before {step.name}: {sentence}")
+    console.say(f"\nThe session is open at the step {step.name}; `calib go {current.cell}` continues it.")
+    console.copyable(str(current.folder))
+    return current, code
+
+
+def _agreed(question: str) -> bool:
+    return console.ask(f"\n{question} [y/N] ").strip().lower() in ("y", "yes")
+
+
+def _again(step: Step) -> bool:
+    """Whether to try a step again that failed; nobody who answers means no."""
+    return console.ask(f"\n{step.name} did not pass. Put it right, then try again? [y/N] ").strip().lower() in ("y", "yes")
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]

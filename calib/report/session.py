@@ -1,0 +1,43 @@
+"""session.html: one page for a guided session, written anew after every step."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from calib.report.page import Page, Verdict
+
+if TYPE_CHECKING:
+    from calib.guided import Session
+
+FILE = "session.html"
+PAGES = ("plan.html", "report.html")
+
+
+def write(session: Session) -> Path:
+    """Write the page of a session into its folder; returns its path."""
+    last = session.done[-1] if session.done else None
+    sentence = f"{last.sentence[:1].upper()}{last.sentence[1:]}" if last else "Nothing was done yet"
+    verdict: Verdict = "good" if session.closed else "open"
+    facts = [
+        ("cell", Path(session.cell).stem),
+        ("state", "complete" if session.closed else "open"),
+        ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
+    ]
+    page = Page(session.arm, sentence, verdict, facts, "session")
+    page.section("Steps").table(
+        ["step", "result", "exit code", "time [s]"], [[d.name, d.sentence, d.exit_code, d.seconds] for d in session.done]
+    )
+    links = [
+        Markup('<li><a href="{0}">{1}</a>: {2}</li>').format(f"{d.folder}/{name}", f"{d.name}: {name}", d.sentence)
+        for d in session.done
+        for name in PAGES
+        if d.folder and (session.folder / d.folder / name).is_file()
+    ]
+    if links:
+        page.section("Pages of the steps").embed(Markup("<ul>{}</ul>").format(Markup("").join(links)))
+    page.section("Do it again").items(f"calib {shlex.join(d.arguments)}" for d in session.done)
+    return page.write(session.folder / FILE)

@@ -1,0 +1,222 @@
+"""The guided session: its steps in their order, left and continued at every step, another round where the answer is open."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calib import guided
+from calib import main as program
+from calib.main import main
+
+SETTLED = {
+    "verdict": "effects_found",
+    "arm_out": "arm",
+    "effects": [{"effect": "payload", "joint": None, "indistinguishable_from": []}],
+}
+RIVALS = [{"effect": "link_inertia", "joint": "wrist_3_joint"}]
+OPEN = {
+    "verdict": "effects_found",
+    "arm_out": "arm",
+    "effects": [{"effect": "payload", "joint": None, "indistinguishable_from": RIVALS}],
+}
+NOTHING = {"verdict": "no_missing_effect", "arm_out": None, "effects": []}
+ROUND = ["check", "plan", "record", "identify", "validate", "diagnose"]
+
+
+class Commands:
+    """Stands in for the program: writes what each command would write, and counts; `fail` is asked for an exit code before."""
+
+    def __init__(self, answers: list[dict[str, Any]], fail: Callable[[int, str], int] = lambda count, verb: 0) -> None:
+        self.answers, self.fail, self.lines = answers, fail, list[list[str]]()
+
+    def __call__(self, arguments: list[str]) -> tuple[int, str]:
+        verb = arguments[0]
+        self.lines.append(arguments)
+        if code := self.fail(len(self.lines), verb):
+            return code, f"{verb} failed"
+        if "--out" not in arguments:
+            return 0, f"{verb} done"
+        folder = Path(arguments[arguments.index("--out") + 1])
+        folder.mkdir(parents=True)
+        if verb == "plan":
+            (folder / "plan.html").write_text("")
+        if verb == "record":
+            for name in ("friction", "excitation", "validation"):
+                (folder / f"{name}.mcap").write_bytes(b"")
+        if verb == "diagnose":
+            (folder / "diagnosis.json").write_text(json.dumps(self.answers.pop(0)))
+            return 1, "effects were identified"
+        return 0, f"{verb} done"
+
+    @property
+    def verbs(self) -> list[str]:
+        return [line[0] for line in self.lines]
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    return tmp_path
+
+
+def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers: str = "") -> int:
+    """`calib go mock-ur10e`, its steps played by `commands`, its questions answered by `answers`."""
+    real = program.start
+    monkeypatch.setattr(program, "start", commands)
+    monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
+    try:
+        return real(["go", "mock-ur10e", *more])[0]
+    finally:
+        monkeypatch.setattr(program, "start", real)
+
+
+def session(desk: Path) -> guided.Session:
+    (folder,) = (desk / "runs").iterdir()
+    return guided.read_session(folder)
+
+
+def test_every_step_is_a_command_that_is_printed(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = Commands([SETTLED])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert commands.verbs == [*ROUND, "validate"]
+    printed = capsys.readouterr().out
+    for line in commands.lines:
+        assert f"$ calib {' '.join(line)}" in printed
+    found = session(desk)
+    assert found.closed
+    assert (found.folder / "session.html").is_file()
+    assert str(found.folder.name + "/diagnosis/arm") in printed
+    assert commands.lines[2][-1] == "--yes"
+
+
+def test_the_held_out_log_is_never_fitted(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, "--yes") == 0
+    for line in commands.lines:
+        if line[0] in ("identify", "diagnose"):
+            given = line[: line.index("--holdout")]
+            assert not any("validation" in word for word in given)
+            assert line[line.index("--holdout") + 1].endswith("validation.mcap")
+
+
+@pytest.mark.parametrize("broken", range(1, 8))
+def test_it_goes_on_where_it_was_left(desk: Path, monkeypatch: pytest.MonkeyPatch, broken: int) -> None:
+    """Whichever step fails, the same command later repeats that step and no other."""
+    first = Commands([SETTLED], lambda count, verb: 4 if count == broken else 0)
+    assert go(first, monkeypatch, "--yes") == 4
+    assert len(first.lines) == broken
+    second = Commands([SETTLED])
+    assert go(second, monkeypatch, "--yes") == 0
+    assert [*first.verbs[:-1], *second.verbs] == [*ROUND, "validate"]
+    assert session(desk).closed
+    # the folder of the failed try stays as it is
+    outs = [line[line.index("--out") + 1] for line in [*first.lines, *second.lines] if "--out" in line]
+    assert len(set(outs)) == len(outs)
+
+
+def test_a_killed_session_goes_on(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(count: int, verb: str) -> int:
+        if verb == "identify":
+            raise KeyboardInterrupt
+        return 0
+
+    assert go(Commands([], gone), monkeypatch, "--yes") == 130
+    commands = Commands([SETTLED])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert commands.verbs == ["identify", "validate", "diagnose", "validate"]
+
+
+def test_an_open_answer_is_decided_by_another_motion(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([OPEN, SETTLED])
+    assert go(commands, monkeypatch, answers="y\n") == 0
+    assert commands.verbs == [*ROUND, "plan", "record", "diagnose", "validate"]
+    plan, diagnose = commands.lines[6], commands.lines[8]
+    assert plan[plan.index("--discriminate") + 1].endswith("/diagnosis")
+    assert sum("logs-2" in word for word in diagnose) == 3
+    assert commands.lines[-1][1].endswith("diagnosis-2/arm")
+
+
+def test_who_says_no_leaves_the_session_open(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([OPEN])
+    assert go(commands, monkeypatch, answers="n\n") == 0
+    assert commands.verbs[-1] == "plan"
+    assert not session(desk).closed
+
+
+@pytest.mark.parametrize("how", ["no motion fits", "no rounds left"])
+def test_what_cannot_be_decided_is_said(
+    how: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if how == "no motion fits":
+        commands = Commands([OPEN], lambda count, verb: 1 if count == 7 else 0)
+    else:
+        commands = Commands([OPEN, OPEN])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert "ot decided after" in capsys.readouterr().out
+    assert session(desk).closed
+
+
+def test_a_failed_step_is_tried_again_where_somebody_says_so(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([NOTHING], lambda count, verb: 1 if count <= 2 else 0)
+    assert go(commands, monkeypatch, answers="y\ny\n") == 0
+    assert commands.verbs == ["check", "check", *ROUND]
+
+
+def test_nobody_who_answers_means_no(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([], lambda count, verb: 1)
+    assert go(commands, monkeypatch) == 1
+    assert commands.verbs == ["check"]
+
+
+def test_a_new_session_is_begun_when_asked_and_after_a_closed_one(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    assert go(Commands([NOTHING]), monkeypatch, "--yes", "--new") == 0
+    assert len(list((desk / "runs").iterdir())) == 2
+
+
+def test_another_cell_file_is_another_session(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    file = session(desk).folder / "session.toml"
+    file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
+    assert go(Commands([]), monkeypatch, "--yes", "--session", str(file.parent)) == 2
+    assert "another version of mock-ur10e.toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])
+def test_a_damaged_session_is_refused(change: tuple[str, str], desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    file = session(desk).folder / "session.toml"
+    file.write_text(file.read_text().replace(*change))
+    assert go(Commands([]), monkeypatch, "--yes") == 2
+
+
+def test_a_real_arm_is_never_moved_without_a_person(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (desk / "configs/cells").mkdir(parents=True)
+    cell = Path(__file__).parents[2] / "configs/cells/emulated-ur10e.toml"
+    (desk / "configs/cells/real.toml").write_text(
+        cell.read_text().replace("127.0.0.2", "192.0.2.7").replace("emulated-ur10e", "real")
+    )
+    assert main(["go", "real", "--yes"]) == 3
+    assert "an arm may stand behind the cell real" in capsys.readouterr().err
+    assert not (desk / "runs").exists()
+
+
+@pytest.mark.slow
+def test_the_mock_arm_from_check_to_an_arm_to_use(desk: Path) -> None:
+    assert main(["go", "mock-ur10e", "--quick", "--yes"]) == 0
+    found = session(desk)
+    assert found.closed
+    assert [d.name for d in found.done] == ROUND
+    assert guided.answer(guided.last_diagnosis(found))["effects"] == []
