@@ -22,6 +22,7 @@ from sim.version import software_version
 # name on the command line -> module in calib.commands that has a function `command`, or `app` with subcommands
 COMMANDS: dict[str, str] = {
     "demo": "demo",
+    "init": "init",
     "go": "go",
     "check": "check",
     "plan": "plan",

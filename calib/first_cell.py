@@ -1,0 +1,39 @@
+"""The first cell file for what was found: what is known is written, what only a person knows is marked with TODO."""
+
+from __future__ import annotations
+
+import tomli_w
+
+from drivers.finding import Robot
+from sim.arm import Arm
+
+HOME = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]  # a free posture of every UR, as in the shipped cells
+OBSTACLES = """# TODO list everything that the arm can touch: table, walls, machines. Positions in m from the base. See docs/first-day-ur.md.
+[[obstacles]]
+kind = "plane"
+name = "table"
+position = [0.0, 0.0, {height}]
+normal = [0.0, 0.0, 1.0]
+"""
+PAYLOAD = """# TODO declare the tool as it is set on the pendant, or leave this out where the flange is bare.
+# [payload]
+# mass = 0.0
+# com = [0.0, 0.0, 0.0]
+
+"""
+
+
+def of_robot(name: str, robot: Robot, arm: str) -> str:
+    """The cell of a UR that answered, pinned to its serial number where it told one."""
+    options = {"host": robot.host} | ({"serial": robot.serial} if robot.serial else {})
+    text = f"# Written by `calib init`: {robot.model or 'a robot'} with PolyScope {robot.polyscope} answered at {robot.host}.\n"
+    text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm, "driver": "ur_rtde"})
+    text += f"home = {HOME}\n\n[options]\n{tomli_w.dumps(options)}\n"
+    return text + PAYLOAD + OBSTACLES.format(height=-0.05)
+
+
+def of_mock(name: str, arm: Arm, height: float) -> str:
+    """A cell in which an arm is simulated, standing on a plane at that height m."""
+    text = "# Written by `calib init`: a simulated arm, to try everything without hardware.\n"
+    text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm.name, "driver": "mock"})
+    return text + "\n" + OBSTACLES.format(height=height)
