@@ -1,4 +1,4 @@
-"""An arm for other tools: MJCF, URDF, and a table of its parameters."""
+"""An arm for other tools: MuJoCo, URDF, Isaac Lab, a controller's feed-forward, and a table of its parameters."""
 
 from __future__ import annotations
 
@@ -13,22 +13,26 @@ from typing import Any
 import numpy as np
 
 from sim.arm import Arm
-from sim.arm_folder import model_text, write_atomically
+from sim.arm_folder import write_atomically
 from sim.effects import effect_named
 from sim.errors import ConfigError
+from sim.feedforward import friction_table, isaaclab_actuator, payload_table
 from sim.files import is_name
+from sim.mujoco_export import exported_model
 from sim.resources import nearest
 from sim.urdf import urdf_text
 
-FORMATS = ("mjcf", "urdf", "table")
+FORMATS = ("mjcf", "urdf", "isaaclab", "feedforward", "table")
 
 
 def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
     """Write the arm to `folder` in each of `formats`; returns the files.
 
-    mjcf   <name>.xml with every effect that MuJoCo has, and the meshes it names
-    urdf   <name>.urdf, see `sim.urdf`, and its collision meshes as STL
-    table  <name>_parameters.csv and .json: every number with unit, and standard deviation where one is known
+    mjcf         <name>.xml with every effect, see `sim.mujoco_export`, the meshes it names, and <name>_effects.json: how it has each
+    urdf         <name>.urdf, see `sim.urdf`, and its collision meshes as STL
+    isaaclab     <name>_isaaclab.json: an actuator's parameters, see `sim.feedforward`
+    feedforward  <name>_friction.csv and <name>_payload.json: what a controller is told, see `sim.feedforward`
+    table        <name>_parameters.csv and .json: every number with unit, and standard deviation where one is known
     """
     for name in formats:
         if name not in FORMATS:
@@ -40,7 +44,8 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
     folder.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
     if "mjcf" in formats:
-        text, assets = model_text(arm)
+        model = exported_model(arm)
+        text, assets = model.text, model.files
         for relative, source in assets.items():
             place = folder / relative
             if not place.resolve().is_relative_to(folder.resolve()):
@@ -48,6 +53,7 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(source.read_bytes())
         files += [_write(folder / f"{arm.name}.xml", text), *(folder / a for a in assets)]
+        files.append(_write(folder / f"{arm.name}_effects.json", _json(model.table)))
     if "urdf" in formats:
         meshes = {}
         for k, shape in enumerate(arm.tree.shapes):
@@ -61,14 +67,15 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
                 file.write_bytes(_stl(shape.vertices, shape.faces))
                 files.append(file)
         files.append(_write(folder / f"{arm.name}.urdf", text))
+    if "isaaclab" in formats:
+        files.append(_write(folder / f"{arm.name}_isaaclab.json", _json(isaaclab_actuator(arm))))
+    if "feedforward" in formats:
+        files.append(_write(folder / f"{arm.name}_friction.csv", _csv(friction_table(arm))))
+        files.append(_write(folder / f"{arm.name}_payload.json", _json(payload_table(arm))))
     if "table" in formats:
         data = parameter_table(arm)
-        files.append(_write(folder / f"{arm.name}_parameters.json", json.dumps(data, indent=2, allow_nan=False) + "\n"))
-        out = io.StringIO()
-        rows = csv.DictWriter(out, ["joint", "parameter", "value", "std", "unit", "meaning"], lineterminator="\n")
-        rows.writeheader()
-        rows.writerows(data["parameters"])
-        files.append(_write(folder / f"{arm.name}_parameters.csv", out.getvalue()))
+        files.append(_write(folder / f"{arm.name}_parameters.json", _json(data)))
+        files.append(_write(folder / f"{arm.name}_parameters.csv", _csv(data["parameters"])))
     return files
 
 
@@ -106,6 +113,18 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
         "schema": "parameters/1", "arm": arm.name, "sha256": arm.sha256, "joints": list(arm.joint_names),
         "not_stated": list(arm.incomplete), "parameters": rows, "provenance": arm.provenance,
     }  # fmt: skip
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=2, allow_nan=False) + "\n"
+
+
+def _csv(rows: list[dict[str, Any]]) -> str:
+    out = io.StringIO()
+    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return out.getvalue()
 
 
 def _write(file: Path, text: str) -> Path:

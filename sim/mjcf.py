@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 
 import numpy as np
 
 from sim.arm import Arm, ArmEffect
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
-from sim.effects import effect_named
+from sim.effects import JointSize, Stage, effect_named
 from sim.errors import ConfigError
 from sim.tree import KinematicTree
 
 # Soft joints get a rotor body of their own; the link's body hangs on it by a second hinge of this name.
 TWIST = "{joint}:twist"
+STEP, SOFT_STEP = 0.001, 0.0005  # s of simulation, and where a gear is soft
 
 
 def numbers(values: Iterable[float] | np.ndarray) -> str:
@@ -43,7 +44,7 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
     ElementTree.SubElement(root, "option", option)
     world = ElementTree.SubElement(root, "worldbody")
     sections = {"worldbody": world, "actuator": ElementTree.SubElement(root, "actuator")}
-    soft = {e.joint: e for e in arm.effects if e.effect in ("joint_elasticity", "backlash")}
+    soft = twists(arm)
     bodies: list[ElementTree.Element] = []
     for i, joint in enumerate(tree.joint_names):
         up = world if tree.parent[i] < 0 else bodies[tree.parent[i]]
@@ -56,7 +57,7 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
             ElementTree.SubElement(body, "inertial", light)
             ElementTree.SubElement(body, "joint", {"name": joint, **kind})
             body = ElementTree.SubElement(body, "body", {"name": tree.link_names[i]})
-            ElementTree.SubElement(body, "joint", {"name": TWIST.format(joint=joint), **kind, **_twist(arm, soft[joint])})
+            ElementTree.SubElement(body, "joint", {"name": TWIST.format(joint=joint), **kind, **soft[joint]})
         else:
             ElementTree.SubElement(body, "joint", {"name": joint, **kind})
         add_inertial(body, tree, i)
@@ -93,16 +94,20 @@ def add_effects(root: ElementTree.Element, sections: dict[str, ElementTree.Eleme
             ElementTree.SubElement(sections[section], tag, attributes)
 
 
-def _twist(arm: Arm, item: ArmEffect) -> dict[str, str]:
-    """Spring of an elastic gear, or the dead zone of one with backlash, damped at a few per cent of critical."""
-    rotor = arm.effect("rotor_inertia", item.joint)
-    inertia = max(rotor.parameters["inertia"] if rotor else 0.0, 1e-4)
-    if item.effect == "joint_elasticity":
-        stiffness = item.parameters["stiffness"]
-        return {"stiffness": repr(stiffness), "damping": repr(0.04 * float(np.sqrt(stiffness * inertia)))}
-    gap = item.parameters["half_gap"]
-    stop = {"limited": "true", "range": f"{-gap!r} {gap!r}", "solreflimit": "0.004 1", "solimplimit": "0.99 0.999 0.0001"}
-    return stop | {"damping": repr(0.2 * inertia)}
+def joint_size(arm: Arm, joint: str) -> JointSize:
+    """What an exported form may depend on at that joint; a speed of 1 rad/s where nobody stated its limit."""
+    rotor, speed = arm.effect("rotor_inertia", joint), float(arm.dq_max[arm.joint_index(joint)])
+    return JointSize(speed if np.isfinite(speed) else 1.0, rotor.parameters["inertia"] if rotor else 0.0)
+
+
+def twists(arm: Arm) -> dict[str, Mapping[str, str]]:
+    """Joint with a soft gear -> attributes of the hinge between its motor and its link."""
+    forms = [
+        (e.joint, effect_named(e.effect).exported(e.joint, e.parameters, joint_size(arm, e.joint)))
+        for e in arm.effects
+        if e.joint is not None and effect_named(e.effect).stage is Stage.TRANSMISSION
+    ]
+    return {joint: form.twist for joint, form in forms if form.twist}
 
 
 def _add_obstacles(world: ElementTree.Element, obstacles: list[BoxObstacle | PlaneObstacle | MeshObstacle]) -> None:

@@ -37,7 +37,7 @@ def edited(
     effects: those that MuJoCo has as elements of their own (ripple, bias) replace the ones written earlier.
     """
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
-    bodies = _bodies(root)
+    bodies = bodies_of(root)
     if len(bodies) != before.n:
         raise ConfigError(
             f"the model has {before.n} joints but {len(bodies)} <joint> elements; write the arm out as plain bodies and joints"
@@ -61,7 +61,7 @@ def edited(
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _bodies(root: Element) -> list[tuple[Element, Element]]:
+def bodies_of(root: Element) -> list[tuple[Element, Element]]:
     """(body, joint) of each moving link, in the order of the compiled model: bodies depth first."""
     found = []
     for body in (b for world in root.findall("worldbody") for b in world.iter("body")):
@@ -79,12 +79,12 @@ def _own(body: Element) -> Iterable[Element]:
             yield from _own(child)
 
 
-def _fixed_children(body: Element) -> list[Element]:
+def fixed_children(body: Element) -> list[Element]:
     """The bodies that are rigidly attached to `body`, directly or through one another."""
     fixed = []
     for child in (e for e in _own(body) if e.tag == "body"):
         if not any(e.tag == "joint" for e in _own(child)):
-            fixed += [child, *_fixed_children(child)]
+            fixed += [child, *fixed_children(child)]
     return fixed
 
 
@@ -104,7 +104,7 @@ def _set_inertial(body: Element, tree: KinematicTree, j: int) -> None:
     for old in body.findall("inertial"):
         body.remove(old)
     add_inertial(body, tree, j)
-    for child in _fixed_children(body):
+    for child in fixed_children(body):
         for old in child.findall("inertial"):
             child.remove(old)
         child.insert(0, Element("inertial", {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}))
@@ -146,6 +146,12 @@ def _add_payload(last: Element, payload: Inertial, joint_position: np.ndarray) -
     form = {"fullinertia": numbers(full_inertia(inertia))} if np.any(inertia) else {"diaginertia": "0 0 0"}
     body.append(Element("inertial", {"pos": numbers(com), "mass": numbers([mass]), **form}))
     last.append(body)
+
+
+def mounted(text: str) -> Inertial | None:
+    """The payload body of a model's text: mass kg, com (3,) m in the last link's frame, inertia (3, 3) kg m^2 about it; or None."""
+    body = next((b for b in ElementTree.fromstring(text).iter("body") if b.get("name") == PAYLOAD), None)
+    return None if body is None else _inertial(body)
 
 
 def _inertial(body: Element) -> Inertial:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -22,11 +24,26 @@ def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
     """The text as MuJoCo compiles it, with the files it names from `folder`; ConfigError carries MuJoCo's own words."""
     try:
         assets = {file.name: read_bytes(file, MAX_MESH) for file in asset_files(text, folder).values()}
-        return mujoco.MjModel.from_xml_string(text, assets)
+        with no_callback():
+            return mujoco.MjModel.from_xml_string(text, assets)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from error
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigError(f"{name}: MuJoCo cannot compile it: {str(error).strip()}") from error
+
+
+@contextmanager
+def no_callback() -> Iterator[None]:
+    """No passive-force callback meanwhile: while one of Python is set, MuJoCo compiles no model (google-deepmind/mujoco#1376)."""
+    callback = mujoco.get_mjcb_passive()
+    if callback is None:
+        yield
+        return
+    mujoco.set_mjcb_passive(None)
+    try:
+        yield
+    finally:
+        mujoco.set_mjcb_passive(callback)
 
 
 def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_JOINTS) -> KinematicTree:

@@ -46,14 +46,17 @@ def checked_text(path: Path, root: Path | None = None) -> str:
         raise ConfigError(f"{path}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
     depth = bodies = elements = 0
     within: list[str] = []
+    hardware = 0  # depth inside a <ros2_control> of a URDF, which names plugins of ROS and no part of the model
     try:
         for kind, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
             if kind == "end":
                 depth -= 1
+                hardware -= hardware > 0
                 if element.tag in ("body", "link"):
                     within.pop()
                 continue
             depth += 1
+            hardware += hardware > 0 or (element.tag == "ros2_control" and depth == 2)
             elements += 1
             if element.tag in ("body", "link"):
                 within.append(f"<{element.tag} name={element.get('name')!r}>")
@@ -62,7 +65,8 @@ def checked_text(path: Path, root: Path | None = None) -> str:
                 raise ConfigError(
                     f"{path}: deeper than {MAX_DEPTH} elements, more than {MAX_BODIES} bodies or {MAX_ELEMENTS} elements; this is not an arm"
                 )
-            _check_attributes(path, root, element, within[-1] if within else "")
+            if not (hardware and element.tag == "plugin"):
+                _check_attributes(path, root, element, within[-1] if within else "")
     except ElementTree.ParseError as error:
         line, column = error.position
         raise ConfigError(

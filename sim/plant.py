@@ -18,7 +18,8 @@ from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.effects import Stage
 from sim.effects.effect import PathState
 from sim.joint_state import JointState
-from sim.mjcf import TWIST, plant_text
+from sim.mjcf import SOFT_STEP, STEP, TWIST, plant_text, twists
+from sim.model import no_callback
 from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH, slip_direction
@@ -46,7 +47,7 @@ class Plant:
         obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = (),
     ) -> None:
         self.drive, self._obstacles = drive or arm, tuple(obstacles)
-        self.timestep = timestep or (0.0005 if _soft(arm) else 0.001)
+        self.timestep = timestep or (SOFT_STEP if twists(arm) else STEP)
         self._build(arm)
         self._nominal = RigidBody(self.drive)
         rotor = [self.drive.effect("rotor_inertia", n) for n in arm.joint_names]
@@ -58,12 +59,13 @@ class Plant:
 
     def _build(self, arm: Arm) -> None:
         self.arm = arm
-        self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, self._obstacles))
+        with no_callback():
+            self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, self._obstacles))
         self.data = mujoco.MjData(self.model)
         names = arm.joint_names
         self._dof = np.array([self.model.joint(n).dofadr[0] for n in names])
         self._motor = np.array([self.model.actuator(f"{n}:motor").id for n in names])
-        self._twist = [(names.index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for _, joint in _soft(arm)]
+        self._twist = [(names.index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for joint in twists(arm)]
         self._last_body = self.model.body(arm.tree.link_names[-1]).id
         self._stages = by_stage(arm.effects, arm)
         self._each_step = {
@@ -84,7 +86,7 @@ class Plant:
 
         ValueError where joints would get or lose a soft gear, whose motion cannot be invented.
         """
-        if _soft(arm) != _soft(self.arm):
+        if list(twists(arm)) != list(twists(self.arm)):
             raise ValueError(f"{arm.name}: an arm in motion keeps its soft joints; build a new plant")
         before = self.data
         self._build(arm)
@@ -207,7 +209,9 @@ class Plant:
         """Angle and speed on the drive's own encoder: the motor's side of a soft joint."""
         angle, speed = self._qpos[self._dof], self._qvel[self._dof]
         for effect, joint, item in self._encoders:
-            angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0]
+            here = slice(joint, joint + 1)
+            speed[here] = effect.reading_speed(angle[here], speed[here], item.parameters)
+            angle[here] = effect.reading(angle[here], item.parameters)
         return angle, speed
 
     def _angle(self, reading: np.ndarray) -> np.ndarray:
@@ -313,8 +317,3 @@ class Plant:
         for effect, joint, item in steps[Stage.MOTOR]:
             effect.apply(state, joint, item.parameters)
         data.qfrc_applied[self._dof] -= state.tau[0]
-
-
-def _soft(arm: Arm) -> list[tuple[str, str]]:
-    """The soft gears of an arm: effect and joint, each with a coordinate of its own in MuJoCo."""
-    return [(e.effect, str(e.joint)) for e in arm.effects if e.effect in ("joint_elasticity", "backlash")]

@@ -22,14 +22,15 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     """The URDF whose inverse dynamics under gravity (0, 0, -9.81) m/s^2 are those of the arm's rigid bodies.
 
     A link's frame is its joint's frame; <inertial> has the centre of mass as origin and the inertia about it in the link's axes.
-    A tilted base becomes a fixed joint under the base. Viscous and dry friction stand in <dynamics>; rotor inertia has no place
-    in URDF and stands in a comment. Capsules become a cylinder and two spheres; `meshes` names the file of each mesh shape.
+    A tilted base becomes a fixed joint under the base. Viscous and dry friction stand in <dynamics>; rotor inertia, for which URDF has
+    no place, in each joint's <transmission> as <drake:rotor_inertia>, at the joint. <ros2_control> lists the joints with ROS's mock
+    hardware, to be replaced by the robot's driver. Capsules become a cylinder and two spheres; `meshes` names the file of each mesh shape.
     ConfigError where the format demands a limit that the arm does not state, or gravity is not 9.81 m/s^2.
     """
     require_limits(arm, "q_min", "q_max", "dq_max", "tau_max")
     tree = arm.tree
     base = base_name(arm)
-    root = Element("robot", name=arm.name)
+    root = Element("robot", {"name": arm.name, "xmlns:drake": "http://drake.mit.edu"})
     links = [_add_link(root, base)] + [_add_link(root, name) for name in tree.link_names]
     tilt = _tilt(arm.gravity)
     if not np.allclose(tilt, np.eye(3), rtol=0, atol=1e-15):
@@ -47,13 +48,37 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
         friction = {"damping": _own(arm, "viscous_friction", "viscous", name)}
         friction["friction"] = _own(arm, "coulomb_friction", "coulomb", name)
         ElementTree.SubElement(joint, "dynamics", {key: numbers([value]) for key, value in friction.items()})
-        rotor = _own(arm, "rotor_inertia", "inertia", name)
-        if rotor:
-            joint.append(ElementTree.Comment(f" rotor inertia {rotor!r} kg m^2 at the joint: add it to the mass matrix "))
     for k, shape in enumerate(tree.shapes):
         _add_shape(links[shape.link + 1], shape, (meshes or {}).get(shape.name, Path(f"shape_{k}.stl")))
+    _add_drives(root, arm)
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_drives(root: Element, arm: Arm) -> None:
+    """<transmission> with the rotor of each joint (https://drake.mit.edu, tag drake:rotor_inertia), and <ros2_control>."""
+    for name in arm.joint_names:
+        transmission = ElementTree.SubElement(root, "transmission", name=f"{name}_transmission")
+        ElementTree.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+        ElementTree.SubElement(transmission, "joint", name=name)
+        actuator = ElementTree.SubElement(transmission, "actuator", name=f"{name}_motor")
+        ElementTree.SubElement(actuator, "mechanicalReduction").text = "1"
+        ElementTree.SubElement(actuator, "drake:gear_ratio", value="1")
+        ElementTree.SubElement(actuator, "drake:rotor_inertia", value=numbers([_own(arm, "rotor_inertia", "inertia", name)]))
+    control = ElementTree.SubElement(root, "ros2_control", name=arm.name, type="system")
+    hardware = ElementTree.SubElement(control, "hardware")
+    ElementTree.SubElement(hardware, "plugin").text = "mock_components/GenericSystem"
+    for j, name in enumerate(arm.joint_names):
+        joint = ElementTree.SubElement(control, "joint", name=name)
+        for interface, low, high in (
+            ("position", arm.q_min[j], arm.q_max[j]),
+            ("velocity", -arm.dq_max[j], arm.dq_max[j]),
+            ("effort", -arm.tau_max[j], arm.tau_max[j]),
+        ):
+            command = ElementTree.SubElement(joint, "command_interface", name=interface)
+            for key, value in (("min", low), ("max", high)):
+                ElementTree.SubElement(command, "param", name=key).text = numbers([value])
+            ElementTree.SubElement(joint, "state_interface", name=interface)
 
 
 def base_name(arm: Arm) -> str:

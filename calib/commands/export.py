@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import typer
 
@@ -24,7 +25,7 @@ def command(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="mjcf, urdf or table; may be repeated. All if not given.",
+            help="mjcf, urdf, isaaclab, feedforward or table; may be repeated. All if not given.",
             autocompletion=_formats,
         ),
     ] = None,
@@ -32,10 +33,11 @@ def command(
     json: console.Json = False,
     configs: console.Configs = None,
 ) -> None:
-    """Write an arm, nominal or calibrated, as MJCF, URDF and a table of parameters.
+    """Write an arm, nominal or calibrated, for MuJoCo, ROS, Isaac Lab and controllers, and as a table of parameters.
 
-    MuJoCo and Pinocchio compute the same inverse dynamics from each file as calib does. MJCF also holds friction, rotor inertia
-    and the other effects that MuJoCo has; URDF holds viscous and dry friction; the table holds everything.
+    MuJoCo and Pinocchio compute the same inverse dynamics from each model as calib does. The MuJoCo model has every effect: most as
+    native elements, some through `import calib.mujoco`, and those of sensors in its `read`; the command says which. URDF holds
+    friction and rotor inertia; the table holds everything.
 
     Example:
 
@@ -43,6 +45,7 @@ def command(
     """
     from sim.arm import load_arm, require_limits
     from sim.export import FORMATS, export
+    from sim.mujoco_export import exported_model
 
     table = load_arm(arm, configs)
     left_out = ""
@@ -51,12 +54,39 @@ def command(
         try:
             require_limits(table, "q_min", "q_max", "dq_max", "tau_max")
         except ConfigError as error:
-            formats, left_out = ("mjcf", "table"), f"no URDF, which must state every limit: {error}"
+            formats = tuple(name for name in FORMATS if name != "urdf")
+            left_out = f"no URDF, which must state every limit: {error}"
     folder = new_run(table, "export", out)
     files = export(table, folder, formats)
+    effects = exported_model(table).table["effects"] if "mjcf" in formats else []
     if json:
-        console.print_json({"arm": table.name, "files": files, "left_out": left_out or None})
+        shown = [{key: row[key] for key in ("effect", "joint", "form", "how", "error")} for row in effects]
+        console.print_json({"arm": table.name, "files": files, "effects": shown, "left_out": left_out or None})
         return
     console.table(["file", "bytes"], [[str(file), file.stat().st_size] for file in files])
+    if effects:
+        console.table(["in the MuJoCo model", "of", "form", "as", "but"], _by_form(effects, table.joint_names))
+        for form, sentence in SAID.items():
+            if any(row["form"] == form for row in effects):
+                console.say(sentence)
     if left_out:
         console.warn(left_out)
+
+
+SAID = {
+    "callback": 'callback: plain MuJoCo leaves it out; `import calib.mujoco` and `calib.mujoco.load("FILE.xml")` simulate it.',
+    "sensor": "sensor: the motion is the true one; `calib.mujoco.read(model, data)` returns what encoders and drives report.",
+}
+
+
+def _by_form(effects: list[dict[str, Any]], joints: Sequence[str]) -> list[list[Any]]:
+    """One row for each effect and form, with the joints that have it; the bodies first."""
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for row in effects:
+        key = (row["effect"], row["form"], row["how"], row["error"])
+        rows.setdefault(key, []).append(row["joint"] or "the arm")
+    listed = [
+        [effect, "all joints" if owners == list(joints) else ", ".join(owners), form, how, error]
+        for (effect, form, how, error), owners in rows.items()
+    ]
+    return [["masses, gravity, frames", "the arm", "native", "body, inertial, option", ""], *listed]

@@ -9,7 +9,7 @@ from sim.effects.asymmetric_friction import AsymmetricFriction
 from sim.effects.backlash import Backlash
 from sim.effects.base_tilt import BaseTilt
 from sim.effects.coulomb_friction import CoulombFriction
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage
+from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage
 from sim.effects.encoder_eccentricity import EncoderEccentricity
 from sim.effects.encoder_offset import EncoderOffset
 from sim.effects.external_contact import ExternalContact
@@ -141,6 +141,8 @@ __all__ = [
     "EFFECTS",
     "LAWS",
     "Effect",
+    "Exported",
+    "JointSize",
     "Mjcf",
     "Parameter",
     "PathState",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values, passive
 
 
 class AsymmetricFriction(Effect):
@@ -23,8 +23,9 @@ class AsymmetricFriction(Effect):
         state.tau[:, joint] += state.warmth[:, joint] * p["half_difference"] * np.abs(state.slip[:, joint])
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
-        """A constant bias: with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], at rest too."""
-        bias = {"name": f"calib_asymmetric_friction_{joint}", "joint": joint, "gaintype": "fixed", "gainprm": "0"}
+        """A passive dcmotor of constant torque: with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], at rest too."""
         return Mjcf(
-            elements=(("actuator", "general", bias | {"biastype": "affine", "biasprm": f"{-p['half_difference']!r} 0 0"}),)
+            elements=(
+                ("actuator", "dcmotor", passive(f"calib_asymmetric_friction_{joint}", -p["half_difference"], joint=joint)),
+            )
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
 LOADED, FREE = 0.3, 0.05  # of the RMS of the load: beyond the one a side of the gap carries it, below the other none does
 MEAN = 25e-3  # s of load that are averaged first: noise in a measured acceleration does not cross a gap
@@ -30,6 +30,12 @@ class Backlash(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += b x(t)."""
         state.q_motor[:, joint] += p["half_gap"] * side(state.t, state.load[:, joint])
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """A second hinge between motor and link with stops half a gap to either side."""
+        gap, damping = p["half_gap"], 0.2 * max(size.rotor, 1e-4)
+        stop = {"limited": "true", "range": f"{-gap!r} {gap!r}", "solreflimit": "0.004 1", "solimplimit": "0.99 0.999 0.0001"}
+        return Exported("native", "second hinge, range", "stops give way by 3 %", twist=stop | {"damping": repr(damping)})
 
 
 def side(t: np.ndarray, load: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
 
 
 class CoulombFriction(Effect):
@@ -22,3 +22,8 @@ class CoulombFriction(Effect):
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """frictionloss, as stiff as MuJoCo's soft constraint allows (slip below about 1 mrad/s is viscous)."""
         return Mjcf({"frictionloss": repr(p["coulomb"]), "solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001"})
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """frictionloss, or the level of a LuGre element where another effect shapes the dry friction."""
+        form = self.mjcf(joint, p)
+        return Exported("native", "frictionloss", "viscous below about 1 mrad/s", form, dry={"level": p["coulomb"]})

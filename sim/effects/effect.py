@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import enum
 import itertools
+import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
@@ -67,6 +68,56 @@ class Mjcf:
 
     joint: dict[str, str] = field(default_factory=dict)
     elements: tuple[tuple[str, str, dict[str, str]], ...] = ()
+
+
+def passive(
+    name: str, amplitude: float = 0.0, cycles: float = 0.0, phase: float = 0.5 * math.pi, **attributes: str
+) -> dict[str, str]:
+    """Attributes of a dcmotor without input, so that it takes no place in ctrl: force amplitude sin(cycles length + phase).
+
+    By default the force is constant. `attributes` say on what it acts: a joint, or a site.
+    """
+    motor = {"name": name, "input": "none", "resistance": "1", "motorconst": "0"}
+    return motor | ({"cogging": f"{amplitude!r} {cycles!r} {phase!r}"} if amplitude else {}) | attributes
+
+
+Form = Literal["native", "callback", "sensor"]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """How an exported MuJoCo model has an effect: its form, the element or function that has it, and the error of that in words.
+
+    form     native: plain MuJoCo simulates it. callback: `calib.mujoco` adds its torque each step. sensor: it leaves the motion as
+             it is and changes a reading, which `calib.mujoco.read` returns
+    error    "" where the form is exact
+    mjcf     elements and joint attributes that stand by themselves
+    damping  (a, b, c): torque a v + b v |v| + c v^3 beside the joint's own damping
+    dry      share of the joint's dry friction, together one element: level N m, excess N m, velocity rad/s, stiffness N m/rad
+    twist    attributes of a second hinge between motor and link
+    limit    N m that the joint's motors deliver at most
+    force    (x, y, z) N in the world on the origin of the last link
+    delay    s by which the reading of the motors' torque is late
+    """
+
+    form: Form
+    how: str
+    error: str = ""
+    mjcf: Mjcf | None = None
+    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    dry: Mapping[str, float] = field(default_factory=dict)
+    twist: Mapping[str, str] = field(default_factory=dict)
+    limit: float | None = None
+    force: tuple[float, float, float] | None = None
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointSize:
+    """What an exported form may depend on: speed rad/s that the joint reaches, inertia kg m^2 of its rotor at the joint."""
+
+    speed: float = 1.0
+    rotor: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -141,6 +192,11 @@ class Effect:
         """What the encoder reads at a joint angle, rad; stage ENCODER only."""
         raise TypeError(f"{self.name} does not act on the encoder")
 
+    def reading_speed(self, angle: np.ndarray, speed: np.ndarray, p: Values) -> np.ndarray:
+        """How fast that reading changes, rad/s, where the joint turns with `speed`: by the slope of `reading`."""
+        step = 1e-6
+        return speed * (self.reading(angle + step, p) - self.reading(angle - step, p)) / (2 * step)
+
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The kinematic tree with this effect; stage RIGID only."""
         raise TypeError(f"{self.name} does not act on the rigid bodies")
@@ -148,6 +204,18 @@ class Effect:
     def mjcf(self, joint: str, p: Values) -> Mjcf | None:
         """The MJCF form, or None where plain MuJoCo has none and `sim.plant` applies the effect each step."""
         return None
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """The effect in an exported model: its MJCF form where it has one, else by its stage a sensor's or the callback's."""
+        form = self.mjcf(joint, p)
+        if form is not None:
+            words = [", ".join(form.joint), *(tag for _, tag, _ in form.elements)]
+            return Exported("native", " and ".join(w for w in words if w), mjcf=form)
+        if self.stage is Stage.RIGID:
+            return Exported("native", "masses, centres of mass and gravity")
+        if self.stage in (Stage.ENCODER, Stage.SENSOR, Stage.CHANNEL):
+            return Exported("sensor", "calib.mujoco.read")
+        return Exported("callback", "calib.mujoco")
 
     def none(self) -> dict[str, float]:
         """Parameter values at which the effect is absent.

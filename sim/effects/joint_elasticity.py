@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 
 
 class JointElasticity(Effect):
@@ -31,6 +31,12 @@ class JointElasticity(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += load/K."""
         state.q_motor[:, joint] += state.load[:, joint] / p["stiffness"]
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """A second hinge between motor and link with a spring, damped at 2 % of critical, rotor against a held link."""
+        stiffness = p["stiffness"]
+        damping = 0.04 * float(np.sqrt(stiffness * max(size.rotor, 1e-4)))
+        return Exported("native", "second hinge, stiffness", twist={"stiffness": repr(stiffness), "damping": repr(damping)})
 
     def probes(self, own: Values | None) -> list[Probe]:
         """The torque is nearly linear in 1/stiffness: try a few and scale."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+
+NEAR = 0.005
 
 
 class NonlinearViscousFriction(Effect):
@@ -26,3 +28,15 @@ class NonlinearViscousFriction(Effect):
         speed = state.dq_motor[:, joint]
         law = np.abs(speed) ** p["exponent"] * np.sign(speed)
         state.tau[:, joint] += state.warmth[:, joint] * p["coefficient"] * law
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """Polynomial damping where it follows the power within NEAR of the torque at full speed, else the callback."""
+        x = np.linspace(0.0, 1.0, 201)
+        powers = np.stack([x, x**2, x**3], axis=1)
+        share = np.linalg.lstsq(powers, x ** p["exponent"], rcond=None)[0]
+        off = float(np.abs(powers @ share - x ** p["exponent"]).max())
+        if off > NEAR:
+            return Exported("callback", "calib.mujoco")
+        a, b, c = p["coefficient"] * size.speed ** p["exponent"] * share / size.speed ** np.arange(1, 4)
+        words = f"{off:.1%} of its torque at {size.speed:.3g} rad/s, and only up to that speed" if off > 1e-9 else ""
+        return Exported("native", "damping polynomial", words, damping=(float(a), float(b), float(c)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 
 
 class PreslidingFriction(Effect):
@@ -31,6 +31,10 @@ class PreslidingFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """width = level / stiffness, never below the width that every bearing has."""
         state.width[:, joint] = np.maximum(state.width[:, joint], state.level[:, joint] / p["stiffness"])
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """Dahl's law is the LuGre friction of a passive dcmotor without damping of its bristles."""
+        return Exported("native", "dcmotor lugre", dry={"stiffness": p["stiffness"]})
 
     def probes(self, own: Values | None) -> list[Probe]:
         """The torque is nearly linear in 1/stiffness: try a few and scale."""

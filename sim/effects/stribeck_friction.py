@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
 
 class StribeckFriction(Effect):
@@ -33,3 +33,8 @@ class StribeckFriction(Effect):
         """level += F_s exp(-(dq/v_s)^2)."""
         speed = state.dq_motor[:, joint] / p["stribeck_velocity"]
         state.level[:, joint] += p["stiction_excess"] * np.exp(-(speed**2))
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """The LuGre friction of a passive dcmotor has this law in steady motion."""
+        dry = {"excess": p["stiction_excess"], "velocity": p["stribeck_velocity"]}
+        return Exported("native", "dcmotor lugre", "builds up over 0.1 mrad after a reversal", dry=dry)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
 
 class TimeDelay(Effect):
@@ -24,3 +24,9 @@ class TimeDelay(Effect):
         if len(state.t) > 1:
             for j in range(state.tau.shape[1]):
                 state.tau[:, j] = np.interp(state.t - p["delay"], state.t, state.tau[:, j])
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """The delay of the sensors that read the motors' torque; an early reading has no form that runs forward in time."""
+        if p["delay"] < 0:
+            return Exported("sensor", "none", "a reading from the future: shift what was recorded instead")
+        return Exported("sensor", "actuatorfrc, delay", "to the simulation step", delay=p["delay"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
 
 class ToolForce(Effect):
@@ -26,3 +26,7 @@ class ToolForce(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """f += constant."""
         state.force += np.array([p["force_x"], p["force_y"], p["force_z"]])
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """A passive dcmotor of constant force between a site on the last link and the world."""
+        return Exported("native", "dcmotor at a site", force=(p["force_x"], p["force_y"], p["force_z"]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
 
 
 class TorqueRipple(Effect):
@@ -37,9 +37,8 @@ class TorqueRipple(Effect):
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """A passive dcmotor with cogging."""
-        cogging = f"{p['amplitude']!r} {p['cycles']!r} {p['phase']!r}"
-        motor = {"name": f"calib_torque_ripple_{joint}", "joint": joint, "input": "none", "resistance": "1", "motorconst": "0"}
-        return Mjcf(elements=(("actuator", "dcmotor", motor | {"cogging": cogging}),))
+        motor = passive(f"calib_torque_ripple_{joint}", p["amplitude"], p["cycles"], p["phase"], joint=joint)
+        return Mjcf(elements=(("actuator", "dcmotor", motor),))
 
     def probes(self, own: Values | None) -> list[Probe]:
         """A sin(N q + phase) is linear in A cos(phase) and A sin(phase)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
 
 class TorqueSaturation(Effect):
@@ -22,3 +22,7 @@ class TorqueSaturation(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau held in [-limit, limit]."""
         state.tau[:, joint] = np.clip(state.tau[:, joint], -p["limit"], p["limit"])
+
+    def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
+        """The forcerange of the joint's motors."""
+        return Exported("native", "forcerange", limit=p["limit"])

@@ -3,6 +3,8 @@
 import json
 
 from calib.main import main
+from sim.arm import ArmEffect, load_arm
+from sim.arm_folder import write_arm
 
 BARE = """<mujoco model="one"><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/>
   <inertial mass="2" pos="0.3 0 0" diaginertia="0.05 0.05 0.05"/></body></worldbody></mujoco>"""
@@ -11,14 +13,42 @@ BARE = """<mujoco model="one"><worldbody><body name="rod"><joint name="hinge" ax
 def test_writes_every_format_and_says_so(tmp_path, capsys):
     assert main(["export", "ur5e", "--out", str(tmp_path / "out")]) == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert {"ur5e.xml", "ur5e.urdf", "ur5e_parameters.csv", "ur5e_parameters.json", "run.toml"} == names
+    made = {
+        ".xml",
+        "_effects.json",
+        ".urdf",
+        "_isaaclab.json",
+        "_friction.csv",
+        "_payload.json",
+        "_parameters.csv",
+        "_parameters.json",
+    }
+    assert {"run.toml", *(f"ur5e{end}" for end in made)} == names
     assert "ur5e.urdf" in capsys.readouterr().out
 
 
 def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", "servo6", "--format", "urdf", "--json", "--out", str(tmp_path / "out")]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told == {"arm": "servo6", "files": [str(tmp_path / "out" / "servo6.urdf")], "left_out": None}
+    assert told == {"arm": "servo6", "files": [str(tmp_path / "out" / "servo6.urdf")], "effects": [], "left_out": None}
+
+
+def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
+    joint = "elbow_joint"
+    effects = [
+        ArmEffect("stribeck_friction", joint, {"stiction_excess": 3.0, "stribeck_velocity": 0.1}),
+        ArmEffect("thermal_friction", joint, {"relative_drop": 0.3, "time_constant": 60.0}),
+        ArmEffect("torque_offset", joint, {"offset": 2.0}),
+    ]
+    write_arm(tmp_path / "arm", load_arm("ur5e"), effects=effects)
+    assert main(["export", str(tmp_path / "arm"), "--json", "--out", str(tmp_path / "one")]) == 0
+    forms = {row["effect"]: row["form"] for row in json.loads(capsys.readouterr().out)["effects"]}
+    assert forms["stribeck_friction"] == "native"
+    assert (forms["thermal_friction"], forms["torque_offset"]) == ("callback", "sensor")
+    assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "two")]) == 0
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "import calib.mujoco" in said
+    assert "calib.mujoco.read(model, data)" in said
 
 
 def test_a_bare_model_without_limits_gets_no_urdf_and_is_told_why(tmp_path, capsys):

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -148,7 +149,7 @@ def test_urdf_refuses_what_it_cannot_say(tmp_path):
         urdf_text(replace(arm, tree=replace(arm.tree, gravity=np.array([0, 0, -1.62]))))
     with pytest.raises(ConfigError, match="dq_max of elbow_joint is not given"):
         urdf_text(replace(arm, dq_max=np.where(np.arange(6) == 2, np.nan, arm.dq_max)))
-    with pytest.raises(ConfigError, match="no format 'sdf'; known: mjcf, urdf, table"):
+    with pytest.raises(ConfigError, match="no format 'sdf'; known: mjcf, urdf, isaaclab, feedforward, table"):
         export(arm, tmp_path, ["sdf"])
 
 
@@ -185,3 +186,44 @@ def test_roll_pitch_yaw_give_the_rotation_back(pitch):
         return Rotation.from_rotvec(a * np.eye(3)[k]).as_matrix()
 
     np.testing.assert_allclose(axis(y, 2) @ axis(p, 1) @ axis(r, 0), turn, atol=2e-15 if abs(pitch) < 1 else 1e-12)
+
+
+def test_a_controller_is_told_friction_payload_and_gravity(tmp_path):
+    effects = [
+        ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.01, "com_y": 0.02, "com_z": 0.08}),
+        ArmEffect("stribeck_friction", "elbow_joint", {"stiction_excess": 3.0, "stribeck_velocity": 0.1}),
+        ArmEffect("base_tilt", None, {"roll": 0.1, "pitch": 0.0}),
+    ]
+    arm = write_arm(tmp_path / "arm", load_arm("ur10e"), effects=effects)
+    files = {p.name: p for p in export(arm, tmp_path / "out")}
+    told = json.loads(files["ur10e_payload.json"].read_text())
+    assert told["payload"]["mass"] == 2.0
+    assert told["urscript"][0] == "set_target_payload(2.0, [0.01, 0.02, 0.08], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])"
+    np.testing.assert_allclose(told["gravity"], 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]))
+    rows = [r for r in csv.DictReader(files["ur10e_friction.csv"].read_text().splitlines()) if r["joint"] == "elbow_joint"]
+    curve = {float(r["speed"]): float(r["torque"]) for r in rows if r["speed"] not in ("0.0", "-0.0")}
+    own = {e.effect: e.parameters for e in arm.effects if e.joint == "elbow_joint"}
+    for speed, torque in curve.items():
+        law = (
+            own["coulomb_friction"]["coulomb"]
+            + 3.0 * np.exp(-((speed / 0.1) ** 2))
+            + own["viscous_friction"]["viscous"] * abs(speed)
+        )
+        assert torque == pytest.approx(np.sign(speed) * law)
+    assert [float(r["torque"]) for r in rows if r["speed"] in ("0.0", "-0.0")] == pytest.approx([-12.5, 12.5])
+    isaac = json.loads(files["ur10e_isaaclab.json"].read_text())
+    assert isaac["actuator"]["friction"]["elbow_joint"] == 12.5
+    assert isaac["actuator"]["dynamic_friction"]["elbow_joint"] == 9.5
+    assert isaac["actuator"]["armature"]["elbow_joint"] == 3.2
+    assert isaac["left_out"] == []
+
+
+def test_the_urdf_holds_rotors_and_the_interfaces_of_ros2_control(tmp_path):
+    arm = load_arm("ur10e")
+    text = urdf_text(arm)
+    root = ElementTree.fromstring(text)
+    rotors = [float(e.get("value")) for e in root.iter("{http://drake.mit.edu}rotor_inertia")]
+    np.testing.assert_array_equal(rotors, arm.tree.armature)
+    control = root.find("ros2_control")
+    assert [j.get("name") for j in control.findall("joint")] == list(arm.joint_names)
+    assert control.findtext("hardware/plugin") == "mock_components/GenericSystem"

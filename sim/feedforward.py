@@ -1,0 +1,128 @@
+"""What a controller or another simulator is told of an arm: friction by speed, payload and gravity, an actuator's parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sim.arm import Arm
+from sim.effects import Stage, effect_named
+from sim.effects.effect import PathState
+from sim.mjcf import joint_size
+from sim.mjcf_edit import full_inertia, mounted
+from sim.model import compiled
+from sim.prediction import by_stage
+from sim.slip import SLIP_WIDTH
+
+SPEEDS = 20  # either way, evenly up to the joint's largest speed
+FLANGE = "attachment_site"
+
+
+def friction_table(arm: Arm) -> list[dict[str, Any]]:
+    """Rows {joint, speed rad/s, torque N m}: the torque that friction takes in steady motion, without load through the gear, cold.
+
+    tau_ff = friction(dq_cmd) + inverse dynamics is the feed-forward of a drive that takes one (MIT mode); friction that grows with
+    load is left out. At rest the torque is that of the direction in which motion begins: -0.0 and 0.0.
+    """
+    top = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
+    share = np.linspace(0, 1, SPEEDS + 1)
+    share = np.concatenate([-share[::-1], share])
+    dq = share[:, None] * top
+    zero = np.zeros_like(dq)
+    # the first half moves one way, the second the other: at rest, too
+    slip = np.repeat([-1.0, 1.0], SPEEDS + 1)[:, None] * np.ones(arm.n)
+    state = PathState(
+        t=np.zeros(len(dq)), q=zero.copy(), dq=dq.copy(), ddq=zero.copy(), load=zero.copy(), q_motor=zero.copy(), dq_motor=dq.copy(),
+        ddq_motor=zero.copy(), level=zero.copy(), width=np.full_like(dq, SLIP_WIDTH), warmth=np.ones_like(dq), slip=slip,
+        tau=zero.copy(), force=np.zeros((len(dq), 3)),
+    )  # fmt: skip
+    stages = by_stage(arm.effects, arm)
+    for stage in (Stage.FRICTION, Stage.MOTOR):
+        for effect, joint, item in stages[stage]:
+            effect.apply(state, joint, item.parameters)
+        if stage is Stage.FRICTION:
+            state.tau += state.warmth * state.level * state.slip
+    return [
+        {"joint": name, "speed": float(v), "torque": float(torque)}
+        for j, name in enumerate(arm.joint_names)
+        for v, torque in zip(dq[:, j], state.tau[:, j], strict=True)
+    ]
+
+
+def payload_table(arm: Arm) -> dict[str, Any]:
+    """What is mounted at the flange, in the flange's frame, and the gravity of the mount; with the URScript lines that say so.
+
+    Without a payload of its own in the model (the links may hold one) nothing is said of it. The flange is the site `attachment_site` of the last link where the model has it, else the last link's frame. Mass in kg, centre
+    of mass in m, inertia in kg m^2 about it with axes along the flange's; gravity in m/s^2 in the base frame.
+    set_target_payload(m, cog, [Ixx, Iyy, Izz, Ixy, Ixz, Iyz]) and set_gravity(d), d the acceleration away from the earth's centre:
+    Universal Robots, URScript manual.
+    """
+    found = mounted(arm.model_text)
+    place, turn, frame = _flange(arm)
+    lines = [f"set_gravity({_list(-arm.gravity)!r})"]
+    payload = None
+    if found is not None:
+        mass, com, inertia = float(found[0]), turn.T @ (found[1] - place), turn.T @ found[2] @ turn
+        tensor = _list(np.array(full_inertia(inertia)))
+        lines.insert(0, f"set_target_payload({mass!r}, {_list(com)!r}, {tensor!r})")
+        named = dict(zip(("xx", "yy", "zz", "xy", "xz", "yz"), tensor, strict=True))
+        payload = {"frame": frame, "mass": mass, "com": _list(com), "inertia": named}
+    return {"schema": "payload/1", "arm": arm.name, "payload": payload, "gravity": _list(arm.gravity), "urscript": lines}
+
+
+def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
+    """Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg (2.2 to 3.x), and what that model leaves out of the arm.
+
+    friction is the torque that motion must overcome from rest, dynamic_friction that while moving, N m; viscous_friction N m s/rad;
+    armature kg m^2 at the joint. Gains are left to the USD's own. Isaac Lab's delay is that of a command, which no log of ours tells.
+    """
+    rows: dict[str, dict[str, float]] = {key: {} for key in ("armature", "friction", "dynamic_friction", "viscous_friction")}
+    left_out: list[dict[str, str | None]] = []
+    for name in arm.joint_names:
+        here = [e for e in arm.effects if e.joint == name]
+        forms = {(e.effect, name): effect_named(e.effect).exported(name, e.parameters, joint_size(arm, name)) for e in here}
+        dry: dict[str, float] = {}
+        joint: dict[str, float] = {}
+        for (effect, _), form in forms.items():
+            dry |= form.dry
+            own = form.mjcf.joint if form.mjcf else {}
+            joint |= {key: float(own[key]) for key in ("armature", "damping") if key in own}
+            held = form.form == "native" and ({"armature", "damping", "frictionloss"} & set(own) or "excess" in form.dry)
+            if not held:
+                left_out.append({"effect": effect, "joint": name})
+        level = dry.get("level", 0.0)
+        for key, value in (
+            ("armature", joint.get("armature", 0.0)), ("friction", level + dry.get("excess", 0.0)), ("dynamic_friction", level),
+            ("viscous_friction", joint.get("damping", 0.0)),
+        ):  # fmt: skip
+            rows[key][name] = value
+    limits: dict[str, Any] = {
+        key: {name: float(v) for name, v in zip(arm.joint_names, row, strict=True) if np.isfinite(v)}
+        for key, row in (("effort_limit_sim", arm.tau_max), ("velocity_limit_sim", arm.dq_max))
+    }
+    left_out += [{"effect": e.effect, "joint": None} for e in arm.effects if e.joint is None]
+    actuator: dict[str, Any] = {"joint_names_expr": list(arm.joint_names), "stiffness": None, "damping": None, **rows}
+    return {
+        "schema": "isaaclab/1",
+        "arm": arm.name,
+        "actuator": actuator | {key: row or None for key, row in limits.items()},
+        "left_out": left_out,
+    }
+
+
+def _flange(arm: Arm) -> tuple[np.ndarray, np.ndarray, str]:
+    """Position (3,) and axes (3, 3) of the flange in the last link's frame, and what it was taken from."""
+    model = compiled(arm.model_text, arm.model_path.parent, arm.name)
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, FLANGE)
+    last = model.joint(arm.joint_names[-1])
+    if site < 0 or int(model.site_bodyid[site]) != int(last.bodyid[0]):
+        return np.zeros(3), np.eye(3), f"last link {arm.tree.link_names[-1]}"
+    turn = Rotation.from_quat(model.site_quat[site], scalar_first=True).as_matrix()
+    return model.site_pos[site] - last.pos, turn, f"site {FLANGE}"
+
+
+def _list(row: np.ndarray) -> list[float]:
+    return [float(x) + 0.0 for x in row]

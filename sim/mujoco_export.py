@@ -1,0 +1,286 @@
+"""An arm as a MuJoCo model with every effect: native elements where plain MuJoCo has one, the rest as a table inside the model.
+
+The table is the text `calib_effects` of <custom>: `calib.mujoco` reads it and does what no element does.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from sim.arm import Arm, ArmEffect
+from sim.arm_folder import JOINT_KEYS, model_text
+from sim.effects import Effect, Exported, Stage, effect_named
+from sim.effects.effect import passive
+from sim.mjcf import SOFT_STEP, STEP, TWIST, joint_size, numbers
+from sim.mjcf_edit import bodies_of, fixed_children
+from sim.model import compiled
+from sim.rigid_body import RigidBody
+from sim.slip import SLIP_WIDTH
+
+Element = ElementTree.Element
+TABLE = "calib_effects"
+DRY, READING, WORLD, LAST = "calib_dry_friction_{}", "calib_torque_{}", "calib_world", "calib_last_link"
+SCHEMA = "effects/1"
+# the stiffest bristle of a joint of inertia M at a step h: its natural frequency is a quarter of 1/h
+STIFFEST = 0.25**2
+
+
+@dataclass(frozen=True)
+class ExportedModel:
+    """MJCF text, the files it names (path beside it -> file), and the table of its effects."""
+
+    text: str
+    files: dict[str, Path]
+    table: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    item: ArmEffect
+    effect: Effect
+    form: Exported
+
+
+def exported_model(arm: Arm) -> ExportedModel:
+    """The arm for MuJoCo, actuator k of ctrl as in the arm's own model; every effect that adds an element leaves ctrl as it is."""
+    entries = []
+    for item in arm.effects:
+        effect = effect_named(item.effect)
+        sized = joint_size(arm, item.joint or arm.joint_names[0])
+        entries.append(_Entry(item, effect, effect.exported(item.joint or "", item.parameters, sized)))
+    text, files = model_text(arm)
+    model = compiled(text, arm.model_path.parent, arm.name)
+    root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    bodies = dict(zip(arm.joint_names, bodies_of(root), strict=True))
+    soft = any(e.form.twist for e in entries)
+    step = min(float(model.opt.timestep), SOFT_STEP if soft else STEP)
+    _set_option(root, step)
+    actuators = _section(root, "actuator")
+    own = [e for e in actuators if not e.get("name", "").startswith("calib_")]
+    stiffest = STIFFEST * _inertia(arm) / step**2
+    dry = {}
+    for j, joint in enumerate(arm.joint_names):
+        here = [e for e in entries if e.item.joint == joint]
+        element, motors = bodies[joint][1], [e for e in own if e.get("joint") == joint]
+        for entry in here:
+            attributes = entry.form.mjcf.joint if entry.form.mjcf else {}
+            element.attrib.update({k: v for k, v in attributes.items() if k not in JOINT_KEYS})
+        bend = np.sum([e.form.damping for e in here], axis=0) if here else np.zeros(3)
+        if np.any(bend):
+            element.set("damping", numbers(np.add(bend, (_linear(arm, joint), 0.0, 0.0))))
+        limits = [e.form.limit for e in here if e.form.limit is not None]
+        if model.jnt_actfrclimited[j]:  # it would clip what the passive elements add, too
+            element.set("actuatorfrclimited", "false")
+            limits.append(float(np.abs(model.jnt_actfrcrange[j]).min()))
+        _set_limit(model, motors, limits)
+        law = _dry_friction(here, float(stiffest[j]), arm.tau_max[j])
+        if law is not None:
+            dry[joint] = law
+            element.set("frictionloss", "0")
+            ElementTree.SubElement(
+                actuators,
+                "dcmotor",
+                passive(DRY.format(joint), joint=joint) | {"lugre": numbers([law["stiffness"], 0.0, *law["lugre"]])},
+            )
+    _add_forces(root, model, bodies, actuators, entries)
+    _add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
+    gears = {e.item.joint: e for e in entries if e.form.twist and e.item.joint is not None}
+    for joint, entry in gears.items():
+        _split(root, bodies, joint, entry.form)
+    table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears)
+    for custom in root.findall("custom"):
+        for old in [e for e in custom.findall("text") if e.get("name") == TABLE]:
+            custom.remove(old)
+    ElementTree.SubElement(_section(root, "custom"), "text", {"name": TABLE, "data": json.dumps(table, allow_nan=False)})
+    ElementTree.indent(root)
+    return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", files, table)
+
+
+def _table(
+    arm: Arm, entries: Iterable[_Entry], dry: dict[str, dict[str, Any]], driven: set[str | None], gears: dict[str, _Entry]
+) -> dict[str, Any]:
+    """What `calib.mujoco` reads, and what `calib export` says: each effect with its parameters, form, element and error."""
+    rows = []
+    for entry in entries:
+        item, form = entry.item, entry.form
+        error = form.error
+        if form.limit is not None and item.joint not in driven:
+            error = "this model has no motor on the joint: limit the torque that you apply"
+        if form.twist and gears.get(item.joint or "") is not entry:
+            error = "left out: another effect of this joint is its soft gear"
+        if "stiffness" in form.dry and dry.get(item.joint or "", {}).get("softened"):
+            error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, which the simulation step allows"
+        rows.append({
+            "effect": item.effect, "joint": item.joint, "parameters": item.parameters, "form": form.form, "how": _how(form, item, dry),
+            "error": error, "shapes": "excess" in form.dry or "stiffness" in form.dry,
+        })  # fmt: skip
+    return {
+        "schema": SCHEMA,
+        "arm": arm.name,
+        "sha256": arm.sha256,
+        "joints": list(arm.joint_names),
+        "dry_friction": dry,
+        "effects": rows,
+    }
+
+
+def _how(form: Exported, item: ArmEffect, dry: dict[str, dict[str, Any]]) -> str:
+    return "dcmotor lugre" if form.dry and item.joint in dry else form.how
+
+
+def _linear(arm: Arm, joint: str) -> float:
+    own = arm.effect("viscous_friction", joint)
+    return own.parameters["viscous"] if own else 0.0
+
+
+def _inertia(arm: Arm) -> np.ndarray:
+    """(n,) kg m^2 that each joint moves at least: its rotor, and the links where they hang straight, the others held."""
+    rotors = [joint_size(arm, joint).rotor for joint in arm.joint_names]
+    mass = RigidBody(arm).mass_matrix(np.zeros(arm.n))
+    return np.array(rotors) + 1 / np.diag(np.linalg.inv(mass))
+
+
+def _dry_friction(here: list[_Entry], stiffest: float, tau_max: float) -> dict[str, Any] | None:
+    """The LuGre element of a joint whose dry friction is more than a level; None where frictionloss has it all."""
+    shares: dict[str, float] = {}
+    for entry in here:
+        shares |= entry.form.dry
+    varies = any(e.effect.stage is Stage.FRICTION and e.form.form == "callback" for e in here)
+    if not varies and not set(shares) - {"level"}:
+        return None
+    level, excess = shares.get("level", 0.0), shares.get("excess", 0.0)
+    peak = level + excess
+    if not varies and peak <= 0:
+        return None
+    if "stiffness" in shares:
+        stiffness = shares["stiffness"]
+    else:
+        usual = peak if peak > 0 else 0.01 * (tau_max if np.isfinite(tau_max) else 100.0)
+        stiffness = usual / SLIP_WIDTH
+    floor = max(peak, 1e-9)  # MuJoCo wants a level above zero
+    lugre = [max(level, floor - excess), floor, shares.get("velocity", 1.0)]
+    return {"stiffness": min(stiffness, stiffest), "softened": stiffness > stiffest and "stiffness" in shares, "lugre": lugre}
+
+
+def _set_limit(model: mujoco.MjModel, motors: list[Element], limits: list[float]) -> None:
+    for motor in motors if limits else []:
+        actuator = next(
+            (
+                k
+                for k in range(model.nactuator)
+                if mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k) == motor.get("name")
+            ),
+            None,
+        )
+        gear = 1.0 if actuator is None else max(abs(float(model.actuator_gear[actuator, 0])), 1e-12)
+        least = min(limits) / gear
+        if actuator is not None and model.actuator_forcelimited[actuator]:
+            least = min(least, float(np.abs(model.actuator_forcerange[actuator]).min()))
+        motor.attrib.pop("forcelimited", None)
+        motor.set("forcerange", numbers([-least, least]))
+        motor.set("forcelimited", "true")
+
+
+def _section(root: Element, name: str) -> Element:
+    found = root.find(name)
+    return ElementTree.SubElement(root, name) if found is None else found
+
+
+def _set_option(root: Element, step: float) -> None:
+    """Passive actuators and stiff friction want implicitfast and a step of a millisecond at most."""
+    option = _section(root, "option")
+    for other in root.findall("option"):
+        for key in ("timestep", "integrator"):
+            other.attrib.pop(key, None)
+    option.set("timestep", repr(step))
+    option.set("integrator", "implicitfast")
+
+
+def _add_forces(
+    root: Element, model: mujoco.MjModel, bodies: dict[str, tuple[Element, Element]], actuators: Element, entries: list[_Entry]
+) -> None:
+    """A constant force in the world on the origin of the last link."""
+    forces = [e.form.force for e in entries if e.form.force is not None]
+    if not forces:
+        return
+    world, last = root.find("worldbody"), list(bodies.values())[-1][0]
+    if world is None:
+        return
+    for place, name, position in ((world, WORLD, np.zeros(3)), (last, LAST, model.jnt_pos[len(bodies) - 1])):
+        ElementTree.SubElement(place, "site", {"name": name, "pos": numbers(position)})
+    at = {"site": LAST, "refsite": WORLD, "gear": numbers([*np.sum(forces, axis=0), 0, 0, 0])}
+    ElementTree.SubElement(actuators, "dcmotor", passive("calib_tool_force", 1.0) | at)
+
+
+def _add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step: float) -> None:
+    """One sensor a motor for its torque, as late as the arm's torque channel is."""
+    late = {"delay": repr(delay), "nsample": str(int(np.ceil(delay / step)) + 2), "interp": "linear"} if delay > 0 else {}
+    sensors = _section(root, "sensor")
+    for old in [e for e in sensors if e.get("name", "").startswith("calib_")]:
+        sensors.remove(old)
+    for joint in arm.joint_names:
+        motor = next((e for e in own if e.get("joint") == joint and e.get("name")), None)
+        if motor is not None:
+            reading = {"name": READING.format(joint), "actuator": motor.get("name", "")}
+            ElementTree.SubElement(sensors, "actuatorfrc", reading | late)
+    if not len(sensors):
+        root.remove(sensors)
+
+
+def _split(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported) -> None:
+    """Put a rotor body with the joint between the link and what carries it; the link hangs on it by a second hinge."""
+    body, hinge = bodies[joint]
+    above = {child: parent for parent in root.iter() for child in parent}
+    carrier, place = above[body], list(above[body]).index(body)
+    placed = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+    frame: dict[str, str] = {key: body.attrib.pop(key) for key in placed if key in body.attrib}
+    name = body.get("name") or f"{joint}:link"
+    body.set("name", name)
+    inherited = {"childclass": body.get("childclass", "")} if body.get("childclass") else {}
+    rotor = Element("body", {"name": f"{name}:rotor", **inherited, **frame})
+    ElementTree.SubElement(rotor, "inertial", {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"})
+    above[hinge].remove(hinge)
+    rotor.append(hinge)
+    shape = {key: hinge.get(key, "") for key in ("class", "type", "pos", "axis") if hinge.get(key)}
+    bare = {"armature": "0", "frictionloss": "0", "stiffness": "0", "springref": "0", "ref": "0", "limited": "false"}
+    twist = {"name": TWIST.format(joint=joint), **shape, **bare, "actuatorfrclimited": "false", **form.twist}
+    body.insert(0, Element("joint", twist))
+    rotor.append(body)
+    carrier.remove(body)
+    carrier.insert(place, rotor)
+    # MuJoCo lets a body pass through its parent; the rotor now stands between
+    carried = next((b for b in _upwards(carrier, above) if b.tag == "body"), None)
+    group = _rigid_group(carried, above) if carried is not None else []
+    for a in group:
+        for b in (body, *fixed_children(body)):
+            if a.get("name") and b.get("name"):
+                pair = {"body1": a.get("name", ""), "body2": b.get("name", "")}
+                if not any(e.attrib.items() >= pair.items() for e in _section(root, "contact")):
+                    ElementTree.SubElement(_section(root, "contact"), "exclude", pair)
+
+
+def _upwards(element: Element, above: dict[Element, Element]) -> Iterable[Element]:
+    while True:
+        yield element
+        if element not in above:
+            return
+        element = above[element]
+
+
+def _rigid_group(body: Element, above: dict[Element, Element]) -> list[Element]:
+    """The bodies that move as one with `body`; none where they stand in the world, whose contacts MuJoCo keeps."""
+    top = body
+    while not any(e.tag == "joint" for e in top):
+        up = next((b for b in _upwards(above[top], above) if b.tag in ("body", "worldbody")), None)
+        if up is None or up.tag == "worldbody":
+            return []
+        top = up
+    return [top, *fixed_children(top)]
