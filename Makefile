@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: figures mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -46,9 +46,13 @@ format: $(VENV)/ready
 
 docs: $(VENV)/ready  ## the site, in build/site; first the pages that are derived from the catalogue
 	$(BIN)/python -m calib.report.catalogue docs
+	$(BIN)/python -m calib.cheat_sheet docs
 	$(BIN)/zensical build --strict
 
-bench: $(VENV)/ready  ## the measured figures, one table
+figures: $(VENV)/ready  ## README and docs built from results/, and which results are outdated
+	$(BIN)/python -m benchmarks.figures
+
+bench: $(VENV)/ready  ## the measured figures, one table; writes results/
 	$(BIN)/python -m benchmarks
 
 exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings where ARM_CALIB_DATA is set; hours. EXAM="--jobs 2 --keep"

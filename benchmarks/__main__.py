@@ -1,7 +1,7 @@
 """`python -m benchmarks [TOPIC...] [--json FILE]`: run the topics one after the other and print what was measured in one table.
 
 Without a topic all of them run, each with the few repeats that stand beside it below, so that the whole takes well under an hour; a topic
-that is named runs in full, as the figures in docs/figures.md did.
+that is named runs in full. Each writes results/TOPIC.json, from which README and docs are built (`make figures`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ONE_THREAD
+from benchmarks import ONE_THREAD, results
 
 # each is a module of this package with run(...) -> rows of what, value, unit, bar, note; here with what it is given when none is named
 TOPICS: dict[str, dict[str, Any]] = {
@@ -40,8 +40,21 @@ TOPICS: dict[str, dict[str, Any]] = {
     "fleet": {"arms": 2, "seconds": 60.0, "minutes": (1.0, 3.0)},
     "watch": {"repeats": 1, "minutes": 1.0},
 }
-# minutes to a quarter of an hour each: run only when named
-SLOW = ("coverage",)
+# minutes to half an hour each: run only when named
+SLOW = ("coverage", "clean_mock", "guided")
+# what a topic measures; all packages, if not here
+MEASURES: dict[str, tuple[str, ...]] = {
+    "logs": ("logs",),
+    "clocks": ("logs",),
+    "hostile": ("logs", "safety", "sim"),
+    "safety": ("safety", "sim"),
+    "ur": ("drivers", "safety", "logs", "sim"),
+    "can": ("drivers", "safety", "logs", "sim"),
+    "servo_scan": ("drivers", "sim"),
+    "derivatives": ("calib/preprocessing.py", "calib/filtering.py"),
+    "excitation": ("calib/excitation", "safety", "sim"),
+    "peers.compare": ("calib/identification", "calib/preprocessing.py", "sim"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -70,6 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exc()
             failed.append(topic)
             measured = [{"what": "could not be measured", "value": "failed", "note": f"{type(error).__name__}: {error}"}]
+        else:
+            line = f"python -m benchmarks {topic}" if given.topic else "make bench"
+            measures = MEASURES.get(topic, results.CODE)
+            results.write(topic.replace(".", "_"), measured, command=line, measures=measures, load_before=round(load, 2))
         took = f"{topic}: {time.perf_counter() - began:.0f} s, load average {load:.1f} before, {os.getloadavg()[0]:.1f} after"
         console.print(took)
         grid.add_row(f"[bold]{took}[/bold]")

@@ -22,6 +22,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results"
 SCHEMA = "results/1"
+CODE = ("calib", "safety", "drivers", "logs", "sim")
 KEYS = ("what", "value", "unit", "bar", "note")
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
@@ -31,9 +32,9 @@ def write(
     rows: Sequence[Mapping[str, Any]],
     *,
     command: str,
-    measures: Sequence[str] = ("calib", "safety", "drivers", "logs", "sim"),
+    measures: Sequence[str] = CODE,
     load_before: float | None = None,
-    folder: Path = FOLDER,
+    folder: Path | None = None,
 ) -> Path:
     """Write results/NAME.json and return its path.
 
@@ -43,6 +44,7 @@ def write(
     """
     if not NAME.fullmatch(name):
         raise ValueError(f"results name {name!r}: needs lower-case letters, digits, - and _")
+    folder = folder or FOLDER
     kept = [_checked(row) for row in rows]
     doubles = {row["what"] for row in kept if sum(r["what"] == row["what"] for r in kept) > 1}
     if doubles:
@@ -112,10 +114,10 @@ class Results:
         return [path for path, was in self.measures.items() if digest(path) != was]
 
 
-def read(folder: Path = FOLDER) -> dict[str, Results]:
+def read(folder: Path | None = None) -> dict[str, Results]:
     """All results files by name; ValueError names a file that is not one."""
     found = {}
-    for file in sorted(folder.glob("*.json")):
+    for file in sorted((folder or FOLDER).glob("*.json")):
         content = json.loads(file.read_text(encoding="utf-8"))
         if content.get("schema") != SCHEMA or content.get("name") != file.stem:
             raise ValueError(f"{file.name}: needs schema {SCHEMA!r} and the name {file.stem!r}")

@@ -14,15 +14,16 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
 from rich.text import Text
 
+from calib import text_table
 from sim.files import printable
 from sim.resources import config_folders
 
@@ -46,6 +47,8 @@ Configs = Annotated[
 ]
 
 
+# of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was asked for
+QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
 
@@ -67,13 +70,24 @@ ArmArgument = Annotated[
 ArmOrLogArgument = Annotated[
     str,
     typer.Argument(
-        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, or a recording: its arm is inside.",
+        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` calibrated arm, or a recording: its arm is inside.",
         autocompletion=arm_names,
     ),
 ]  # fmt: skip
 CellArgument = Annotated[
     str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
 ]
+
+
+def run_folders(verb: str) -> Callable[[str], list[str]]:
+    """Folders of the runs of one command that the shell offers for completion."""
+
+    def names(incomplete: str) -> list[str]:
+        from calib.run_folder import LATEST, list_runs
+
+        return [n for n in (LATEST, *(str(r.folder) for r in list_runs() if r.verb == verb)) if n.startswith(incomplete)]
+
+    return names
 
 
 def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
@@ -86,11 +100,15 @@ def say(sentence: str) -> None:
 
     On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is said by `copyable`.
     """
+    if QUIET.get():
+        return
     _out().print(_wrapped(sentence, _out()), markup=False, highlight=False, soft_wrap=True)
 
 
 def copyable(line: str) -> None:
     """A line to be copied, such as a command or a path, on standard output: whole, however long."""
+    if QUIET.get():
+        return
     _out().print(printable(line), markup=False, highlight=False, soft_wrap=True)
 
 
@@ -118,17 +136,20 @@ def ask(question: str) -> str:
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
-    """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off."""
+    """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off, no wider than the terminal."""
+    if QUIET.get():
+        return
     body = [list(row) for row in rows]
-    grid = Table(
-        title=Text(printable(title)) if title else None, title_justify="left", box=None, pad_edge=False, header_style="bold"
-    )
-    for k, header in enumerate(headers):
-        numeric = any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
-        grid.add_column(Text(printable(header)), justify="right" if numeric else "left", overflow="fold", no_wrap=k == 0)
-    for row in body:
-        grid.add_row(*(Text(cell(value)) for value in row))
-    _out().print(grid)
+    numeric = [
+        any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
+        for k in range(len(headers))
+    ]
+    out = _out()
+    shown = [[cell(value) for value in row] for row in body]
+    if title:
+        out.print(Text(printable(title), style="italic"), soft_wrap=True)
+    for line, heading in text_table.lines([printable(h) for h in headers], shown, numeric, out.width):
+        out.print(Text(line, style="bold" if heading else ""), soft_wrap=True)
 
 
 def cell(value: Any) -> str:
@@ -174,6 +195,9 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
     On a terminal a bar that vanishes at the end; elsewhere one plain line at the start, so that log files stay readable.
     """
     console, description = _err(), printable(description)
+    if QUIET.get():
+        yield lambda step=1, text=None: None
+        return
     if not console.is_terminal:
         console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
         yield lambda step=1, text=None: None

@@ -15,6 +15,11 @@ name = "table"
 position = [0.0, 0.0, {height}]
 normal = [0.0, 0.0, 1.0]
 """
+# servoj is some 35 ms late at the driver's settings (drivers/ur_rtde/options.py), and a motion reaches some 0.7 rad/s
+FOLLOWING = """[motion]
+following_error = 0.025
+
+"""
 PAYLOAD = """# TODO declare the tool as it is set on the pendant, or leave this out where the flange is bare.
 # [payload]
 # mass = 0.0
@@ -29,7 +34,7 @@ def of_robot(name: str, robot: Robot, arm: str) -> str:
     text = f"# Written by `calib init`: {robot.model or 'a robot'} with PolyScope {robot.polyscope} answered at {robot.host}.\n"
     text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm, "driver": "ur_rtde"})
     text += f"home = {HOME}\n\n[options]\n{tomli_w.dumps(options)}\n"
-    return text + PAYLOAD + OBSTACLES.format(height=-0.05)
+    return text + FOLLOWING + PAYLOAD + OBSTACLES.format(height=-0.05)
 
 
 def of_mock(name: str, arm: Arm, height: float) -> str:

@@ -24,6 +24,7 @@ from sim.strict import Name, StrictTable, validated
 FILE = "session.toml"
 ROUNDS = 2
 HELD_OUT = "validation.mcap"
+NOT_VALID = -1  # exit code of a step that has to be done again though it ended well
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,13 @@ class Session:
     done: tuple[DoneTable, ...] = field(default=())
 
     def finished(self, name: str) -> DoneTable | None:
-        """The last run of a step that ended well, None where there is none."""
-        return next((d for d in reversed(self.done) if d.name == name and d.exit_code in _fine(d.name)), None)
+        """The last run of a step, where it ended well; None where it did not, or there was none."""
+        last = next((d for d in reversed(self.done) if d.name == name), None)
+        return last if last is not None and last.exit_code in _fine(name) else None
+
+    def undone(self, name: str, why: str) -> Session:
+        """The session in which a step has to be done again, and with it what follows from it; written to its folder."""
+        return self.with_done(Step(name, "", ()), "", NOT_VALID, why, 0.0)
 
     def with_done(self, step: Step, folder: str, code: int, sentence: str, seconds: float) -> Session:
         """The session after a command; written to its folder."""
@@ -120,14 +126,29 @@ def read_session(folder: Path) -> Session:
     return Session(folder=folder, **data, done=tuple(table.done))
 
 
-def open_session(cell_name: str, cell_sha256: str, root: Path | None = None) -> Session | None:
-    """The newest session of this cell, as its file is now, that has not been closed."""
+def open_session(cell_name: str, root: Path | None = None) -> Session | None:
+    """The newest session of this cell that has not been closed."""
     for run in list_runs() if root is None else list_runs(root):
         if run.verb == "go" and (run.folder / FILE).is_file():
             found = read_session(run.folder)
-            if found.cell_sha256 == cell_sha256 and not found.closed and Path(found.cell).stem == cell_name:
+            if not found.closed and Path(found.cell).stem == cell_name:
                 return found
     return None
+
+
+def with_cell(session: Session, sha256: str) -> Session:
+    """The session with the cell file as it is now: check and plan are done again. ConfigError where something was recorded already."""
+    if session.cell_sha256 == sha256:
+        return session
+    if session.finished("record"):
+        raise ConfigError(
+            f"{session.folder}: the cell file of {session.cell} has changed since its recordings were made; begin a new session with --new"
+        )
+    changed = replace(session, cell_sha256=sha256)
+    for name in ("check", "plan"):
+        if changed.finished(name):
+            changed = changed.undone(name, "the cell file has changed")
+    return changed
 
 
 def next_step(session: Session) -> Step | None:

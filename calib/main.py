@@ -42,6 +42,7 @@ COMMANDS: dict[str, str] = {
     "capture": "capture",
     "arm": "arm",
     "servo": "servo",
+    "help": "help",
 }
 
 
@@ -108,7 +109,8 @@ app = typer.Typer(
     name="calib",
     cls=Commands,
     help="Make a simulated robot arm true: excite, record, identify, and name the physical effect that the model lacks.",
-    epilog="Every command has --help with an example. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
+    epilog="Every command has --help with an example, and --quiet, with which it prints only warnings and errors. `calib help` shows a cheat "
+    "sheet. NO_COLOR is respected. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
     "3 safety stop, 4 device, 70 a fault of the program.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -142,6 +144,8 @@ def start(arguments: list[str]) -> tuple[int, str]:
     """`main`, and the sentence that says how it ended or what it found."""
     invocation = Invocation(arguments)
     token = INVOCATION.set(invocation)
+    arguments, wanted = _quiet(arguments)
+    quiet = console.QUIET.set(wanted or console.QUIET.get())
     try:
         with quiet_libraries():
             code, sentence = _run(arguments, invocation)
@@ -155,6 +159,14 @@ def start(arguments: list[str]) -> tuple[int, str]:
         for lock in invocation.locks:
             lock.close()
         INVOCATION.reset(token)
+        console.QUIET.reset(quiet)
+
+
+def _quiet(arguments: list[str]) -> tuple[list[str], bool]:
+    """The arguments without --quiet, which every command takes, wherever it stands before a `--`."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    kept = [word for word in arguments[:end] if word not in ("-q", "--quiet")]
+    return [*kept, *arguments[end:]], len(kept) < end
 
 
 def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from calib import console
+from calib.run_folder import LATEST, RUNS, list_runs
 from logs import Log, Pieces, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside
 from sim.arm import Arm, load_arm
@@ -25,12 +26,26 @@ SUFFIXES = (".mcap", ".csv")
 def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
     """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside."""
     logs = list(logs or [])
+    if first == LATEST and not Path(first).exists():
+        first = str(latest_arm())
     if is_log(first):
         return recorded_arm(Path(first), configs), [Path(first), *logs]
     arm = load_arm(first, configs)
     if not logs:
         raise ConfigError(f"no recording of {arm.name} was given; name one: .mcap, .csv or a rosbag2 folder")
     return arm, logs
+
+
+def latest_arm() -> Path:
+    """The arm folder that the newest run of identify or diagnose wrote."""
+    found = next(
+        (r.folder / "arm" for r in list_runs() if r.verb in ("identify", "diagnose") and (r.folder / "arm").is_dir()), None
+    )
+    if found is None:
+        raise ConfigError(
+            f"{LATEST}: no run of calib identify or calib diagnose has written an arm in {RUNS}/; name an arm folder"
+        )
+    return found
 
 
 def is_log(word: str) -> bool:

@@ -147,9 +147,23 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     part.replace(file)
 
 
+LATEST = "latest"
+
+
+def latest(verb: str | None = None, root: Path | None = None) -> Run:
+    """The newest run, of one verb if given, that did not fail; ConfigError where there is none."""
+    root = RUNS if root is None else root
+    found = next((r for r in list_runs(root) if (verb is None or r.verb == verb) and r.exit_code in (0, 1)), None)
+    if found is None:
+        raise ConfigError(f"{LATEST}: there is no finished run{f' of calib {verb}' if verb else ''} in {root}/; name a folder")
+    return found
+
+
 def read_run(reference: str | Path, root: Path = RUNS) -> Run:
-    """A run from its folder, or from the name or a unique part of the name of a folder under `root`."""
+    """A run from its folder, from the name or a unique part of the name of a folder under `root`, or the `latest`."""
     folder = Path(reference)
+    if str(reference) == LATEST and not folder.exists():
+        return latest(root=root)
     if not os.path.isfile(folder / FILE):  # as Path.is_file, but False for a name that no file can have
         found = [f for f in _folders(root) if str(reference) in f.name]
         if len(found) != 1:

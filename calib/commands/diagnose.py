@@ -71,23 +71,13 @@ def command(
         console.print_json(answer)
         return code
     rows = [
-        [
-            e["effect"],
-            e["joint"] or "whole arm",
-            name,
-            p["value"],
-            p["std"],
-            p["nominal"],
-            p["unit"].replace("*", " "),
-            f"{e['confidence']:.0%}",
-        ]
+        [e["effect"], e["joint"] or "whole arm", name, page.quantity(p), page.quantity(p | {"value": p["nominal"], "std": None})
+         if p["nominal"] is not None else None, f"{e['confidence']:.0%}"]
         for e in answer["effects"]
         for name, p in e["parameters"].items()
-    ]
+    ]  # fmt: skip
     if rows:
-        console.table(
-            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "confidence"], rows, "missing effects"
-        )
+        console.table(["effect", "joint", "parameter", "value", "nominal", "confidence"], rows, "identified effects")
     gap = answer["gap"]
     if gap["before"]:
         columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)

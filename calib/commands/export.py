@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from calib import console
-from calib.run_folder import new_run
+from calib.recordings import latest_arm
+from calib.run_folder import LATEST, new_run
 from sim.errors import ConfigError
 
 
@@ -47,7 +48,7 @@ def command(
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model
 
-    table = load_arm(arm, configs)
+    table = load_arm(str(latest_arm()) if arm == LATEST else arm, configs)
     left_out = ""
     formats = tuple(only or FORMATS)
     if not only:

@@ -57,12 +57,9 @@ def command(
         check_yes(where)
     if new and session is not None:
         raise ConfigError("--new begins a session and --session continues one; give one of the two")
-    open_one = None if new else guided.read_session(session) if session else guided.open_session(where.name, where.sha256)
-    if open_one is not None and open_one.cell_sha256 != where.sha256:
-        raise ConfigError(
-            f"{open_one.folder}: the session was begun with another version of {where.path.name}; its plan may not fit this cell. "
-            "Begin a new one with --new"
-        )
+    open_one = None if new else guided.read_session(session) if session else guided.open_session(where.name)
+    if open_one is not None:
+        open_one = guided.with_cell(open_one, where.sha256)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
             folder = new_run(where.table.arm, "go", None, where)
@@ -100,7 +97,10 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
         if step.name.startswith("plan-") and code == 1:
             console.say(f"   {_capital(sentence)}. This cannot be decided in this cell.")
             continue
-        if code == 130 or yes or not _again(step):
+        answer = "" if code == 130 or yes else _again(step)
+        if answer == "p":
+            current = current.undone(step.name.replace("record", "plan"), f"to be planned again: {sentence}")
+        elif answer not in ("y", "yes"):
             return _left(current, step, code, sentence)
     current = guided.replace(current, closed=True)
     current.write()
@@ -147,9 +147,10 @@ def _agreed(question: str) -> bool:
     return console.ask(f"\n{question} [y/N] ").strip().lower() in ("y", "yes")
 
 
-def _again(step: Step) -> bool:
-    """Whether to try a step again that failed; nobody who answers means no."""
-    return console.ask(f"\n{step.name} did not pass. Put it right, then try again? [y/N] ").strip().lower() in ("y", "yes")
+def _again(step: Step) -> str:
+    """What to do about a step that failed: `y` the same again, `p` plan again; nobody who answers means leave."""
+    plan = ", p: plan again" if step.name.startswith("record") else ""
+    return console.ask(f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] ").strip().lower()
 
 
 def _capital(sentence: str) -> str:

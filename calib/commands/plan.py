@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import conclude, new_run
+from calib.run_folder import LATEST, conclude, latest, new_run
 
 
 def command(
@@ -70,6 +70,8 @@ def command(
         progressive=progressive, home=None if home is None else posture(home, nominal),
     )  # fmt: skip
     if discriminate is not None:
+        if str(discriminate) == LATEST and not discriminate.exists():
+            discriminate = latest("diagnose").folder
         asked = replace(asked, apart=tuple(pairs_of(discriminate, nominal)))
     if periods is not None:
         asked = replace(asked, periods=periods)

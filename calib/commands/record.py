@@ -12,12 +12,17 @@ from typing import Annotated
 import typer
 
 from calib import console
-from calib.run_folder import RUNS, conclude, list_runs, lock_cell, new_run
+from calib.run_folder import LATEST, RUNS, conclude, latest, list_runs, lock_cell, new_run
 
 
 def command(
     cell: console.CellArgument,
-    plan: Annotated[Path, typer.Argument(metavar="PLAN", help="Folder that `calib plan` wrote.")],
+    plan: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLAN", help="Folder that `calib plan` wrote, or `latest`.", autocompletion=console.run_folders("plan")
+        ),
+    ],
     approve_again: Annotated[
         bool, typer.Option("--approve", help="Approve again what was approved too long ago or for another cell.")
     ] = False,
@@ -54,6 +59,8 @@ def command(
     where = load_cell(cell, configs)
     arm = load_arm(where.table.arm, configs)
     console.warn_assumed(where)
+    if str(plan) == LATEST and not plan.exists():
+        plan = latest("plan").folder
     if not plan.is_dir():
         plans = [str(run.folder) for run in list_runs() if run.verb == "plan"]
         raise ConfigError(

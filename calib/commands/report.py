@@ -19,7 +19,9 @@ def _names(incomplete: str) -> list[str]:
 
 
 def command(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="A run: its folder or part of its name.", autocompletion=_names)],
+    run: Annotated[
+        str, typer.Argument(metavar="RUN", help="A run: its folder, part of its name, or `latest`.", autocompletion=_names)
+    ],
     other: Annotated[
         str | None, typer.Argument(metavar="RUN", help="A later run to compare with the first.", autocompletion=_names)
     ] = None,

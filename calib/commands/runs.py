@@ -20,7 +20,8 @@ def _names(incomplete: str) -> list[str]:
 
 def command(
     run: Annotated[
-        str | None, typer.Argument(metavar="RUN", help="One run: its folder or part of its name.", autocompletion=_names)
+        str | None,
+        typer.Argument(metavar="RUN", help="One run: its folder, part of its name, or `latest`.", autocompletion=_names),
     ] = None,
     again: Annotated[bool, typer.Option("--again", help="Do RUN again: the same command line in the same directory.")] = False,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
@@ -51,7 +52,7 @@ def _list(found: list[Run], root: Path, as_json: bool) -> int:
     if as_json:
         console.print_json({"schema": "runs/1", "runs": [_plain(r) for r in found]})
     elif found:
-        rows = [[r.started.replace("T", " ")[:19], r.verb, r.arm, _code(r), r.folder.name, r.sentence] for r in found]
+        rows = [[r.started.replace("T", " ")[:16], r.verb, r.arm, _code(r), r.folder.name, r.sentence] for r in found]
         console.table(["started (UTC)", "verb", "arm", "exit", "folder", "outcome"], rows)
     else:
         console.say(f"There are no runs in {root}/ yet; the first command that makes one is `calib plan ARM` or `calib demo`.")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.quantity import rounded
 from calib.report import pictures
 from calib.report.page import Page, Verdict
 
@@ -107,12 +108,7 @@ def _found(effect: Mapping[str, Any]) -> str:
 
 def quantity(parameter: Mapping[str, Any]) -> str:
     """value ± std unit, with as many digits as the standard deviation allows."""
-    value, std = float(parameter["value"]), float(parameter.get("std") or 0.0)
-    unit = _unit(str(parameter.get("unit", "")))
-    if not (np.isfinite(std) and std > 0):
-        return f"{value:.4g} {unit}".strip()
-    digits = max(0, min(12, 1 - int(np.floor(np.log10(std)))))
-    return f"{value:.{digits}f} ± {std:.{digits}f} {unit}".strip()
+    return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
 
 
 def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:

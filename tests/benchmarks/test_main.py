@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import ONE_THREAD
+from benchmarks import ONE_THREAD, results
 from benchmarks.__main__ import SLOW, TOPICS, main
 
 
@@ -34,6 +34,7 @@ def test_a_topic_that_fails_is_told_and_takes_no_other_with_it(
         raise RuntimeError("the emulator did not start")
 
     whole = SimpleNamespace(run=lambda: [{"what": "a figure", "value": "1.5", "unit": "ms", "bar": "<= 2", "note": ""}])
+    monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     for key, value in ONE_THREAD.items():
         monkeypatch.setenv(key, value)  # what main sets is taken back afterwards
     for name, module in (("first", SimpleNamespace(run=broken)), ("second", whole)):

@@ -184,14 +184,35 @@ def test_a_new_session_is_begun_when_asked_and_after_a_closed_one(desk: Path, mo
     assert len(list((desk / "runs").iterdir())) == 2
 
 
-def test_another_cell_file_is_another_session(
-    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+def test_a_refused_motion_is_planned_again_where_somebody_says_so(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = Commands([NOTHING], lambda count, verb: 3 if count == 3 else 0)
+    assert go(commands, monkeypatch, answers="p\n") == 0
+    assert commands.verbs == ["check", "plan", "record", *ROUND[1:]]
+    assert commands.lines[4][2].endswith("plan-try2")
+
+
+def changed(desk: Path) -> guided.Session:
+    """The session, as if its cell file had been another one."""
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
-    assert go(Commands([]), monkeypatch, "--yes", "--session", str(file.parent)) == 2
-    assert "another version of mock-ur10e.toml" in capsys.readouterr().err
+    return guided.read_session(file.parent)
+
+
+def test_a_cell_file_that_changed_is_checked_and_planned_again(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes") == 3
+    changed(desk)
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert commands.verbs == ROUND
+
+
+def test_recordings_of_another_cell_file_are_another_session(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4 if verb == "identify" else 0), monkeypatch, "--yes") == 4
+    changed(desk)
+    assert go(Commands([]), monkeypatch, "--yes") == 2
+    assert "has changed since its recordings were made" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])

@@ -1,0 +1,136 @@
+"""README and docs are built from the results files: `python -m benchmarks.figures`, also `make figures`.
+
+A page holds `<!-- figures NAME -->` ... `<!-- end of figures -->`: between the two stands the table of results/NAME.json, or of the rows
+that `<!-- figures NAME: row; row -->` names. docs/figures.md holds all of them. The command also says which results are outdated.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.results import ROOT, Results, read
+
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+ALL = ROOT / "docs" / "figures.md"
+BLOCK = re.compile(r"<!-- figures (?P<what>[^>]*?) -->\n.*?<!-- end of figures -->", re.DOTALL)
+HEAD = """# Figures
+
+Every table is built by `make figures` from a file in `results/`, which the command above the table wrote. `make figures` also says which
+figures are older than the code that they measure. A bar is what was set before measuring, whether it was reached or not. Times depend on
+the machine's load, which is given where it matters: 1 min average at the beginning and at the end, on the stated number of cores.
+"""
+
+
+def write() -> list[Path]:
+    """Build the tables of every page anew; returns the pages that changed."""
+    found, changed = read(), []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        new = whole_page(found) if page == ALL else built(text, found)
+        if new != text:
+            page.write_text(new, encoding="utf-8")
+            changed.append(page)
+    return changed
+
+
+def whole_page(found: Mapping[str, Results]) -> str:
+    """docs/figures.md."""
+    parts = [HEAD]
+    for name, results in sorted(found.items(), key=lambda item: (item[0] != "real", item[0])):
+        parts.append(f"\n## {title(name)}\n\n`{results.command}`\n\n<!-- figures {name} -->\n<!-- end of figures -->\n")
+    return built("".join(parts), found)
+
+
+def built(text: str, found: Mapping[str, Results]) -> str:
+    """The text of a page with its tables; ValueError where it names results or a row that there is not."""
+
+    def block(match: re.Match[str]) -> str:
+        what = match["what"]
+        name, _, chosen = what.partition(":")
+        name = name.strip()
+        if name not in found:
+            raise ValueError(f"a page asks for results/{name}.json, which there is not; known: {', '.join(found)}")
+        rows = {str(row["what"]): row for row in found[name].rows}
+        wanted = [w.strip() for w in chosen.split(";") if w.strip()] or list(rows)
+        if missing := [w for w in wanted if w not in rows]:
+            raise ValueError(
+                f"a page asks for {missing[0]!r}, which results/{name}.json does not hold; known: {'; '.join(rows)}"
+            )
+        body = table(found[name], [rows[w] for w in wanted])
+        return f"<!-- figures {what} -->\n{body}\n<!-- end of figures -->"
+
+    return BLOCK.sub(block, text)
+
+
+def table(results: Results, rows: list[Mapping[str, Any]]) -> str:
+    """The Markdown table of some rows, and where they are from."""
+    keys = [key for key, heading in HEADINGS.items() if key in ("what", "value") or any(key in row for row in rows)]
+    lines = ["| " + " | ".join(HEADINGS[k] for k in keys) + " |", "|---" * len(keys) + "|"]
+    lines += ["| " + " | ".join(_cell(row, key) for key in keys) + " |" for row in rows]
+    machine = results.machine
+    before = machine.get("load_before")
+    load = f"{before:g} to {machine['load_after']:g}" if isinstance(before, int | float) else f"{machine['load_after']:g}"
+    source = f"Measured {results.date}, commit {results.commit}, {machine['cores']} cores, load {load}."
+    return "\n".join([*lines, "", source])
+
+
+HEADINGS = {"what": "figure", "value": "measured", "bar": "bar", "note": "note"}
+
+
+def _cell(row: Mapping[str, Any], key: str) -> str:
+    text = str(row.get(key, ""))
+    if key == "value":
+        value = row["value"]
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        text = f"{text} {row.get('unit', '')}".strip()
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+
+
+def title(name: str) -> str:
+    """A heading for a set of figures."""
+    return TITLES.get(name, name.replace("_", " ").capitalize())
+
+
+TITLES = {
+    "real": "A real UR10e",
+    "clean_mock": "Mock arms with nothing hidden",
+    "guided": "A guided session on an emulated UR10e",
+    "coverage": "Accuracy of the reported uncertainties",
+    "exam": "Blind cases of the diagnosis",
+    "operator": "What a person waits for",
+    "ur": "Universal Robots over the wire",
+    "can": "CAN servo arms over the bus",
+    "servo_scan": "Finding drives on a bus",
+    "peers_compare": "Beside other libraries",
+    "logs": "Recording",
+    "hostile": "Files made to do harm",
+    "clocks": "Clocks",
+    "fleet": "From one arm to a fleet",
+    "watch": "Watching an arm at work",
+    "safety": "Motion safety",
+}
+
+
+def report() -> list[str]:
+    """A line for each results file: when it was measured, and what has changed since."""
+    lines = []
+    for name, results in read().items():
+        old = results.outdated()
+        state = f"OUTDATED, changed since: {', '.join(old)}" if old else "up to date"
+        lines.append(f"{name:16} {results.date}  {results.commit}  {len(results.rows):3} rows  {state}")
+    return lines
+
+
+def main() -> None:
+    """Write the pages, then say which results are outdated."""
+    for page in write():
+        print(f"wrote {page.relative_to(ROOT)}", file=sys.stderr)
+    print("\n".join(report()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""From an unpacked checkout to an identified effect: `calib go` on an emulated UR10e with a payload that it is not told of.
+
+A person types only answers; they are counted, and so is the time until the session is complete. `python -m benchmarks guided`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from benchmarks import results
+from sim.resources import shipped_configs
+
+MASS = 0.8  # kg; more would be seen by `calib check` in the torques at rest
+HIDDEN = f"""
+[emulation]
+seed = 3
+
+[[emulation.effects]]
+effect = "payload"
+parameters = {{ mass = {MASS}, com_x = 0.03, com_y = 0.0, com_z = 0.06 }}
+"""
+
+
+def run() -> list[dict[str, Any]]:
+    """Rows of what, value, unit, bar, note."""
+    with tempfile.TemporaryDirectory(prefix="calib-bench-") as place:
+        rows = _session(Path(place))
+    return rows
+
+
+def _session(place: Path) -> list[dict[str, Any]]:
+    cells = place / "configs" / "cells"
+    cells.mkdir(parents=True)
+    shipped = (shipped_configs() / "cells" / "emulated-ur10e.toml").read_text(encoding="utf-8")
+    (cells / "bench.toml").write_text(shipped.replace("emulated-ur10e", "bench") + HIDDEN, encoding="utf-8")
+    program = [sys.executable, "-m", "calib"]
+    surroundings = os.environ | {"PYTHONPATH": str(results.ROOT)}
+    emulator = subprocess.Popen([*program, "emulate", "bench"], cwd=place, env=surroundings, stdout=subprocess.DEVNULL)
+    try:
+        time.sleep(3.0)
+        began = time.monotonic()
+        answers = "bench is empty\n" + "y\nbench is empty\n" * 5
+        done = subprocess.run(
+            [*program, "go", "bench", "--quick", "--json"], cwd=place, env=surroundings, input=answers, capture_output=True, text=True
+        )  # fmt: skip
+        took = time.monotonic() - began
+    finally:
+        emulator.terminate()
+        emulator.wait()
+    (folder,) = (place / "runs").glob("*-go")
+    session = tomllib.loads((folder / "session.toml").read_text(encoding="utf-8"))
+    if not session["closed"]:
+        raise RuntimeError(f"the session did not end (exit code {done.returncode}): {done.stderr[-800:]}")
+    asked = done.stderr.count("[y/N]") + done.stderr.count("to let it move: ")
+    last = [d for d in session["done"] if d["name"].startswith("diagnose")][-1]
+    found = json.loads((folder / last["folder"] / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
+    names = ", ".join(e["effect"] + (f" at {e['joint']}" if e["joint"] else "") for e in found) or "nothing"
+    mass = next((e["parameters"]["mass"] for e in found if e["effect"] == "payload"), None)
+    value = "not found" if mass is None else f"{mass['value']:.3f} ± {mass['std']:.3f}"
+    steps = ", ".join(f"{d['name']} {d['seconds']:.0f}" for d in session["done"])
+    return [
+        {"what": "calib go on an emulated UR10e, check to a complete session", "value": round(took / 60, 1), "unit": "min", "bar": "< 6", "note": f"seconds: {steps}"},
+        {"what": "answers that a person types in it", "value": asked, "unit": "", "bar": "<= 8"},
+        {"what": "identified in it", "value": names, "bar": "payload"},
+        {"what": "mass of the hidden payload", "value": value, "unit": "kg", "bar": f"{MASS:g}"},
+    ]  # fmt: skip

@@ -1,0 +1,86 @@
+"""A table as lines of text that fit a width: first as it is, then with wrapped words, then in parts of fewer columns."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+from rich.cells import cell_len
+
+GAP = "  "
+LEAST = 22  # columns of text are not made narrower
+HANGING = 4  # indentation of a long last column below its row
+
+
+def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], width: int) -> list[tuple[str, bool]]:
+    """The lines of a table, and whether each is a heading. No line is wider than `width` unless a single word is.
+
+    Numbers stand to the right. Where the table is too wide, a long last column of text goes below its row; what is still too wide is
+    split into parts, each with the first column again.
+    """
+    natural = [max([cell_len(headers[k]), *(cell_len(row[k]) for row in rows)]) for k in range(len(headers))]
+    if sum(natural) + len(GAP) * (len(natural) - 1) <= width or not natural:
+        return _grid(headers, rows, numeric, natural)
+    last = len(headers) - 1
+    below = last > 0 and not numeric[last] and natural[last] > LEAST
+    kept = list(range(last if below else last + 1))
+    least = [natural[k] if numeric[k] or k == 0 else min(natural[k], LEAST) for k in range(len(headers))]
+    groups: list[list[int]] = [[kept[0]]]
+    for k in kept[1:]:
+        if sum(least[i] for i in (*groups[-1], k)) + len(GAP) * len(groups[-1]) > width and len(groups[-1]) > 1:
+            groups.append([kept[0]])
+        groups[-1].append(k)
+    out: list[tuple[str, bool]] = []
+    for number, group in enumerate(groups):
+        space = width - len(GAP) * (len(group) - 1)
+        widths = _shared([natural[k] for k in group], [least[k] for k in group], space)
+        under = [row[last] for row in rows] if below and number == 0 else None
+        title = [headers[k] for k in group]
+        if number:
+            out.append(("", False))
+        out += _grid(title, [[row[k] for k in group] for row in rows], [numeric[k] for k in group], widths, under, width)
+    return out
+
+
+def _shared(natural: list[int], least: list[int], space: int) -> list[int]:
+    """Widths between least and natural that fill the space, the widest columns giving way first."""
+    widths = list(natural)
+    while sum(widths) > space:
+        can = [k for k in range(len(widths)) if widths[k] > least[k]]
+        if not can:
+            break
+        widths[max(can, key=lambda k: widths[k] - least[k])] -= 1
+    return widths
+
+
+def _grid(
+    headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], widths: Sequence[int],
+    under: Sequence[str] | None = None, width: int = 0,
+) -> list[tuple[str, bool]]:  # fmt: skip
+    out = [(line, True) for line in _row(headers, numeric, widths)]
+    for k, row in enumerate(rows):
+        out += [(line, False) for line in _row(row, numeric, widths)]
+        if under is not None and under[k]:
+            indent = " " * HANGING
+            folded = textwrap.wrap(
+                under[k], max(width, 2 * HANGING), initial_indent=indent, subsequent_indent=indent, break_long_words=False
+            )
+            out += [(line, False) for line in folded]
+    return out
+
+
+def _row(cells: Sequence[str], numeric: Sequence[bool], widths: Sequence[int]) -> list[str]:
+    """A row of the grid, of as many lines as its tallest cell has."""
+    folded = [
+        [text] if cell_len(text) <= widths[k] else textwrap.wrap(text, max(widths[k], 1), break_on_hyphens=False) or [""]
+        for k, text in enumerate(cells)
+    ]
+    lines = []
+    for depth in range(max((len(part) for part in folded), default=0)):
+        parts = []
+        for k, part in enumerate(folded):
+            text = part[depth] if depth < len(part) else ""
+            space = " " * max(widths[k] - cell_len(text), 0)
+            parts.append(space + text if numeric[k] else text + space)
+        lines.append(GAP.join(parts).rstrip())
+    return lines
