@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from calib import console
-from calib.recordings import latest_arm
 from calib.run_folder import LATEST, new_run
 from sim.errors import ConfigError
 
@@ -44,6 +43,7 @@ def command(
 
         calib export runs/real/arm --out exported
     """
+    from calib.recordings import latest_arm
     from sim.arm import load_arm, require_limits
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model

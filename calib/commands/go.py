@@ -150,7 +150,13 @@ def _agreed(question: str) -> bool:
 def _again(step: Step) -> str:
     """What to do about a step that failed: `y` the same again, `p` plan again; nobody who answers means leave."""
     plan = ", p: plan again" if step.name.startswith("record") else ""
-    return console.ask(f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] ").strip().lower()
+    return (
+        console.ask(
+            f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "
+        )
+        .strip()
+        .lower()
+    )
 
 
 def _capital(sentence: str) -> str:

@@ -1,10 +1,14 @@
 """The program's manners: exit codes, nearest right words, and nothing that looks like a traceback."""
 
+import contextlib
 import errno
 import logging
 import os
+import pty
+import re
 import subprocess
 import sys
+import termios
 import warnings
 from pathlib import Path
 
@@ -126,3 +130,34 @@ def test_a_reader_that_goes_away_is_no_fault(tmp_path: Path) -> None:
     assert done.stderr == ""
     assert done.stdout.strip() in ("0", "141")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("line", [["effects", "--quiet"], ["-q", "effects"], ["--quiet", "effects", "payload"]])
+def test_quiet_prints_nothing_but_errors(line: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert program.main(line) == 0
+    assert capsys.readouterr() == ("", "")
+    assert program.main(["effects", "payloat", "--quiet"]) == 2
+    assert "payload" in capsys.readouterr().err
+    assert program.main(["effects", "payload", "--quiet", "--json"]) == 0
+    assert '"payload"' in capsys.readouterr().out
+    assert program.main(["effects", "payload"]) == 0
+    assert capsys.readouterr().out, "quiet ends with its command"
+
+
+def test_no_color_is_respected(tmp_path: Path) -> None:
+    """On a terminal of 80 columns: no colour, and no line wider than it."""
+    ours, theirs = pty.openpty()
+    termios.tcsetwinsize(ours, (24, 80))
+    surroundings = os.environ | {"NO_COLOR": "1", "TERM": "xterm-256color", "COLUMNS": "80"}
+    with subprocess.Popen([sys.executable, "-m", "calib", "effects"], stdout=theirs, env=surroundings) as program_:
+        os.close(theirs)
+        shown = b""
+        with contextlib.suppress(OSError):  # the terminal's end, once the program has ended
+            while part := os.read(ours, 65536):
+                shown += part
+        assert program_.wait() == 0
+    os.close(ours)
+    assert b"stribeck_friction" in shown
+    assert not re.search(rb"\x1b\[[0-9;]*3[0-9]", shown)
+    lines = re.sub(rb"\x1b\[[0-9;]*m", b"", shown).decode().splitlines()
+    assert max(map(len, lines)) <= 80

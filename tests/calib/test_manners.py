@@ -21,7 +21,7 @@ SUBCOMMANDS = ["arm new", "arm drive", "arm read"]
 # what the hand does most often at half past five, and what answers it
 MISTAKES = [
     "identfy ur10e excitation.mcap",
-    "help",
+    "halp",
     "plan ur11",
     "plan UR10E",
     "check mock_ur10e",

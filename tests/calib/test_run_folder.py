@@ -1,5 +1,6 @@
 """A run's folder says what was asked and how it ended, and never overwrites anything that is not a run."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.run_folder import INVOCATION, Invocation, end_run, list_runs, lock_cell, new_run, read_run
+from calib.run_folder import INVOCATION, Invocation, end_run, latest, list_runs, lock_cell, new_run, read_run
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
 
@@ -143,3 +144,20 @@ def test_a_damaged_run_file_is_named(text: str) -> None:
     (folder / "run.toml").write_text(text)
     with pytest.raises(ConfigError, match=r"run\.toml: not a run's file"):
         list_runs()
+
+
+def test_latest_is_the_newest_run_that_did_not_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for k, (verb, code) in enumerate([("plan", 0), ("identify", 1), ("plan", 3), ("record", 0)]):
+        folder = new_run("ur10e", verb, Path(f"runs/{k}"))
+        text = (folder / "run.toml").read_text()
+        (folder / "run.toml").write_text(re.sub('started = ".*"', f'started = "2026-01-0{k + 1}T00:00:00+00:00"', text))
+        end_run(folder, code, "x")
+    assert latest().folder.name == "3"
+    assert latest("plan").folder.name == "0"
+    assert read_run("latest").folder.name == "3"
+    with pytest.raises(ConfigError, match="no finished run of calib diagnose"):
+        latest("diagnose")
+    (tmp_path / "latest").mkdir()
+    with pytest.raises(ConfigError):
+        read_run("latest")
