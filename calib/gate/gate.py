@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,7 +117,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if not len(s):
         return [Check("motion", True, "nothing moves: units, signs and columns cannot be told")]
     out = []
-    massive = bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
+    massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = _speed(arm, s, massive)
     out.append(speed)
     limits, s = _limits(arm, logs, s, massive, known)
@@ -231,7 +231,7 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: boo
     low, high = s.q.min(axis=0), s.q.max(axis=0)
     if np.all((low > arm.q_min - readings.OVER_RANGE) & (high < arm.q_max + readings.OVER_RANGE)):
         beyond[:] = False  # undone already by what was found from the speed
-    wrong = beyond | fast
+    wrong = beyond & ~_turns_freely(arm, s) | fast
     if not wrong.any():
         return Check("limits", True, "positions and speeds are within the arm's limits"), s
     names, j = arm.joint_names, int(np.flatnonzero(wrong)[0])
@@ -246,7 +246,11 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: boo
     if wrong.sum() <= max(1, arm.n // 3):
         most = np.maximum(np.abs(low), np.abs(high))[j] / max(abs(arm.q_min[j]), abs(arm.q_max[j]))
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
-    gains = [_gain_of(arm, s, way) if massive and way.kind == "unit" else 0.0 for way in ways]
+    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
+    if massive and ways and max(gains) < -LEAST_GAIN:
+        return Check(
+            "limits", True, f"{what}; no unit makes the arm's model fit better, so that its stated limits are too narrow"
+        ), s
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
         told = scale.scale_of(arm, s, fit).log_scale
@@ -266,6 +270,21 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: boo
         rivals = ranked(arm, s, SHIFTS)[:1]
         undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
     return Check("limits", False, what, causes, names), turned if undone else s
+
+
+def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:
+    """(n,) joints at whose every angle the arm's model is the same: nothing but a stop would keep such a joint from turning on."""
+    few = _every(s, max(1, len(s) // 50))
+    here = model_torque(arm, few)
+    out = np.zeros(arm.n, dtype=bool)
+    for j in range(arm.n):
+        turned = replace(few, q=few.q + np.eye(arm.n)[j])
+        out[j] = np.allclose(model_torque(arm, turned), here, rtol=1e-9, atol=1e-9)
+    return out
+
+
+def _every(s: Signals, step: int) -> Signals:
+    return replace(s, q=s.q[::step], dq=s.dq[::step], ddq=s.ddq[::step])
 
 
 def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:
