@@ -29,7 +29,6 @@ def command(
         ),
     ] = None,
     accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -54,17 +53,19 @@ def command(
     require_unseen([*given, *(baseline or [])], holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
-        logs = read_pieces(given, subject, Path(scratch), accept_partial, assume)
-        apart = read_logs(holdout or [], subject, accept_partial, assume) if holdout else []
+        logs = read_pieces(given, subject, Path(scratch), accept_partial)
+        apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
         if baseline:
-            healthy = read_logs(baseline, subject, accept_partial, assume)
+            healthy = read_logs(baseline, subject, accept_partial)
             found = diagnose_changes(subject, list(logs), apart, healthy, told=lambda text: advance(0, text))
         else:
             found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
         found.write(folder, subject)
         advance(0, "comparing before and after")
-        shown = evidence.of_diagnosis(subject, load_arm(str(folder / "arm")), apart[0] if apart else logs[len(logs) - 1], found)
-        page.write(folder / "report.html", found.answer, shown)
+        shown = evidence.of_diagnosis(
+            subject, load_arm(str(folder / "arm")), apart[0] if apart else logs[len(logs) - 1], found, apart[1:]
+        )
+        page.write(folder / "report.html", found.answer, shown, subject)
     answer = found.answer
     conclude(page.sentence(answer))
     code = {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from calib.quantity import rounded
-from calib.report import pictures
+from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
+from sim.arm import Arm
 
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
@@ -20,17 +21,24 @@ _VERDICTS: dict[str, Verdict] = {
 }
 
 
-def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> Path:
+def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any], arm: Arm | None = None) -> Path:
     """Write the page of a diagnosis; returns its path.
 
     diagnosis  the content of diagnosis.json (design.md section 7)
     evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
                (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `forward`: joint ->
-               (rms before, rms after) rad. Without arrays (bad data) the page has no pictures.
+               (rms before, rms after) rad; `others`: the same arrays on further held-out logs. Without arrays (bad data) the page
+               has no pictures.
+    arm        for the interactive curves and the arm in 3D, which are left out without it
     """
     page = Page(str(diagnosis["arm"]), sentence(diagnosis), _VERDICTS[diagnosis["verdict"]], _facts(diagnosis), "diagnosis")
     page.aside("What to do next", next_steps(diagnosis))
     if evidence.get("t") is not None:
+        if arm is not None:
+            page.section("Look at the residual")
+            names = list(evidence["joint_names"])
+            joint = names[_joints_in_question(diagnosis, names)[0]]
+            explorer.add(page, arm, [evidence, *evidence.get("others", ())], ("before", "after"), joint=joint)
         _where(page, diagnosis, evidence)
     _evidence(page, diagnosis, evidence)
     _gap(page, diagnosis, evidence)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from calib.report import explorer
 from calib.report.page import Page, Verdict
 
 if TYPE_CHECKING:
@@ -28,6 +29,12 @@ def write(session: Session) -> Path:
         ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
     ]
     page = Page(session.arm, sentence, verdict, facts, "session")
+    looked = [d for d in session.done if d.name.startswith(("diagnose", "validate")) and d.folder]
+    if looked:
+        shown = next((d for d in reversed(looked) if d.name.startswith("diagnose")), looked[-1])
+        explorer.copied(
+            page.section(f"The residual on held-out motions, from {shown.name}"), session.folder / shown.folder / "report.html"
+        )
     page.section("Steps").table(
         ["step", "result", "exit code", "time [s]"], [[d.name, d.sentence, d.exit_code, d.seconds] for d in session.done]
     )

@@ -8,20 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from calib.report import pictures
+from calib.report import explorer, pictures
 from calib.report.page import Page
+from sim.arm import Arm
 
 _WORDS = {"after": "predicted"}
 
 
-def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mapping[str, Any]]) -> Path:
+def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mapping[str, Any]], arm: Arm | None = None) -> Path:
     """Write the page of a validation; returns its path.
 
     result    `Validation.as_dict()`: the content of validation.json
     evidence  for each log `log`; `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)
+    arm       for the interactive curves and the arm in 3D, which are left out without it
     """
     names = list(result["joints"])
     page = Page(str(result["arm"]), _capital(str(result["outcome"])), None, _facts(result), "validation")
+    if arm is not None:
+        page.section("Look at the residual")
+        explorer.add(page, arm, [dict(c) | {"after": c["tau_hat"]} for c in evidence], ("after",), _WORDS)
     for curves in evidence:
         _curves(page, names, curves)
     page.section("Joint by joint")

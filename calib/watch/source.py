@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib.gate.commands import read_as, require
 from calib.recordings import recorded_arm
 from calib.watch.watcher import Declared
 from drivers import open_driver
@@ -53,21 +52,12 @@ def is_log(reference: str) -> bool:
 
 @contextmanager
 def open_source(
-    reference: str,
-    arm: str | None = None,
-    configs: Path | None = None,
-    accept_partial: bool = False,
-    assume: Sequence[str] = (),
+    reference: str, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False
 ) -> Iterator[Source]:
-    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should.
-
-    assume: words of `calib.gate.correction` that say how a log is to be read; ConfigError for a cell, whose driver knows.
-    """
+    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should."""
     if is_log(reference):
-        yield from_log(Path(reference), arm, configs, accept_partial, assume)
+        yield from_log(Path(reference), arm, configs, accept_partial)
         return
-    if assume:
-        raise ConfigError(f"--assume {assume[0]}: is for recordings; {reference} is read by its driver, whose units are known")
     cell = load_cell(reference, configs)
     model = load_arm(arm or cell.table.arm, configs)
     driver = open_driver(cell, model)
@@ -95,10 +85,8 @@ def open_source(
         driver.close()
 
 
-def from_log(
-    path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False, assume: Sequence[str] = ()
-) -> Source:  # fmt: skip
-    """The readings of a log, of the arm that it names or that is named for it; BadLog where it cannot be that arm's."""
+def from_log(path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False) -> Source:
+    """The readings of a log, of the arm that it names or that is named for it; BadLog where the two are not the same arm."""
     about = read_log(path, accept_partial=accept_partial)
     said = about.metadata.get("arm")
     if not (arm or said):
@@ -109,7 +97,7 @@ def from_log(
             f"{path}: was recorded of {said}, the arm given is {model.name}: nothing that it shows would be about this arm; "
             "leave --arm out, or name an arm folder of that arm"
         )
-    log = read_as(read_log(path, model.joint_names, accept_partial=accept_partial), assume)
+    log = read_log(path, model.joint_names, accept_partial=accept_partial)
     if len(log) < 2:
         raise BadLog(f"{path}: {len(log)} samples; there is nothing to watch")
     silent = ~np.isfinite(log.tau).any(axis=0)
@@ -119,11 +107,10 @@ def from_log(
             f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to make one of; write torque_constant "
             "into its arm.toml, or record effort"
         )
-    declared, gravity = _declared(log), _mounting(log)
-    require(model if gravity is None else replace(model, tree=replace(model.tree, gravity=gravity)), [log])
+    declared = _declared(log)
     return Source(
         path.name, model, 1.0 / float(np.median(np.diff(log.t))), _states(log), lambda: declared,
-        gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
+        _mounting(log), float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
         facts={"log": str(path)},
     )  # fmt: skip
 

@@ -51,6 +51,7 @@ const links = data.links.map((link) => {
 data.links.forEach((link, k) => (link.parent < 0 ? scene : links[link.parent].moving).add(links[k].joint));
 
 const painted = [];
+const heated = []; // material, role and joint of every shape of a moving link
 function paint(object, role) {
   painted.push([object.material, role]);
   return object;
@@ -61,7 +62,9 @@ for (const shape of data.shapes) {
     roughness: 0.6, metalness: 0.1, transparent: obstacle, opacity: obstacle ? 0.25 : 1, side: obstacle ? DoubleSide : FrontSide,
   });
   const body = placed(new Mesh(solid(shape), material), shape.rotation, shape.position);
-  paint(body, obstacle ? "accent" : shape.link < 0 ? "muted" : shape.link % 2 ? "link-odd" : "link-even");
+  const role = obstacle ? "accent" : shape.link < 0 ? "muted" : shape.link % 2 ? "link-odd" : "link-even";
+  paint(body, role);
+  if (!obstacle && shape.link >= 0) heated.push([material, role, shape.link]);
   (obstacle || shape.link < 0 ? scene : links[shape.link].moving).add(body);
 }
 const grid = new GridHelper(data.size * 2, 20);
@@ -103,6 +106,7 @@ function draw() {
 function recolour() {
   for (const [material, role] of painted) material.color = colour(role);
   scene.background = colour("panel");
+  warm();
   draw();
 }
 
@@ -135,7 +139,17 @@ function posture(at) {
   return motion.q[low].map((value, j) => value + part * (motion.q[high][j] - value));
 }
 
-function show(at) {
+// The residual at a joint as heat on its link, where the motion brings it: 0 as painted, 1 the colour of a failure.
+function warm() {
+  if (!motion.heat) return;
+  const t = motion.t;
+  const k = Math.min(t.length - 1, Math.round((time / (t[t.length - 1] || 1)) * (t.length - 1)));
+  const hot = colour("bad");
+  const cold = { "link-odd": colour("link-odd"), "link-even": colour("link-even") };
+  for (const [material, role, joint] of heated) material.color = cold[role].clone().lerp(hot, motion.heat[k][joint]);
+}
+
+function show(at, told = true) {
   time = Math.min(motion.t[motion.t.length - 1], Math.max(0, at));
   const q = posture(time);
   links.forEach((link, j) => {
@@ -151,7 +165,9 @@ function show(at) {
     head.setAttribute("x1", x);
     head.setAttribute("x2", x);
   }
+  warm();
   draw();
+  if (told) document.dispatchEvent(new CustomEvent("calib-time", { detail: { motion: motion.name, time } }));
 }
 
 function choose(name) {
@@ -193,6 +209,16 @@ play.addEventListener("click", () => {
 scrub.addEventListener("input", () => { pause(); show(Number(scrub.value)); });
 choice.addEventListener("change", () => choose(choice.value));
 closest.addEventListener("click", () => { pause(); show(motion.closest); });
+// the curves of a report move the arm
+document.addEventListener("calib-seek", (event) => {
+  if (event.detail.log !== motion.name) {
+    if (!data.motions.some((m) => m.name === event.detail.log)) return;
+    choice.value = event.detail.log;
+    choose(event.detail.log);
+  }
+  pause();
+  show(event.detail.time, false);
+});
 addEventListener("resize", resize);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
 addEventListener("beforeprint", () => { for (const part of document.querySelectorAll("[data-motion]")) part.hidden = false; });

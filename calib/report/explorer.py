@@ -1,0 +1,114 @@
+"""The interactive part of a page: the arm in 3D with the torque residual as heat on its links, and zoomable curves with one cursor."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from calib.report.page import Page, asset, template
+from calib.report.scene import scene
+from sim.arm import Arm
+
+MOST_ROWS = 1500
+MOST_LOGS = 4
+FRAMES_PER_SECOND = 12
+WORDS = {"before": "nominal arm", "after": "corrected arm"}
+
+
+def add(
+    page: Page, arm: Arm, logs: Sequence[Mapping[str, Any]], roles: Sequence[str], words: Mapping[str, str] | None = None, unit: str = "N m",
+    joint: str | None = None,
+) -> Page:  # fmt: skip
+    """Embed it in the page.
+
+    logs   each with `log`, its name; `t` (N,) s; `tau`, `q`, `dq` (N, n), and (N, n) for each of `roles`: the predicted torque
+    roles  `before`, `after`, or one of them; the heat is that of the first one
+    words  what the roles are called; joint: the one shown first
+    """
+    shown = [_thinned(log, roles) for log in logs[:MOST_LOGS] if len(log["t"])]
+    if not shown:
+        return page
+    names = list(arm.joint_names)
+    label = (words or WORDS).get(roles[0], roles[0])
+    moved = [_moved(log, roles[0]) for log in shown]
+    step = max(float(np.median(np.diff(log["t"]))) for log in shown if len(log["t"]) > 1)
+    data = {
+        "joints": names, "joint": names.index(joint) if joint in names else _worst(shown, roles[0]), "roles": list(roles), "unit": unit,
+        "words": {role: (words or WORDS).get(role, role) for role in ("before", "after")}, "step": step,
+        "logs": [
+            {"name": log["log"], "t": _short(log["t"]), **{k: _short(log[k]) for k in ("tau", "q", "dq", *roles)}} for log in shown
+        ],
+    }  # fmt: skip
+    return _embedded(page, scene(arm, None) | {"motions": moved, "heat": label}, data)
+
+
+def copied(page: Page, report: Path) -> Page:
+    """Embed what another page of this program holds; nothing where it holds none."""
+    text = report.read_text(encoding="utf-8") if report.is_file() else ""
+    found = [
+        re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', text, re.DOTALL)
+        for name in ("scene", "explorer")
+    ]
+    try:
+        scene_data, data = (json.loads(part[1]) for part in found if part is not None)
+        return _embedded(page, scene_data, data)
+    except (ValueError, KeyError, TypeError):  # a page without it, or one that somebody changed
+        return page
+
+
+def _embedded(page: Page, scene_data: Mapping[str, Any], data: Mapping[str, Any]) -> Page:
+    options = Markup("").join(
+        Markup('<option value="{0}">{0} · {1:.0f} s</option>').format(m["name"], float(m["t"][-1]))
+        for m in scene_data["motions"]
+    )
+    heat = f"The redder a link, the larger the residual of the {scene_data['heat']} at its joint at this moment, relative to that joint's largest."
+    page.embed(
+        Markup(template("player.html").render(options=options)),
+        asset("player.js"),
+        asset("player.css"),
+        {"scene": dict(scene_data)},
+    )
+    page.text(heat)
+    return page.embed(
+        Markup(template("explorer.html").render()), asset("explorer.js"), asset("explorer.css"), {"explorer": dict(data)}
+    )
+
+
+def _thinned(log: Mapping[str, Any], roles: Sequence[str]) -> dict[str, Any]:
+    """At most MOST_ROWS rows, evenly spread: every one of them is a row of the filtered log."""
+    count = len(log["t"])
+    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))
+    return {"log": str(log["log"]), **{k: np.asarray(log[k], float)[rows] for k in ("t", "tau", "q", "dq", *roles)}}
+
+
+def _moved(log: Mapping[str, Any], role: str) -> dict[str, Any]:
+    """A motion of the player: postures and, for each joint, the residual's size from 0 to 1."""
+    residual = np.abs(log["tau"] - log[role])
+    t = log["t"] - log["t"][0]
+    grid = np.linspace(0.0, t[-1], max(2, int(t[-1] * FRAMES_PER_SECOND)))
+    most = residual.max(axis=0)
+    heat = residual / np.where(most > 0, most, 1.0)
+    q, hot = (np.stack([np.interp(grid, t, x) for x in values.T], axis=1) for values in (log["q"], heat))
+    return {
+        "name": log["log"], "kind": "recording", "t": np.round(grid, 3), "q": np.round(q, 4), "trail": [], "closest": None,
+        "heat": np.round(hot, 2),
+    }  # fmt: skip
+
+
+def _worst(logs: Sequence[Mapping[str, Any]], role: str) -> int:
+    """The joint with the largest residual relative to its torque."""
+    log = logs[0]
+    residual = np.sqrt(np.mean(np.square(log["tau"] - log[role]), axis=0))
+    return int(np.argmax(residual / (np.std(log["tau"], axis=0) + 1e-12)))
+
+
+def _short(values: np.ndarray) -> list[Any]:
+    """Five significant digits: far below a pixel, and a third of the size."""
+    flat = [float(f"{x:.5g}") for x in values.ravel()]
+    return np.reshape(flat, values.shape).tolist()
