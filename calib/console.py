@@ -10,6 +10,7 @@ import enum
 import json
 import math
 import re
+import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,6 +40,23 @@ AcceptPartial = Annotated[
     bool,
     typer.Option(
         "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; says what is missing."
+    ),
+]
+MaxError = Annotated[
+    float | None,
+    typer.Option(
+        "--max-error",
+        min=0.0,
+        metavar="SHARE",
+        help="Exit code 1 where a joint leaves more than this share of its torque's variation, such as 0.1; 0.2 if not given.",
+    ),
+]
+Assume = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--assume",
+        metavar="HOW",
+        help="Read the recordings that way: q=deg, t=ms, tau=current, sign:tau:JOINT, ...; a refusal names it.",
     ),
 ]
 Configs = Annotated[
@@ -110,6 +128,16 @@ def copyable(line: str) -> None:
     if QUIET.get():
         return
     _out().print(printable(line), markup=False, highlight=False, soft_wrap=True)
+
+
+def next_step(words: Sequence[str | Path]) -> None:
+    """The command to type next, whole, to be copied."""
+    copyable(f"next: {command_line(words)}")
+
+
+def command_line(words: Sequence[str | Path]) -> str:
+    """A command of this program as a shell takes it; names in capitals, which the person fills in, stay as they are."""
+    return shlex.join(["calib", *map(str, words)])
 
 
 def warn(sentence: str) -> None:

@@ -120,10 +120,12 @@ def story(arm: str, cell: Path, folder: Path) -> list[Step]:
         Step(
             "Fit the ordinary parameters: friction, masses, inertias.",
             ("identify", arm, *recorded, "--holdout", held_out, "--out", str(fit)),
+            (0, 1),
         ),
         Step(
             "Test the fitted arm on a motion that it has not seen, by torque and by forward simulation.",
             ("validate", str(fit / "arm"), held_out, "--out", str(folder / "check")),
+            (0, 1),
         ),
         Step(
             "Find what no ordinary parameter explains, and give it its name.",

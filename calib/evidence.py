@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.selection import THRESHOLD
-from calib.validation import LogCheck, validate
+from calib.identification.known import Known
+from calib.validation import LogCheck, checked
 from logs.log import Log
 from sim.arm import Arm
 
@@ -41,7 +42,7 @@ def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: S
     """
     if found.answer["verdict"] == "bad_data":
         return {}
-    first, last = (validate(a, [log]).checks[0] for a in (arm, corrected))
+    first, last = (checked(a, log, Known.of_arm(a)) for a in (arm, corrected))
     curves = of_check(first)
     curves["before"], curves["after"] = curves.pop("tau_hat"), of_check(last)["tau_hat"]
     curves["others"] = []

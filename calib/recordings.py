@@ -6,10 +6,12 @@ import atexit
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from calib import console
+from calib.gate.commands import read_as
 from calib.run_folder import LATEST, RUNS, list_runs
 from logs import Log, Pieces, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside
@@ -80,18 +82,25 @@ def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
     return arm
 
 
-def read_logs(paths: Iterable[Path], arm: Arm, accept_partial: bool = False) -> list[Log]:
+def read_logs(
+    paths: Iterable[Path], arm: Arm, accept_partial: bool = False, assume: Sequence[str] | None = None
+) -> list[Log]:  # fmt: skip
     """The logs, columns in the arm's order; every finding (gaps, losses, clocks) goes to standard error.
 
-    BadLog for a recording that was cut short or is damaged, unless `accept_partial`.
+    BadLog for a recording that was cut short or is damaged, unless `accept_partial`. assume: words of `calib.gate.correction`.
     """
-    return _each(paths, arm, lambda k, path: read_log(path, arm.joint_names, accept_partial=accept_partial))
+    return _each(
+        paths, arm, lambda k, path: read_as(read_log(path, arm.joint_names, accept_partial=accept_partial), assume or ())
+    )
 
 
-def read_pieces(paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: bool = False) -> Pieces:
+def read_pieces(
+    paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: bool = False, assume: Sequence[str] | None = None
+) -> Pieces:  # fmt: skip
     """The logs in pieces that are read when they are needed, large files unpacked below `scratch`; otherwise as `read_logs`."""
+    change = partial(read_as, assume=assume) if assume else None
     return Pieces.joined(
-        _each(paths, arm, lambda k, path: open_pieces(path, arm.joint_names, scratch / str(k), accept_partial))
+        _each(paths, arm, lambda k, path: open_pieces(path, arm.joint_names, scratch / str(k), accept_partial, change))
     )
 
 
@@ -139,7 +148,7 @@ def _say(path: Path, log: Log | Pieces, arm: Arm) -> None:
     recorded = log.metadata.get("arm")
     if recorded and recorded != arm.name:
         console.warn(
-            f"{path}: was recorded of {recorded} and is read for {arm.name}; if these are two arms, name the right one: the numbers mean nothing"
+            f"{path}: was recorded of {recorded} and is read for {arm.name}; if these are two arms, name the right one"
         )
     for finding in log.findings:
         console.warn(f"{path}: {finding}")

@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims import Claim
+from calib.verdict import Verdict
+
 
 class Conditioning(enum.Enum):
     """Verdict on a condition number; the value is the sentence shown to people."""
@@ -34,6 +37,7 @@ class Estimate:
 
     identifiable: the data say more than the prior did, or fix it well; at_bound: the value is one of its bounds.
     data_share: 1 - (std / prior std)^2, the part of the knowledge that came from the data; 1 where there was no prior.
+    written: what the arm folder holds; prior_std: how far the arm's file says that its own value may be off.
     """
 
     name: str
@@ -47,6 +51,13 @@ class Estimate:
     at_bound: bool = False
     identifiable: bool = True
     data_share: float = 1.0
+    written: float | None = None
+    prior_std: float | None = None
+
+    @property
+    def out_of_bounds(self) -> bool:
+        """Whether the data alone put it where no arm is; then it is no estimate."""
+        return not self.lower <= self.value <= self.upper
 
 
 @dataclass(frozen=True)
@@ -76,6 +87,7 @@ class FitResult:
     condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
     findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
     load: what the logs recorded with a load say of it, where there were any. advice: (motion, parameters that it would make known).
+    verdict: of the fitted arm on the held-out logs, or else on the training logs; judged: that joint by joint; claims: what `outcome` says.
     """
 
     arm: str
@@ -86,7 +98,7 @@ class FitResult:
     holdout: Gap | None
     condition: float
     condition_scaled: float
-    verdict: Conditioning
+    conditioning: Conditioning
     outcome: str
     full: tuple[Estimate, ...] = ()
     findings: tuple[str, ...] = ()
@@ -94,6 +106,9 @@ class FitResult:
     settings: dict[str, Any] = field(default_factory=dict)
     load: dict[str, Any] | None = None
     advice: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    verdict: Verdict = Verdict.NOTHING
+    judged: dict[str, Any] = field(default_factory=dict)
+    claims: tuple[Claim, ...] = ()
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name, base or full; KeyError where there is none."""
@@ -105,7 +120,11 @@ class FitResult:
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and words, for JSON; not-finite bounds become null."""
         table = _plain(asdict(self))
-        return {"schema": "fit/1", **table, "verdict": self.verdict.name.lower(), "verdict_sentence": self.verdict.value}
+        del table["judged"]
+        return {
+            "schema": "fit/1", **table, "conditioning": self.conditioning.name.lower(), "conditioning_sentence": self.conditioning.value,
+            **_plain(self.judged), "verdict": self.verdict.value, "claims": [_plain(claim.as_dict()) for claim in self.claims],
+        }  # fmt: skip
 
     def write(self, path: Path) -> None:
         """`result.json`."""

@@ -16,9 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims import Claim
+from calib.claims import told as sentence_of
 from calib.forward_bound import forward_bound
+from calib.gate.commands import require
 from calib.identification.known import Known
 from calib.preprocessing import Measurement, prepare
+from calib.verdict import Judged, judged
 from logs.log import Log
 from sim.arm import Arm
 from sim.plant import Plant
@@ -26,6 +30,7 @@ from sim.prediction import predict
 
 HORIZON = 0.25
 MOST_WINDOWS = 60
+INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
 Progress = Callable[[str, float], None]
 
 
@@ -55,15 +60,27 @@ class LogCheck:
         """(n,) whether the forward simulation stayed within its bound; None where there was none."""
         return None if self.forward is None or self.bound is None else self.forward <= self.bound
 
+    @property
+    def informative(self) -> np.ndarray:
+        """(n,) whether the bound is at most INFORMATIVE of what the joint really travelled."""
+        none = np.zeros(len(self.residual), dtype=bool)
+        return none if self.bound is None or self.travel is None else np.asarray(self.bound <= INFORMATIVE * self.travel)
+
 
 @dataclass(frozen=True)
 class Validation:
-    """The checks of several logs against one arm, and the outcome as a sentence; source: what the bounds rest on."""
+    """The checks of several logs against one arm, the verdict joint by joint, and what is claimed; source: what the bounds rest on."""
 
     arm: Arm
     checks: tuple[LogCheck, ...]
-    outcome: str
+    judged: Judged
+    claims: tuple[Claim, ...]
     source: str = ""
+
+    @property
+    def outcome(self) -> str:
+        """The claims in one sentence."""
+        return sentence_of(self.claims)
 
     def as_dict(self) -> dict[str, Any]:
         """validation.json."""
@@ -89,12 +106,13 @@ class Validation:
                     entry["forward"] |= {
                         "bound": _numbers(c.bound),
                         "within_bound": c.within_bound.tolist(),
+                        "informative": c.informative.tolist(),
                         "bound_from": self.source,
                     }
             logs.append(entry)
         return {
             "schema": "validation/1", "arm": self.arm.name, "unit": "N*m", "joints": list(self.arm.joint_names), "logs": logs,
-            "outcome": self.outcome,
+            "outcome": self.outcome, **self.judged.as_dict(), "claims": [claim.as_dict() for claim in self.claims],
         }  # fmt: skip
 
     def write(self, folder: Path) -> None:
@@ -121,31 +139,45 @@ def validate(
     forward: bool = True,
     cutoff: float | None = None,
     progress: Progress = lambda stage, share: None,
+    most: float | None = None,
 ) -> Validation:
-    """Predict every log with everything the arm has; BadLog and ConfigError for logs that cannot serve."""
-    checks = []
+    """Predict every log with everything the arm has; BadLog and ConfigError for logs that cannot serve, or are not of this arm.
+
+    most: the share of its torque's variation that every joint may leave; without it, the limits of `calib.verdict`.
+    """
+    progress("checking", 0.0)
+    require(arm, logs)
     known = Known.of_arm(arm)
+    checks = []
     for k, log in enumerate(logs):
-        progress("torque", k / len(logs))
-        m = prepare(log, arm, cutoff)
-        tau_hat = predict(arm, m.trajectory)
-        usable = m.row_usable
-        rows, predicted = m.rows(m.tau), m.rows(tau_hat)
-        moved = travelled = bound = None
-        windows = 0
-        if forward:
-            progress("forward simulation", k / len(logs))
-            moved, travelled, starts = forward_error(arm, m)
-            windows = len(starts)
-            if windows:
-                bound = forward_bound(arm, m, starts, horizon_steps(m), known)
-        checks.append(
-            LogCheck(
-                m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable), _std(rows, usable), usable.sum(axis=0),
-                moved, travelled, windows, m, tau_hat, bound,
-            )
-        )  # fmt: skip
-    return Validation(arm, tuple(checks), _outcome(arm, checks), known.source)
+        share = k / len(logs)
+        checks.append(checked(arm, log, known if forward else None, cutoff, lambda stage, share=share: progress(stage, share)))  # type: ignore[misc]
+    found = _judged(arm, checks, most)
+    where = checks[0].log if len(checks) == 1 else f"{len(checks)} logs"
+    return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *_forward_claims(arm, checks)), known.source)
+
+
+def checked(
+    arm: Arm, log: Log, known: Known | None, cutoff: float | None = None, told: Callable[[str], None] = lambda stage: None
+) -> LogCheck:
+    """What the arm predicts of one log; simulated forward where it is said what is known of the arm. The log is not asked whose it is."""
+    told("torque")
+    m = prepare(log, arm, cutoff)
+    tau_hat = predict(arm, m.trajectory)
+    usable = m.row_usable
+    rows, predicted = m.rows(m.tau), m.rows(tau_hat)
+    moved = travelled = bound = None
+    windows = 0
+    if known is not None:
+        told("forward simulation")
+        moved, travelled, starts = forward_error(arm, m)
+        windows = len(starts)
+        if windows:
+            bound = forward_bound(arm, m, starts, horizon_steps(m), known)
+    return LogCheck(
+        m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable), _std(rows, usable), usable.sum(axis=0),
+        moved, travelled, windows, m, tau_hat, bound,
+    )  # fmt: skip
 
 
 def horizon_steps(m: Measurement) -> int:
@@ -209,33 +241,43 @@ def _std(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
     return np.sqrt(np.where(usable, (x - mean) ** 2, 0.0).sum(axis=0) / count)
 
 
-def _outcome(arm: Arm, checks: Sequence[LogCheck]) -> str:
-    share = np.array([c.residual / np.where(c.signal > 0, c.signal, np.nan) for c in checks])
-    if np.all(np.isnan(share)):
-        return f"no joint of {arm.name} moves in these logs, so nothing was compared"
-    worst = int(np.nanargmax(np.nanmax(np.where(np.isnan(share), -1.0, share), axis=0)))
-    told = (
-        f"the model of {arm.name} misses {np.nanmean(share):.1%} of the torque's variation, most at {arm.joint_names[worst]}: "
-        f"{np.nanmax(share):.1%}"
-    )
-    moved = [c.forward for c in checks if c.forward is not None and c.windows]
-    if moved:
-        error = np.sqrt(np.mean(np.square(moved), axis=0))
-        told += f"; simulated forward for {HORIZON:g} s its joints are off by {np.degrees(error.max()):.2g} deg at most (RMS), "
-        told += _bounded(arm, checks)
-    return told
+def _judged(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Judged:
+    """All logs together: RMS over their rows."""
+    rows = np.array([c.rows for c in checks], dtype=float)
+
+    def together(x: Sequence[np.ndarray]) -> np.ndarray:
+        power = np.where(rows > 0, np.square(np.array(x, dtype=float)), 0.0) * rows
+        count = rows.sum(axis=0)
+        return np.sqrt(power.sum(axis=0) / np.where(count > 0, count, np.nan))
+
+    residual, signal = together([c.residual for c in checks]), together([c.signal for c in checks])
+    return judged(arm.joint_names, residual, signal, arm.tau_max, most)
 
 
-def _bounded(arm: Arm, checks: Sequence[LogCheck]) -> str:
-    """Whether the stated bounds were kept, and where not."""
-    over = [
-        f"{joint} in {c.log} ({np.degrees(c.forward[j]):.2g} deg, bound {np.degrees(c.bound[j]):.2g})"
+def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
+    """How far the forward simulation is off, and whether the stated bounds were kept; a bound that says little is no bound."""
+    rows: list[dict[str, Any]] = [
+        {
+            "joint": joint, "log": c.log, "off_deg": float(np.degrees(c.forward[j])), "travel_deg": float(np.degrees(c.travel[j])),
+            "bound_deg": float(np.degrees(c.bound[j])), "informative": bool(c.informative[j]),
+        }
         for c in checks
-        if c.forward is not None and c.bound is not None and c.within_bound is not None
+        if c.forward is not None and c.travel is not None and c.bound is not None
         for j, joint in enumerate(arm.joint_names)
-        if not c.within_bound[j]
+    ]  # fmt: skip
+    if not rows:
+        return []
+    worst = max(rows, key=lambda r: float(r["off_deg"]))
+    beyond = [r for r in rows if not r["off_deg"] <= r["bound_deg"]]
+    vague = [j for j in arm.joint_names if any(r["joint"] == j and not r["informative"] for r in rows)]
+    off = {r["joint"] for r in beyond}
+    within = [j for j in arm.joint_names if j not in off and j not in vague]
+    return [
+        Claim("forward", {"horizon": HORIZON, **{k: worst[k] for k in ("joint", "log", "off_deg", "travel_deg")}}),
+        Claim(
+            "bounds", {"rows": rows, "within": within, "beyond": beyond, "not_informative": [j for j in vague if j not in off]}
+        ),
     ]
-    return f"beyond the stated bound: {', '.join(over)}" if over else "within the stated bound at every joint"
 
 
 def _numbers(x: np.ndarray) -> list[float | None]:

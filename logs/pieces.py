@@ -6,7 +6,7 @@ What is computed piece by piece needs the memory of one piece, and comes out the
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import overload
@@ -98,16 +98,20 @@ class Pieces(Sequence[Log]):
         return (self[k] for k in range(len(self)))
 
 
-def open_pieces(path: Path, joint_names: Sequence[str], folder: Path, accept_partial: bool = False) -> Pieces:
+def open_pieces(
+    path: Path, joint_names: Sequence[str], folder: Path, accept_partial: bool = False, change: Callable[[Log], Log] | None = None
+) -> Pieces:  # fmt: skip
     """The pieces of the recording at `path`, joints in this order; a large MCAP file is unpacked into `folder` first.
 
-    Only positions, torques and currents of a large file are kept. BadLog as `read_log` raises it.
+    Only positions, torques and currents of a large file are kept. `change` reads the whole recording another way, and all of it is then
+    held in memory. BadLog as `read_log` raises it.
     """
     if path.is_file():
         recovered(path)
     size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size if path.exists() else 0
-    if size <= IN_MEMORY_BYTES or not (path.is_dir() or _is_mcap(path)):
-        return Pieces(read_log(path, joint_names, accept_partial=accept_partial))
+    if change is not None or size <= IN_MEMORY_BYTES or not (path.is_dir() or _is_mcap(path)):
+        log = read_log(path, joint_names, accept_partial=accept_partial)
+        return Pieces(log if change is None else change(log))
     return Pieces(spool(path, tuple(joint_names), folder, accept_partial))
 
 

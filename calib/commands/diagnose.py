@@ -29,6 +29,7 @@ def command(
         ),
     ] = None,
     accept_partial: console.AcceptPartial = False,
+    assume: console.Assume = None,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
@@ -53,10 +54,10 @@ def command(
     require_unseen([*given, *(baseline or [])], holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
-        logs = read_pieces(given, subject, Path(scratch), accept_partial)
-        apart = read_logs(holdout or [], subject, accept_partial) if holdout else []
+        logs = read_pieces(given, subject, Path(scratch), accept_partial, assume)
+        apart = read_logs(holdout or [], subject, accept_partial, assume) if holdout else []
         if baseline:
-            healthy = read_logs(baseline, subject, accept_partial)
+            healthy = read_logs(baseline, subject, accept_partial, assume)
             found = diagnose_changes(subject, list(logs), apart, healthy, told=lambda text: advance(0, text))
         else:
             found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))

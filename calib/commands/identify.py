@@ -32,13 +32,17 @@ def command(
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
     no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
     accept_partial: console.AcceptPartial = False,
+    assume: console.Assume = None,
+    max_error: console.MaxError = None,
     out: console.Out = None,
     as_json: console.Json = False,
     configs: console.Configs = None,
-) -> None:
+) -> int:
     """Friction, base parameters and possible inertias of an arm from recordings of it.
 
-    Writes arm/ (the calibrated arm folder), result.json and report.html.
+    Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0 where the fit is good on the held-out logs (on the
+    training logs where none is held out): every joint leaves at most a fifth of its torque's variation, or half a percent of its largest
+    torque; 1 where it is poor; 2 where half of the joints leave more than all of it, or the recordings are not of this arm.
 
     Example:
 
@@ -52,6 +56,7 @@ def command(
     from calib.identification.outcome import evidence, gap_table, parameter_table
     from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import identification as page
+    from calib.verdict import Verdict
     from sim.errors import ConfigError
 
     if known_mass is not None and not loaded:
@@ -60,15 +65,15 @@ def command(
     require_unseen(given, holdout or [])
     folder = new_run(nominal, "identify", out)
     with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
-        logs = read_pieces(given, nominal, Path(scratch), accept_partial)
-        held = read_logs(holdout or [], nominal, accept_partial)
-        options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only)
+        logs = read_pieces(given, nominal, Path(scratch), accept_partial, assume)
+        held = read_logs(holdout or [], nominal, accept_partial, assume)
+        options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only, max_error=max_error)
 
         def told(stage: str, share: float) -> None:
             advance(0, f"{stage} {share:.0%}" if share else stage)
 
         if loaded:
-            carrying = read_logs(loaded, nominal, accept_partial)
+            carrying = read_logs(loaded, nominal, accept_partial, assume)
             found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, told)
         else:
             found = identify(nominal, logs, held, options, told)
@@ -76,11 +81,17 @@ def command(
         found.known.write(folder / "arm", found.model)
         found.result.write(folder / "result.json")
         page.write(folder / "report.html", found.result.as_dict(), evidence(found), nominal)
-    conclude(found.result.outcome)
-    if as_json:
-        console.print_json(found.result.as_dict())
-        return
     result = found.result
+    conclude(result.outcome)
+    then: list[str | Path]
+    if result.verdict is Verdict.GOOD:
+        then = ["validate", folder / "arm", *(holdout or [Path("OTHER_RECORDING")])]
+    else:
+        then = ["diagnose", arm, *(log or [])]
+        then += ["--holdout", *holdout] if holdout else []
+    if as_json:
+        console.print_json({**result.as_dict(), "next": console.command_line(then)})
+        return result.verdict.exit_code
     for gap, title in ((result.training, "training logs"), (result.holdout, "held-out logs")):
         if gap is not None:
             headers, rows = gap_table(result.joint_names, gap)
@@ -91,3 +102,5 @@ def command(
         console.say(f"- {sentence}")
     console.say(f"{result.outcome}.")
     console.say(f"{folder}: arm/, result.json, report.html")
+    console.next_step(then)
+    return result.verdict.exit_code

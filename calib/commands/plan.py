@@ -50,6 +50,7 @@ def command(
 
         calib plan ur10e --cell mock-ur10e --quick --out runs/plan
     """
+    from calib.claims import Claim, told
     from calib.excitation.discriminate import ENOUGH, pairs_of
     from calib.excitation.session import QUICK, Session, design, open_cell, posture
     from calib.report import plan as page
@@ -86,27 +87,28 @@ def command(
         worth = {"condition": designed.worth.condition, "identified": designed.summary["identifiable"]}
         worth["not_identified"] = designed.summary["not_identifiable"]
         page.write(folder / "plan.html", nominal, stands, designed.motions, Clearance(nominal, stands), worth)
-    known, weak = len(designed.summary["identifiable"]), len(designed.summary["not_identifiable"])
-    sentence = (
-        f"{designed.duration / 60:.1f} minutes of motion at full speed; {known} of {known + weak} parameters will be known better than the "
-        f"arm's file states them; condition number {designed.worth.condition:.3g}"
-    )
+    known, weak = list(designed.summary["identifiable"]), list(designed.summary["not_identifiable"])
+    claims = [
+        Claim("duration", {"seconds": float(designed.duration)}),
+        Claim("known", {"names": known, "of": len(known) + len(weak)}),
+        Claim("condition", {"condition": float(designed.worth.condition)}),
+    ]
     if "separation_sigma" in designed.summary:
-        sigma = float(designed.summary["separation_sigma"])
-        enough = (
-            "" if sigma >= ENOUGH else f", less than the {ENOUGH:.0f} that tell them apart: give more room or a longer --period"
-        )
-        sentence += f"; the motion discriminate parts the rivals by {sigma:.3g} standard deviations{enough}"
+        claims.append(Claim("separation", {"sigma": float(designed.summary["separation_sigma"]), "enough": ENOUGH}))
+    sentence = told(claims)
+    then: list[str | Path] = ["record", cell or "CELL", folder]
     conclude(sentence)
     if as_json:
         motions = [{"name": m.name, "kind": m.kind, "duration": m.trajectory.duration} for m in designed.motions]
-        console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary, "outcome": sentence})
+        console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary, "outcome": sentence,
+                            "claims": [claim.as_dict() for claim in claims], "next": console.command_line(then)})  # fmt: skip
         return
     console.table(
         ["motion", "kind", "duration [s]", "samples"],
         [[m.name, m.kind, m.trajectory.duration, len(m.trajectory)] for m in designed.motions],
     )
     console.say(f"{sentence}.")
-    console.say(f"{folder}: plan.toml, plan.html; approve it after looking at it, then `calib record CELL {folder}`.")
+    console.say(f"{folder}: plan.toml, plan.html; approve it after looking at it")
+    console.next_step(then)
     if viewer:
         play(nominal, stands.table.obstacles, [m.trajectory for m in designed.motions])

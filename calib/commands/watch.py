@@ -44,6 +44,7 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Table of trends; runs/watch.sqlite if not given.")
     ] = None,
     accept_partial: console.AcceptPartial = False,
+    assume: console.Assume = None,
     out: console.Out = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print each event as one JSON line as it comes, the result as the last.")
@@ -69,7 +70,7 @@ def command(
         return
     if source is None:
         raise ConfigError("nothing to watch is named; give a cell or a log, or --trend for what was watched so far")
-    with open_source(source, arm, configs, accept_partial) as opened:
+    with open_source(source, arm, configs, accept_partial, assume or ()) as opened:
         for finding in opened.findings:
             console.warn(f"{source}: {finding}")
         folder = new_run(opened.arm, "watch", out, source=str(source))

@@ -8,10 +8,10 @@ import numpy as np
 
 from calib.diagnosis.baseline import Changed, Healthy, Since
 from calib.diagnosis.corrected import Correction
-from calib.diagnosis.diagnose import Diagnosis, answer, entry
-from calib.diagnosis.integrity import checks
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.diagnose import Diagnosis, answer, entry, unusable
+from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, warmed
+from calib.gate.commands import LEAST_MOTION, examined
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.errors import AnswerIsNo
@@ -35,6 +35,10 @@ def diagnose_changes(
             f"--baseline: {len(baseline)} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
             "from one recording to the next; record the plan again, or give the others"
         )
+    told("checking")
+    trusted, refusal = examined(arm, (*baseline, *logs, *holdout), LEAST_MOTION)
+    if refusal is not None:
+        return unusable(arm, trusted)
     told("preparing")
     every = warmed([measured(log, arm) for log in (*baseline, *logs, *holdout)])
     healthy, after, apart = (
@@ -42,11 +46,7 @@ def diagnose_changes(
         every[len(baseline) : len(baseline) + len(logs)],
         every[len(baseline) + len(logs) :],
     )
-    start = Hypothesis.nominal(arm)
-    trusted = checks((*logs, *holdout), [*after, *apart], [LogModel(m, start) for m in (*after, *apart)], arm)
     shown = apart or after[-1:]
-    if not all(c.ok for c in trusted):
-        return Diagnosis(answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
     told("learning the healthy arm")
     reference = Healthy(arm, healthy)
     told("comparing with the healthy arm")

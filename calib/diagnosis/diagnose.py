@@ -13,13 +13,14 @@ import numpy as np
 from calib.diagnosis.acceptance import Key, judge
 from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.integrity import Check, checks
 from calib.diagnosis.limits import limits_reached
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import as_written, correction_of, promoted, torque_rms
 from calib.diagnosis.selection import Found, search, without
 from calib.diagnosis.unexplained import unexplained
+from calib.gate import Check
+from calib.gate.commands import LEAST_MOTION, examined
 from calib.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -53,14 +54,15 @@ def diagnose(
     arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), told: Callable[[str], None] = lambda text: None
 ) -> Diagnosis:
     """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
+    told("checking")
+    trusted, refusal = examined(arm, (*logs, *holdout), LEAST_MOTION)
+    if refusal is not None:
+        return unusable(arm, trusted)
     told("preparing")
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
     fitted, apart = every[: len(logs)], every[len(logs) :]
     shown = apart or every[-1:]
     start = Hypothesis.nominal(arm)
-    trusted = checks((*logs, *holdout), every, [LogModel(m, start) for m in every], arm)
-    if not all(c.ok for c in trusted):
-        return Diagnosis(answer(arm, "bad_data", [], [], None, shown[0].name, trusted), (), None)
     found = search(fitted, start, told)
     told("weighing the names")
     judged = judge(fitted, found.best, apart)
@@ -104,6 +106,11 @@ def diagnose(
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
+def unusable(arm: Arm, trusted: Sequence[Check]) -> Diagnosis:
+    """The answer where the recordings cannot be used."""
+    return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted), (), None)
+
+
 def answer(
     arm: Arm,
     verdict: str,
@@ -111,7 +118,7 @@ def answer(
     odd: list[dict[str, Any]],
     gap: dict[str, list[float]] | None,
     log: str,
-    trusted: list[Check],
+    trusted: Sequence[Check],
 ) -> dict[str, Any]:
     """diagnosis.json (design.md section 7)."""
     none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}

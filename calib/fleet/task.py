@@ -22,8 +22,9 @@ from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, Job, Status, base_row, refusal
 from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
+from calib.gate.commands import require
 from calib.identification.calibrated import write_calibrated
-from calib.identification.identify import Identification, identify
+from calib.identification.identify import Identification, identify, survey
 from calib.identification.portions import Kept
 from calib.validation import Validation, validate
 from logs import Log, Pieces, open_pieces
@@ -104,7 +105,9 @@ def _open(job: Job, scratch: Path) -> Opened:
 def _pieces(job: Job, recording: Recorded, folder: Path) -> Pieces:
     folder.mkdir()
     path = _here(recording.address, folder / "copy.mcap")
-    return open_pieces(path, job.arm.joint_names, folder / "unpacked", job.accept_partial)
+    pieces = open_pieces(path, job.arm.joint_names, folder / "unpacked", job.accept_partial)
+    require(job.arm, [pieces[k] for k in survey(pieces)])
+    return pieces
 
 
 def _here(address: str, copy: Path) -> Path:

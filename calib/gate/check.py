@@ -26,7 +26,10 @@ class Check:
     detail: str
     causes: tuple[Cause, ...] = field(default=())
     joints: tuple[str, ...] = ()
+    of_all: bool = False  # about several recordings together, where it is not about each
 
     def entry(self) -> dict[str, object]:
-        """As diagnosis.json has it."""
-        return {"check": self.check, "ok": bool(self.ok), "detail": self.detail}
+        """As diagnosis.json has it: what failed begins with its likeliest cause."""
+        causes = [cause.sentence for cause in self.causes]
+        said = f"most likely {causes[0]}: {self.detail}" if causes and not self.ok else self.detail
+        return {"check": self.check, "ok": bool(self.ok), "detail": said, "causes": causes}

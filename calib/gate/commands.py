@@ -1,17 +1,22 @@
-"""The gate as commands ask it: refused with its sentence, or the logs as they are to be read."""
+"""The gate as commands ask it: BadLog with the likely cause first, or the logs as they are to be read."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
-from calib.gate.correction import AS_RECORDED
+from calib.gate.check import Check
+from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
 from sim.resources import config_folders
+
+LEAST_MOTION = 5.0  # s of motion in a recording, for a diagnosis
 
 
 def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Callable[[Log], Log]:
@@ -19,15 +24,57 @@ def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Call
 
     def change(log: Log) -> Log:
         ordered = _ordered(log, arm)
-        found = gate(arm, [ordered], assume, lambda: family(configs))
+        read = read_as(ordered, assume)
+        found = gate(arm, [read], family=lambda: family(configs))
         if found.refusal is not None:
-            raise BadLog(f"{log.path or 'log'}: {found.refusal}; or take it as it is with --assume {AS_RECORDED}")
-        return found.logs[0] if any(word != AS_RECORDED for word in assume) else log
+            raise BadLog(_said(found.refusal, log))
+        return read if assume else log
 
     return change
 
 
-def family(configs: Path | None) -> list[Arm]:
+def read_as(log: Log, assume: Sequence[str]) -> Log:
+    """The log read as the words say, one after the other, which its metadata tells; ConfigError for a word that is none."""
+    for c in [parsed(word, log.joint_names) for word in assume if word != AS_RECORDED]:
+        log = applied(log, c)
+    if AS_RECORDED in assume:
+        log = replace(log, metadata={**log.metadata, ASSUMED: json.dumps([*assumed(log), AS_RECORDED], ensure_ascii=False)})
+    return log
+
+
+def require(arm: Arm, logs: Sequence[Log]) -> None:
+    """BadLog where one of the logs cannot be a recording of the arm."""
+    _, refusal = examined(arm, logs)
+    if refusal is not None:
+        raise BadLog(refusal)
+
+
+def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[tuple[Check, ...], str | None]:
+    """The checks of every log by itself, so that good ones hide no bad one, and of all together; and why they are refused, or None.
+
+    The checks end with those of the first log that is refused.
+    """
+    checks: list[Check] = []
+    for log in logs:
+        found = gate(arm, [log], family=lambda: family(None), least_motion=least_motion)
+        checks += found.checks
+        if found.refusal is not None:
+            return tuple(checks), _said(found.refusal, log)
+    if len(logs) > 1:
+        found = gate(arm, logs)
+        checks += [check for check in found.checks if check.of_all or not check.ok]
+        if found.refusal is not None:
+            return tuple(checks), _said(found.refusal)
+    return tuple(checks), None
+
+
+def _said(refusal: str, log: Log | None = None) -> str:
+    name = "these recordings" if log is None else log.path or "log"
+    return f"{name}: {refusal}; or take it as it is with --assume {AS_RECORDED}"
+
+
+@cache
+def family(configs: Path | None) -> tuple[Arm, ...]:
     """Every arm of configs/arms that can be read: what a recording may be of instead."""
     names = sorted({file.parent.name for folder in config_folders(configs, "arms") for file in folder.glob("*/arm.toml")})
     out = []
@@ -36,7 +83,7 @@ def family(configs: Path | None) -> list[Arm]:
             out.append(load_arm(name, configs))
         except ConfigError:  # an arm that is being written is no reason to refuse another one's recording
             continue
-    return out
+    return tuple(out)
 
 
 def _ordered(log: Log, arm: Arm) -> Log:

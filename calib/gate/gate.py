@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.gate import readings, scale
 from calib.gate.check import Cause, Check
-from calib.gate.correction import AS_RECORDED, Correction, applied, parsed
+from calib.gate.correction import AS_RECORDED, Correction, applied, assumed, parsed
 from calib.gate.fit import Fit, fitted, model_torque
 from calib.gate.search import LEAST_GAIN, Step, ranked, read_as, steps
 from calib.gate.signals import SHIFTS, Signals, signals
@@ -47,17 +47,24 @@ class Gate:
 
 
 def gate(
-    arm: Arm, logs: Sequence[Log], assume: Sequence[str] = (), family: Callable[[], Sequence[Arm]] | None = None
-) -> Gate:  # fmt: skip
+    arm: Arm,
+    logs: Sequence[Log],
+    assume: Sequence[str] = (),
+    family: Callable[[], Sequence[Arm]] | None = None,
+    least_motion: float = 0.0,
+) -> Gate:
     """Whether `logs` are readings of `arm`; ConfigError for a word of `assume` that is none (see `calib.gate.correction`).
 
-    `family` gives other arms that the recording may be of, when it is asked for. With `as-recorded` among `assume` nothing is refused.
+    `family` gives other arms that the recording may be of, when it is asked for. With `as-recorded` among `assume`, or said by every
+    log, nothing is refused. least_motion s: refused is a log with less of it.
     """
     with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
-        return _gate(arm, logs, assume, family)
+        return _gate(arm, logs, assume, family, least_motion)
 
 
-def _gate(arm: Arm, logs: Sequence[Log], assume: Sequence[str], family: Callable[[], Sequence[Arm]] | None) -> Gate:
+def _gate(
+    arm: Arm, logs: Sequence[Log], assume: Sequence[str], family: Callable[[], Sequence[Arm]] | None, least_motion: float
+) -> Gate:
     words = [word for word in assume if word != AS_RECORDED]
     corrections = [parsed(word, arm.joint_names) for word in words]
     read = tuple(logs)
@@ -68,11 +75,14 @@ def _gate(arm: Arm, logs: Sequence[Log], assume: Sequence[str], family: Callable
         checks += [readings.clock(log) for log in read]
     if all(check.ok for check in checks):
         checks.append(readings.twice(read))
-        checks += [readings.losses(log) for log in read] + [readings.frozen(log) for log in read]
+        for check in (readings.losses, readings.frozen):
+            checks += [check(log) for log in read]
+        checks += [readings.motion(log, least_motion) for log in read]
         checks += _physics(arm, read, family)
     failed = [check for check in checks if not check.ok]
     causes = _in_order(failed)
-    refusal = None if not failed or AS_RECORDED in assume else _refusal(failed, causes, arm.joint_names)
+    lifted = AS_RECORDED in assume or all(AS_RECORDED in assumed(log) for log in logs)
+    refusal = None if not failed or lifted else _refusal(failed, causes, arm.joint_names)
     return Gate(tuple(checks), causes, refusal, tuple(assume), read)
 
 
@@ -88,17 +98,16 @@ def _in_order(failed: Sequence[Check]) -> tuple[Cause, ...]:
 
 
 def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[str]) -> str:
-    """What is wrong, the likeliest cause, how to go on; then the others."""
+    """The likeliest cause, what was seen, how to go on; then the other causes."""
     said = "; ".join(check.detail for check in failed[:2])
-    if causes:
-        said += f"; most likely {causes[0].sentence}"
-        words = [c.word(names) for c in causes[0].corrections]
-        if words:
-            said += f": correct the recording, or read it that way with {' '.join(f'--assume {word}' for word in words)}"
-        others = [cause.sentence for cause in causes[1:MOST_CAUSES]]
-        if others:
-            said += f" (else: {'; '.join(others)})"
-    return said
+    if not causes:
+        return said
+    said = f"most likely {causes[0].sentence}: {said}"
+    words = [c.word(names) for c in causes[0].corrections]
+    if words:
+        said += f"; correct the recording, or read it that way with {' '.join(f'--assume {word}' for word in words)}"
+    others = [cause.sentence for cause in causes[1:MOST_CAUSES]]
+    return f"{said} (else: {'; '.join(others)})" if others else said
 
 
 def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[Check]:
@@ -108,10 +117,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if not len(s):
         return [Check("motion", True, "nothing moves: units, signs and columns cannot be told")]
     out = []
-    massive = bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
+    massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = _speed(arm, s, massive)
     out.append(speed)
-    limits, s = _limits(arm, logs, s, massive)
+    limits, s = _limits(arm, logs, s, massive, known)
     out.append(limits)
     if not massive:
         return [*out, Check("torque", True, "no torque or no masses: signs and columns of the drives' readings cannot be told")]
@@ -215,14 +224,14 @@ def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
     return float(ratio[np.isfinite(ratio)].sum())
 
 
-def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool) -> tuple[Check, Signals]:
+def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[Check, Signals]:
     """Positions within the joints' range, and no faster than they can."""
     beyond = np.max([readings.over_range(log, arm) for log in logs], axis=0) > readings.SHARE
     fast = readings.over_speed(s, arm) > FAST_SHARE
     low, high = s.q.min(axis=0), s.q.max(axis=0)
     if np.all((low > arm.q_min - readings.OVER_RANGE) & (high < arm.q_max + readings.OVER_RANGE)):
         beyond[:] = False  # undone already by what was found from the speed
-    wrong = beyond | fast
+    wrong = beyond & ~_turns_freely(arm, s) | fast
     if not wrong.any():
         return Check("limits", True, "positions and speeds are within the arm's limits"), s
     names, j = arm.joint_names, int(np.flatnonzero(wrong)[0])
@@ -237,10 +246,16 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool) -> tuple[C
     if wrong.sum() <= max(1, arm.n // 3):
         most = np.maximum(np.abs(low), np.abs(high))[j] / max(abs(arm.q_min[j]), abs(arm.q_max[j]))
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
-    gains = [_gain_of(arm, s, way) if massive and way.kind == "unit" else 0.0 for way in ways]
+    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
+    if massive and ways and max(gains) < -LEAST_GAIN:
+        return Check(
+            "limits", True, f"{what}; no unit makes the arm's model fit better, so that its stated limits are too narrow"
+        ), s
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
         told = scale.scale_of(arm, s, fit).log_scale
+        if not known and np.isfinite(told).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
+            told = told - np.nanmedian(told)
         if np.isfinite(told).any() and np.nanmedian(np.abs(told)) < math.log(scale.ODD) and not (fast & beyond).any():
             return Check("limits", True, f"{what}; the arm's masses fit, so that its stated limits are too narrow"), s
     order = sorted(range(len(ways)), key=lambda k: -gains[k])
@@ -255,6 +270,21 @@ def _limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool) -> tuple[C
         rivals = ranked(arm, s, SHIFTS)[:1]
         undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
     return Check("limits", False, what, causes, names), turned if undone else s
+
+
+def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:
+    """(n,) joints at whose every angle the arm's model is the same: nothing but a stop would keep such a joint from turning on."""
+    few = _every(s, max(1, len(s) // 50))
+    here = model_torque(arm, few)
+    out = np.zeros(arm.n, dtype=bool)
+    for j in range(arm.n):
+        turned = replace(few, q=few.q + np.eye(arm.n)[j])
+        out[j] = np.allclose(model_torque(arm, turned), here, rtol=1e-9, atol=1e-9)
+    return out
+
+
+def _every(s: Signals, step: int) -> Signals:
+    return replace(s, q=s.q[::step], dq=s.dq[::step], ddq=s.ddq[::step])
 
 
 def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:

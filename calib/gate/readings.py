@@ -20,12 +20,13 @@ STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
 USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
 MOST_LOST = 0.3
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
-OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 1.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
+OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
 SHARE = 0.005  # of the samples
 FACTOR = 2.2  # dq over dq/dt of q: units and gears are beyond, filters within
 NEAR = 1.25  # a ratio is a unit's factor within this
 LEAST_ROWS = 40
 ALIKE = 0.9
+STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves, and its encoder does not flicker
 
 
 def name_of(log: Log) -> str:
@@ -138,6 +139,21 @@ def _longest(flags: np.ndarray) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
+def motion(log: Log, least: float) -> Check:
+    """At least `least` seconds with a joint in motion."""
+    place = ((log.t - log.t[0]) / STRETCH).astype(int)
+    first = np.flatnonzero(np.r_[True, np.diff(place) > 0])
+    q = np.where(np.isfinite(log.q), log.q, np.nan)
+    reach = np.fmax.reduceat(q, first) - np.fmin.reduceat(q, first)
+    last = np.r_[first[1:], len(log)] - 1
+    seconds = float((log.t[last] - log.t[first])[(reach > STROKE).any(axis=1)].sum())
+    seconds *= 1 + (len(first) - 1) / max(len(log) - len(first), 1)  # the steps between stretches
+    detail = f"{name_of(log)}: {seconds:.1f} s with a joint in motion"
+    if seconds >= least:
+        return Check("motion", True, detail)
+    return Check("motion", False, f"{detail}, {least:g} s are needed", (Cause("the motion is too short: record a longer one"),))
+
+
 def twice(logs: Sequence[Log]) -> Check:
     """No recording is there twice: its rows would count twice, and as a check of itself it is none."""
     for a, b in itertools.combinations(logs, 2):
@@ -145,8 +161,9 @@ def twice(logs: Sequence[Log]) -> Check:
             cause = Cause(
                 f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
             )
-            return Check("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,))
-    return Check("recordings", True, f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording")
+            return Check("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
+    said = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
+    return Check("recordings", True, said, of_all=len(logs) > 1)
 
 
 def _same(a: Log, b: Log) -> bool:
@@ -163,7 +180,9 @@ def _same(a: Log, b: Log) -> bool:
     q_all = np.concatenate([np.nan_to_num(long.q), np.nan_to_num(load[1])], axis=1)
     scale = np.maximum(q_all.std(axis=0), 1e-9)
     found = 0
-    for k in pick:
+    for done, k in enumerate(pick):
+        if found + len(pick) - done < ALIKE * len(pick):
+            return False
         one = np.concatenate([np.nan_to_num(short.q[k]), np.nan_to_num(load[0][k])])
         found += bool((np.abs(q_all - one) < 1e-3 * scale).all(axis=1).any())
     return found >= ALIKE * len(pick)

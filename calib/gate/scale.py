@@ -111,6 +111,7 @@ def _interval(told: Scale) -> tuple[float, float]:
 def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
     """One joint's reading against those of the others: by its masses, else by its dry friction."""
     out = []
+    whole = fit.size / np.where(arm.tau_max > 0, arm.tau_max, np.nan)
     share = np.where((fit.dry > 0) & (arm.tau_max > 0) & (fit.left < LEAST_LEFT * fit.size), fit.dry / arm.tau_max, np.nan)
     for j, name in enumerate(arm.joint_names):
         others = np.delete(np.arange(arm.n), j)
@@ -126,7 +127,9 @@ def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
             if not np.isfinite(share[j]) or len(rest) < 2 or np.ptp(np.log(rest)) > 2 * math.log(DRY_ODD):
                 continue
             off = math.log(share[j] / float(np.median(rest)))
-            odd = abs(off) > math.log(DRY_ODD) and (share[j] > max(rest) * 3 or share[j] < min(rest) / 3)
+            # a joint may be without dry friction; in another unit all of its reading is small
+            small = whole[j] * DRY_ODD < float(np.nanmedian(whole[others]))
+            odd = abs(off) > math.log(DRY_ODD) and (share[j] > max(rest) * 3 or (small and share[j] < min(rest) / 3))
         if odd:
             c = Correction("scale", "tau", (j,), float(f"{math.exp(off):.3g}"))
             sentence = f"the drive's reading of {name} is {math.exp(off):.3g} times what the other joints' would make it: a gear ratio or a unit"

@@ -18,8 +18,10 @@ from calib.gate.fit import Normal, model_torque, normal
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-LEAST_GAIN = 0.07  # twice what any wrong reading gained on good recordings
+LEAST_GAIN = 0.07  # no wrong reading of a good recording gained as much in every part of it
+SURE_GAIN = 0.4  # twice what any gained as a whole: a short chirp among friction sweeps tells little about the columns
 LEAST_SHIFT_GAIN = 0.25
+PARTS = 3
 MOST_STEPS = 5
 
 
@@ -66,7 +68,7 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[Step], Si
     out: list[Step] = []
     for _ in range(MOST_STEPS):
         best = max(_candidates(arm, s, shifts), key=lambda step: step.gain, default=None)
-        if best is None or best.gain < LEAST_GAIN:
+        if best is None or best.gain < LEAST_GAIN or not (best.gain > SURE_GAIN or _holds(arm, s, best.correction)):
             break
         out.append(best)
         if best.correction.kind == "shift":
@@ -81,6 +83,30 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[Step], Si
 def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[Step]:
     """All ways of reading that gain anything, best first."""
     return sorted((c for c in _candidates(arm, s, shifts) if c.gain >= LEAST_GAIN), key=lambda step: -step.gain)
+
+
+def _holds(arm: Arm, s: Signals, c: Correction) -> bool:
+    """Whether a correction gains enough without any one part of the recording: a chance likeness is in one of them alone."""
+    if c.kind == "shift":
+        return True
+    place = np.arange(len(s)) * PARTS // max(len(s), 1)
+    order = np.arange(s.n)
+    if c.kind == "swap" and c.part == "all":
+        order[list(c.joints)] = order[list(c.joints[::-1])]
+    for part in range(PARTS):
+        few = _rows(s, place != part)
+        turned = read_as(few, c)
+        before = normal(few, model_torque(arm, few)).own(few.load)
+        after = normal(turned, model_torque(arm, turned)).own(turned.load)
+        if _gain(before, after[order]) < LEAST_GAIN:
+            return False
+    return True
+
+
+def _rows(s: Signals, keep: np.ndarray) -> Signals:
+    late = s.late[:, keep] if len(s.late) else s.late
+    arrays = {name: getattr(s, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log")}
+    return replace(s, late=late, **arrays)
 
 
 def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[Step]:

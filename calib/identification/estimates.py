@@ -15,8 +15,10 @@ CONTRACTION = 0.3
 RELATIVE = 0.1
 
 
-def base_estimates(model: TorqueModel, solution: Solution, nominal: Prior) -> tuple[Estimate, ...]:
-    """Every column's parameter as the data give it, before any question of what can exist."""
+def base_estimates(
+    model: TorqueModel, solution: Solution, nominal: Prior, written: np.ndarray | None = None
+) -> tuple[Estimate, ...]:  # fmt: skip
+    """Every column's parameter as the data give it, before any question of what can exist; written (p,): what the arm's folder holds."""
     std = np.sqrt(np.diag(solution.covariance))
     prior_std = np.sqrt(np.diag(inverse(nominal.precision)))
     out = []
@@ -28,7 +30,7 @@ def base_estimates(model: TorqueModel, solution: Solution, nominal: Prior) -> tu
         out.append(
             Estimate(
                 name, value, float(std[k]), unit, joint, float(nominal.mean[k]), lower, np.inf,
-                bool(value <= lower), known, share,
+                bool(value <= lower), known, share, None if written is None else float(written[k]), float(prior_std[k]),
             )
         )  # fmt: skip
     return tuple(out)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from calib.identification.instruments import LEVEL
 from calib.identification.model import SLIP_WIDTHS
-from calib.result import FitResult
 from sim.arm import Arm
 
 if TYPE_CHECKING:
@@ -65,16 +62,3 @@ def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
                 f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause"
             )
     return tuple(out)
-
-
-def outcome(result: FitResult) -> str:
-    """The fit in one sentence."""
-    unknown = sum(not e.identifiable for e in result.estimates)
-    gap = result.holdout or result.training
-    where = "held-out" if result.holdout else "training"
-    share = float(np.nanmean(gap.after / np.maximum(gap.before, 1e-12)))
-    told = f", the other {unknown} are not identifiable from these logs and keep the file's values" if unknown else ""
-    return (
-        f"{len(result.estimates) - unknown} of {len(result.estimates)} parameters identified{told}; condition number "
-        f"{result.condition:.3g} ({result.verdict.name.lower()}); the {where} torque residual is {share:.0%} of the nominal arm's"
-    )

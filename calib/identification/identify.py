@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.claims import told as sentence_of
+from calib.gate.commands import require
 from calib.identification.advice import advice, sentence
 from calib.identification.calibrated import calibrated_arm
+from calib.identification.claims import ASIDE, claims, judged_by
 from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.estimates import base_estimates, full_estimates
-from calib.identification.findings import findings, outcome
+from calib.identification.findings import findings
 from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
 from calib.identification.instruments import Instrumental, commanded, instrumental
@@ -40,7 +43,7 @@ LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torq
 class Options:
     """How to identify. cutoff Hz of the common filter (None: from the motion); robust: downweight outliers such as reversals;
     masses_only: keep every link's inertia about its centre of mass; slip_width rad (None: from the data); gamma: weight of the
-    nominal model in the choice among arms that explain the data equally well.
+    nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit.
     """
 
     cutoff: float | None = None
@@ -48,6 +51,7 @@ class Options:
     masses_only: bool = False
     slip_width: float | np.ndarray | None = None
     gamma: float = 0.5
+    max_error: float | None = None
 
 
 @dataclass(frozen=True)
@@ -80,9 +84,11 @@ def identify(
 
     Of more than SURVEY_SECONDS of log, a part that is spread over all of it says how rows are weighed and what its dry friction is
     like; then every log is read once and only its sums stay (in `kept`, if given), so that memory does not grow with the logs.
-    BadLog and ConfigError for logs that cannot serve; AnswerIsNo where a joint hardly moves.
+    BadLog and ConfigError for logs that cannot serve, or are not of this arm (calib.gate); AnswerIsNo where a joint hardly moves.
     """
     options = options or Options()
+    progress("checking", 0.0)
+    require(arm, [*(logs[k] for k in survey(logs)), *holdout])
     fit = fitted(arm, logs, options, progress, kept)
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
@@ -92,7 +98,7 @@ def identify(
     possible = possible_arm(model, solution.theta, solution.tight, pi0, options.gamma, options.masses_only)
     calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names)
     nominal = nominal_prior(arm, model)
-    estimates = base_estimates(model, solution, nominal)
+    estimates = base_estimates(model, solution, nominal, TorqueModel.of_arm(calibrated).nominal())
     unknown = [k for k, e in enumerate(estimates) if not e.identifiable]
     helpful = advice(
         model, solution, nominal, unknown, np.mean([m.trajectory.q.mean(axis=0) for m in fit.measurements], axis=0)
@@ -112,7 +118,7 @@ def identify(
         holdout=unseen,
         condition=solution.condition,
         condition_scaled=solution.condition_scaled,
-        verdict=Conditioning.of(solution.condition),
+        conditioning=Conditioning.of(solution.condition),
         outcome="",
         full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
         findings=(*findings(arm, fit), *(sentence(item) for item in helpful)),
@@ -123,7 +129,14 @@ def identify(
         },
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
-    result = replace(result, outcome=outcome(result))
+    verdict = judged_by(arm, result, options.max_error)
+    claimed = claims(result, verdict)
+    aside = [claim for claim in claimed if claim.name in ASIDE]
+    result = replace(
+        result, verdict=verdict.verdict, judged=verdict.as_dict(), claims=claimed,
+        outcome=sentence_of([claim for claim in claimed if claim.name not in ASIDE]),
+        findings=(*(claim.sentence for claim in aside), *result.findings),
+    )  # fmt: skip
     slow = fit.weights.sigma if fit.weights.slow is None else fit.weights.slow
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.gate.commands import require
 from calib.identification.identify import Identification, Options, fitted, identify
 from calib.identification.payload import Load, load_between, scale_from_known_mass
 from logs.log import Log
@@ -28,6 +29,7 @@ def identify_with_load(
     ones (1 N m/A is where the search begins if the arm states none). Where the drive reports torque, the load's `scale` says by how much that is off.
     """
     options = options or Options()
+    require(arm, loaded)
     if known_mass is None:
         found = identify(arm, logs, holdout, options, progress)
         same = replace(options, slip_width=found.model.slip_width, cutoff=found.result.settings["cutoff_hz"])

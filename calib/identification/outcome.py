@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from calib.identification.claims import is_changed
 from calib.identification.identify import Identification
 from calib.identification.model import FRICTION
 from calib.identification.rows import Rows
-from calib.result import FitResult, Gap
+from calib.result import Estimate, FitResult, Gap
 
 MOST_ROWS = 20_000
+SIGMAS = 1.96
 
 
 def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
@@ -47,9 +49,18 @@ def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
         cells = []
         for kind, _ in shown:
             e = result.estimate(f"{kind}_{j + 1}")
-            cells.append(f"{e.value:.4g} ± {e.std:.2g}" + ("" if e.identifiable else " (not identifiable)"))
+            cells.append(as_said(e))
         rows.append([joint, *cells])
     return ["joint", *[title for _, title in shown]], rows
+
+
+def as_said(e: Estimate) -> str:
+    """An estimate as value ± standard deviation; where the data alone put it out of bounds, how large it may be, and what is written."""
+    changed = f", written {e.written:.4g}" if is_changed(e) or e.out_of_bounds else ""
+    if e.out_of_bounds:
+        most = e.value + SIGMAS * e.std
+        return (f"below {most:.3g}" if most > e.lower else "nothing that is possible") + changed
+    return f"{e.value:.4g} ± {e.std:.2g}" + ("" if e.identifiable else " (not identifiable)") + changed
 
 
 def evidence(found: Identification) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
-_VERDICTS: dict[str, Verdict] = {"good": "good", "usable": "good", "poor": "open", "bad": "bad"}
+_VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
 
 
 def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, Any], arm: Arm | None = None) -> Path:
@@ -23,7 +23,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     arm       for the interactive curves and the arm in 3D, which are left out without it
     """
     held_out = result.get("holdout") is not None
-    page = Page(result["arm"], result["outcome"], _VERDICTS[result["verdict"]], _facts(result), "identification")
+    page = Page(result["arm"], result["outcome"], _VERDICTS.get(result["verdict"], "bad"), _facts(result), "identification")
     if result.get("findings"):
         page.aside("What to know about it", list(result["findings"]))
     names = list(evidence["joint_names"])
@@ -115,7 +115,7 @@ def _parameters(page: Page, result: Mapping[str, Any]) -> None:
         if not result.get(key):
             continue
         rows = [
-            [e["name"], e["joint"], e["value"], e["std"], _edge(e, -1), _edge(e, 1), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e)]
+            [e["name"], e["joint"], *_numbers(e), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e)]
             for e in result[key]
         ]  # fmt: skip
         page.table(headers, rows, title, fold=key == "full")
@@ -126,10 +126,20 @@ def _label(estimate: Mapping[str, Any]) -> str:
     return f"{name[:60]}…" if len(name) > 60 else name
 
 
+def _numbers(estimate: Mapping[str, Any]) -> list[float | None]:
+    """Value, standard deviation and interval; what the data alone put out of bounds is no estimate."""
+    if estimate["lower"] is not None and estimate["value"] < estimate["lower"]:
+        return [None, None, estimate["lower"], max(_edge(estimate, 1) or 0.0, estimate["lower"])]
+    return [estimate["value"], estimate["std"], _edge(estimate, -1), _edge(estimate, 1)]
+
+
 def _edge(estimate: Mapping[str, Any], side: int) -> float | None:
     return None if estimate["std"] is None else estimate["value"] + side * 1.96 * estimate["std"]
 
 
 def _note(estimate: Mapping[str, Any]) -> str:
     notes = [] if estimate["identifiable"] else ["not identifiable from this data"]
+    written, std = estimate.get("written"), estimate["std"]
+    if written is not None and std is not None and abs(written - estimate["value"]) > std:
+        notes.append(f"written {written:.4g}, so that the arm can exist")
     return ", ".join([*notes, "at its bound"] if estimate["at_bound"] else notes)

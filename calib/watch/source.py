@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calib.gate.commands import read_as, require
 from calib.recordings import recorded_arm
 from calib.watch.watcher import Declared
 from drivers import open_driver
@@ -52,12 +53,21 @@ def is_log(reference: str) -> bool:
 
 @contextmanager
 def open_source(
-    reference: str, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False
+    reference: str,
+    arm: str | None = None,
+    configs: Path | None = None,
+    accept_partial: bool = False,
+    assume: Sequence[str] = (),
 ) -> Iterator[Source]:
-    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should."""
+    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should.
+
+    assume: words of `calib.gate.correction` that say how a log is to be read; ConfigError for a cell, whose driver knows.
+    """
     if is_log(reference):
-        yield from_log(Path(reference), arm, configs, accept_partial)
+        yield from_log(Path(reference), arm, configs, accept_partial, assume)
         return
+    if assume:
+        raise ConfigError(f"--assume {assume[0]}: is for recordings; {reference} is read by its driver, whose units are known")
     cell = load_cell(reference, configs)
     model = load_arm(arm or cell.table.arm, configs)
     driver = open_driver(cell, model)
@@ -85,8 +95,10 @@ def open_source(
         driver.close()
 
 
-def from_log(path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False) -> Source:
-    """The readings of a log, of the arm that it names or that is named for it; BadLog where the two are not the same arm."""
+def from_log(
+    path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False, assume: Sequence[str] = ()
+) -> Source:  # fmt: skip
+    """The readings of a log, of the arm that it names or that is named for it; BadLog where it cannot be that arm's."""
     about = read_log(path, accept_partial=accept_partial)
     said = about.metadata.get("arm")
     if not (arm or said):
@@ -97,7 +109,7 @@ def from_log(path: Path, arm: str | None = None, configs: Path | None = None, ac
             f"{path}: was recorded of {said}, the arm given is {model.name}: nothing that it shows would be about this arm; "
             "leave --arm out, or name an arm folder of that arm"
         )
-    log = read_log(path, model.joint_names, accept_partial=accept_partial)
+    log = read_as(read_log(path, model.joint_names, accept_partial=accept_partial), assume)
     if len(log) < 2:
         raise BadLog(f"{path}: {len(log)} samples; there is nothing to watch")
     silent = ~np.isfinite(log.tau).any(axis=0)
@@ -107,10 +119,11 @@ def from_log(path: Path, arm: str | None = None, configs: Path | None = None, ac
             f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to make one of; write torque_constant "
             "into its arm.toml, or record effort"
         )
-    declared = _declared(log)
+    declared, gravity = _declared(log), _mounting(log)
+    require(model if gravity is None else replace(model, tree=replace(model.tree, gravity=gravity)), [log])
     return Source(
         path.name, model, 1.0 / float(np.median(np.diff(log.t))), _states(log), lambda: declared,
-        _mounting(log), float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
+        gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
         facts={"log": str(path)},
     )  # fmt: skip
 

@@ -112,8 +112,12 @@ def test_mistake(line: str, desk: Path, snapshot: SnapshotAssertion, capsys: pyt
 
 
 def test_a_log_of_another_arm_is_said_aloud(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 0
-    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in capsys.readouterr().err
+    assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in said
+    assert "most likely it is a recording of servo6" in said
+    assert main(["validate", "ur10e", "excitation.mcap", "--no-forward", "--assume", "as-recorded"]) == 2
+    assert "wrong arm" in capsys.readouterr().out
 
 
 def test_the_short_words_are_known_too(capsys: pytest.CaptureFixture[str]) -> None:

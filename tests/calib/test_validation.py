@@ -15,7 +15,7 @@ from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import identify
 from calib.identification.known import FILE, Known
 from calib.validation import validate
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
 from tests.calib.conftest import fourier_motion, recorded, varied
@@ -64,7 +64,8 @@ def test_a_log_that_stands_still_compares_nothing(ur5e: Arm) -> None:
 
 
 def test_the_command_writes_what_design_says(ur5e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = recorded(ur5e, fourier_motion(ur5e, 1, seconds=4.0))
+    ur10e = load_arm("ur10e")
+    log = recorded(ur10e, fourier_motion(ur5e, 1, seconds=4.0))
     file = tmp_path / "log.csv"
     columns = (
         [f"actual_q_{j}" for j in range(6)] + [f"actual_qd_{j}" for j in range(6)] + [f"actual_current_{j}" for j in range(6)]
@@ -72,12 +73,14 @@ def test_the_command_writes_what_design_says(ur5e: Arm, tmp_path: Path, monkeypa
     with file.open("w") as stream:
         stream.write("timestamp," + ",".join(columns) + "\n")
         for t, q, dq, tau in zip(log.t, log.q, log.dq, log.tau, strict=True):
-            stream.write(",".join(repr(float(x)) for x in (t, *q, *dq, *(tau / 10.0))) + "\n")
+            stream.write(",".join(repr(float(x)) for x in (t, *q, *dq, *(tau / ur10e.torque_constant))) + "\n")
     monkeypatch.chdir(tmp_path)
     assert program.main(["validate", "ur5e", str(file)]) == 2  # the ur5e states no torque constant
     assert program.main(["validate", "ur10e", str(file), "--no-forward", "--out", "out"]) == 0
     table = json.loads((tmp_path / "out" / "validation.json").read_text())
     assert table["schema"] == "validation/1"
+    assert table["verdict"] == "good"
+    assert [row["verdict"] for row in table["joint_verdicts"]] == ["good"] * 6
     with (tmp_path / "out" / "prediction.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     names = [f"{k}_{j}" for k in ("tau", "tau_hat") for j in table["joints"]]

@@ -175,7 +175,7 @@ def test_weak_evidence_that_others_would_bring_too_is_no_name() -> None:
     assert not judged(weak + 2.0, rival).doubtful
 
 
-@pytest.mark.parametrize(("factor", "check"), [(-1.0, "sign"), (101.0, "scale")])
+@pytest.mark.parametrize(("factor", "check"), [(-1.0, "torque"), (101.0, "size")])
 def test_a_wrong_sign_or_unit_is_a_fault_of_the_recording(ur10e: Arm, factor: float, check: str) -> None:
     logs = [recording(ur10e, seed) for seed in (1, 2)]
     wrong = [replace(log, tau=log.tau * np.where(np.arange(6) == 1, factor, 1.0)) for log in logs]
@@ -193,4 +193,4 @@ def test_a_frozen_joint_and_speed_in_degrees_are_faults_of_the_recording(ur10e: 
     assert "frozen joints" in [c["check"] for c in failed]
     assert "shoulder_lift_joint" in next(c["detail"] for c in failed if c["check"] == "frozen joints")
     degrees = replace(log, dq=np.degrees(log.dq))
-    assert [c["check"] for c in diagnose(ur10e, [degrees]).answer["data_checks"] if not c["ok"]] == ["units"]
+    assert [c["check"] for c in diagnose(ur10e, [degrees]).answer["data_checks"] if not c["ok"]] == ["speed"]

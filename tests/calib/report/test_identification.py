@@ -21,7 +21,7 @@ def fit(holdout: bool = True) -> FitResult:
     )
     return FitResult(
         arm="ur10e", joint_names=tuple(examples.JOINTS), estimates=estimates, covariance=np.eye(3), training=gap,
-        holdout=gap if holdout else None, condition=38.0, condition_scaled=12.0, verdict=Conditioning.GOOD,
+        holdout=gap if holdout else None, condition=38.0, condition_scaled=12.0, conditioning=Conditioning.GOOD,
         outcome="The torque of ur10e is predicted to 2 % on a log that was held out", full=estimates[:1],
         findings=("elbow_joint stood still for 3 s",), excluded=(("excitation.mcap", "elbow_joint", "saturated <b>", 0.4),),
         settings={"cutoff_hz": 8.0},

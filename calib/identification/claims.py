@@ -1,0 +1,72 @@
+"""What an identification claims, from its numbers and from what it wrote."""
+
+from __future__ import annotations
+
+from calib.claims import Claim
+from calib.result import Estimate, FitResult, Gap
+from calib.verdict import Judged, judged
+from sim.arm import Arm
+
+KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
+CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
+WORSE = 1.02
+ASIDE = ("projected", "out_of_bounds")  # said among the findings
+
+
+def shown(result: FitResult) -> tuple[Gap, str]:
+    """The residual that a fit is judged by, and which logs it is of."""
+    return (result.holdout, "the held-out logs") if result.holdout else (result.training, "the training logs")
+
+
+def judged_by(arm: Arm, result: FitResult, most: float | None = None) -> Judged:
+    """The fitted arm, judged by the held-out logs, or by the training logs where nothing was held out."""
+    gap, _ = shown(result)
+    return judged(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
+
+
+def claims(result: FitResult, verdict: Judged) -> tuple[Claim, ...]:
+    """What the outcome says, in its order."""
+    gap, where = shown(result)
+    out = [verdict.claim(result.arm, where)]
+    worse = [
+        {"joint": joint, "before": float(before), "after": float(after)}
+        for joint, before, after in zip(result.joint_names, gap.before, gap.after, strict=True)
+        if after > WORSE * before
+    ]
+    if worse:
+        out.append(Claim("worse", {"where": where, "joints": worse}))
+    known = [e for e in result.estimates if e.identifiable]
+    out.append(Claim("identified", {"names": [e.name for e in known], "of": len(result.estimates)}))
+    away = {e.name: _moved(e) for e in result.estimates if not e.identifiable}
+    kept = [name for name, by in away.items() if by <= KEPT]
+    moved = {name: by for name, by in away.items() if by > KEPT}
+    if kept:
+        out.append(Claim("kept", {"names": kept, "within": KEPT}))
+    if moved:
+        farthest = max(moved, key=lambda name: moved[name])
+        out.append(Claim("moved", {"names": list(moved), "most": moved[farthest], "farthest": farthest}))
+    changed = [e for e in result.estimates if not e.out_of_bounds and is_changed(e)]
+    if changed:
+        out.append(Claim("projected", {"parameters": [_row(e) for e in changed]}))
+    outside = [e for e in result.estimates if e.out_of_bounds]
+    if outside:
+        out.append(Claim("out_of_bounds", {"parameters": [_row(e) | {"lower": e.lower} for e in outside]}))
+    return (*out, Claim("condition", {"condition": float(result.condition), "scaled": float(result.condition_scaled)}))
+
+
+def is_changed(e: Estimate) -> bool:
+    """Whether what is written differs from the estimate by more than its standard deviation."""
+    return e.written is not None and abs(e.written - e.value) > CHANGED * e.std
+
+
+def _moved(e: Estimate) -> float:
+    """How far what is written is from the file's value, in the file's own standard deviations."""
+    if e.written is None or e.nominal is None:
+        return float("inf")
+    if not e.prior_std:
+        return 0.0 if e.written == e.nominal else float("inf")
+    return float(abs(e.written - e.nominal) / e.prior_std)
+
+
+def _row(e: Estimate) -> dict[str, object]:
+    return {"name": e.name, "estimate": e.value, "std": e.std, "written": e.written}

@@ -1,0 +1,105 @@
+"""Is a model good for an arm? Its residual beside the torque's variation, joint by joint, against limits that are stated beforehand.
+
+good       every joint leaves at most GOOD_SHARE of its torque's variation, or at most SMALL of its largest torque
+poor       some joint leaves more
+wrong arm  at least half of the joints leave more than WRONG_SHARE: their mean torque alone would predict better
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calib.claims import Claim
+
+GOOD_SHARE, SMALL, WRONG_SHARE = 0.2, 0.005, 1.0
+
+
+class Verdict(enum.Enum):
+    """The value is the word shown to people."""
+
+    GOOD = "good"
+    POOR = "poor"
+    WRONG_ARM = "wrong arm"
+    NOTHING = "nothing compared"
+
+    @property
+    def exit_code(self) -> int:
+        """0 good, 1 the answer is no, 2 the data or the arm cannot serve."""
+        return {Verdict.GOOD: 0, Verdict.POOR: 1}.get(self, 2)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was asked of every joint."""
+
+    joint_names: tuple[str, ...]
+    left: np.ndarray
+    limit: np.ndarray
+    share: float
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Of every joint."""
+        return tuple(
+            Verdict.NOTHING if np.isnan(x) else Verdict.WRONG_ARM if x > WRONG_SHARE and x > limit
+            else Verdict.POOR if x > limit else Verdict.GOOD
+            for x, limit in zip(self.left, self.limit, strict=True)
+        )  # fmt: skip
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of all joints together."""
+        told = [v for v in self.verdicts if v is not Verdict.NOTHING]
+        if not told:
+            return Verdict.NOTHING
+        if 2 * told.count(Verdict.WRONG_ARM) >= len(told):
+            return Verdict.WRONG_ARM
+        return Verdict.GOOD if set(told) == {Verdict.GOOD} else Verdict.POOR
+
+    @property
+    def worst(self) -> int | None:
+        """The joint that is farthest beyond its limit, or nearest to it; None where nothing was compared."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            over = self.left / self.limit
+        return None if np.isnan(over).all() else int(np.nanargmax(over))
+
+    def claim(self, arm: str, where: str) -> Claim:
+        """The verdict with the worst joint; where: which logs, in words."""
+        k = self.worst
+        return Claim(
+            "residual",
+            {
+                "arm": arm, "where": where, "verdict": self.verdict.value,
+                "worst": None if k is None else self.joint_names[k],
+                "left": None if k is None else float(self.left[k]),
+                "limit": None if k is None else float(self.limit[k]),
+                "beyond": [j for j, v in zip(self.joint_names, self.verdicts, strict=True) if v in (Verdict.POOR, Verdict.WRONG_ARM)],
+            },
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """verdict, the limits, and a row for every joint."""
+        return {
+            "verdict": self.verdict.value,
+            "limits": {"good": self.share, "wrong_arm": WRONG_SHARE, "unit": "share of the torque's standard deviation"},
+            "joint_verdicts": [
+                {"joint": j, "verdict": v.value, "left": None if np.isnan(x) else float(x), "limit": float(limit)}
+                for j, v, x, limit in zip(self.joint_names, self.verdicts, self.left, self.limit, strict=True)
+            ],
+        }
+
+
+def judged(
+    joint_names: tuple[str, ...], residual: np.ndarray, signal: np.ndarray, tau_max: np.ndarray, most: float | None = None
+) -> Judged:  # fmt: skip
+    """residual, signal, tau_max (n,) N m; with `most`, every joint may leave that share and no more, however small its torque."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.where(signal > 0, residual / signal, np.nan)
+        small = SMALL * np.where(np.isfinite(tau_max), tau_max, 0.0) / np.where(signal > 0, signal, np.nan)
+    share = GOOD_SHARE if most is None else most
+    limit = np.full(len(left), share) if most is not None else np.fmax(share, small)
+    return Judged(tuple(joint_names), left, limit, share)
