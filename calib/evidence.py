@@ -47,7 +47,7 @@ def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: S
     curves["before"], curves["after"] = curves.pop("tau_hat"), of_check(last)["tau_hat"]
     curves["others"] = []
     for other in others[:MOST_OTHERS]:
-        both = [of_check(checked(a, other, Known.of_arm(a), forward=False)) for a in (arm, corrected)]
+        both = [of_check(checked(a, other, None)) for a in (arm, corrected)]
         curves["others"].append(both[0] | {"before": both[0]["tau_hat"], "after": both[1]["tau_hat"]})
     forward = {}
     if first.forward is not None and last.forward is not None and first.windows:
