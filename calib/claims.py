@@ -42,7 +42,7 @@ def _some(names: Sequence[str]) -> str:
 
 def _residual(n: Mapping[str, Any]) -> str:
     if n["worst"] is None:
-        return f"no joint of {n['arm']} moves in {n['where']}, so nothing was compared"
+        return f"nothing was compared: no joint of {n['arm']} moves in {n['where']} under a torque that it can have"
     beyond = n["beyond"]
     verdict = (
         "good" if n["verdict"] == "good" else "poor" if n["verdict"] == "poor" else "wrong arm, or a model that is none of it"

@@ -1,4 +1,7 @@
-"""Which samples cannot be readings of an arm: not finite, out of any range, or a jump that no joint can make."""
+"""Which samples are damage: not finite, beyond what any arm gives in any unit, or a jump that stands out of the recording's own speeds.
+
+What is of another unit throughout is not damaged: whose readings these are, the gate asks (calib.gate).
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-VALUE_MAX = {"q": 1e4, "dq": 100.0, "tau": 1e5, "current": 1e4, "temperature": 1e3}
+VALUE_MAX = {"q": 1e5, "dq": 2e4, "tau": 1e7, "current": 1e6, "temperature": 1e3}
 UNIT = {"q": "rad", "dq": "rad/s", "tau": "N m", "current": "A", "temperature": "degC"}
 STEP_SPEED_MAX = 100.0  # rad/s: several times what the fastest servo joint reaches
+STEP_SPEED_WILD = 1e4  # rad/s: not even in degrees or behind a gear
+STEP_RATIO, STEP_QUANTILE, STEP_ROWS = (
+    5.0,
+    0.9,
+    50,
+)  # times the speed that a tenth of the steps exceeds, where so many steps tell it
 STEP_SLACK = 0.01  # rad: two readings may share a stamp
 ROWS = 1 << 16  # looked at together: an hour's arrays are never held twice
 
@@ -65,13 +74,26 @@ def _first(name: str, values: np.ndarray) -> Fault | None:
     )
 
 
+def _step_speed(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(n,) rad/s that no step may exceed: STEP_SPEED_MAX, or what the recording's own steps make likely in another unit."""
+    least = np.full(q.shape[1], STEP_SPEED_MAX)
+    if len(q) <= STEP_ROWS:
+        return least
+    at = np.unique(np.linspace(0, len(q) - 2, min(len(q) - 1, ROWS)).astype(int))
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        speed = np.abs(q[at + 1] - q[at]) / np.abs(t[at + 1] - t[at])[:, None]
+    speed[~np.isfinite(speed)] = 0.0
+    return np.clip(STEP_RATIO * np.quantile(speed, STEP_QUANTILE, axis=0), STEP_SPEED_MAX, STEP_SPEED_WILD)
+
+
 def _steps(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    most = _step_speed(t, q)
     out = np.empty((max(len(q) - 1, 0), q.shape[1]), dtype=bool)
     with np.errstate(invalid="ignore", over="ignore"):
         for at in range(0, len(out), ROWS):
             part = slice(at, at + ROWS + 1)
-            reach = STEP_SPEED_MAX * np.abs(np.diff(t[part])) + STEP_SLACK
-            out[at : at + ROWS] = np.abs(np.diff(q[part], axis=0)) > reach[:, None]
+            reach = np.abs(np.diff(t[part]))[:, None] * most + STEP_SLACK
+            out[at : at + ROWS] = np.abs(np.diff(q[part], axis=0)) > reach
     return out
 
 
@@ -80,7 +102,8 @@ def _first_step(t: np.ndarray, q: np.ndarray) -> Fault | None:
     if not jumps.any():
         return None
     k, joint = np.argwhere(jumps)[0]
-    rule = f"within {STEP_SPEED_MAX:g} rad/s of the sample before ({q[k, joint]:g} rad, {t[k + 1] - t[k]:.4g} s earlier)"
+    most = _step_speed(t, q)[joint]
+    rule = f"within {most:.3g} rad/s of the sample before ({q[k, joint]:g} rad, {t[k + 1] - t[k]:.4g} s earlier)"
     return Fault(int(k) + 1, "q", int(joint), float(q[k + 1, joint]), rule)
 
 
@@ -90,13 +113,14 @@ def _off_level(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     off = np.zeros(len(t), dtype=bool)
     if not len(cuts):
         return off
+    most = _step_speed(t, q)
     starts, ends = np.r_[0, cuts], np.r_[cuts, len(t)]
     longest = int(np.argmax(ends - starts))
     for order, edge in ((range(longest + 1, len(starts)), 1), (range(longest - 1, -1, -1), -1)):
         anchor = ends[longest] - 1 if edge > 0 else starts[longest]
         for k in order:
             near, far = (starts[k], ends[k] - 1) if edge > 0 else (ends[k] - 1, starts[k])
-            reach = STEP_SPEED_MAX * max(abs(t[near] - t[anchor]), 0.0) + STEP_SLACK
+            reach = most * max(abs(t[near] - t[anchor]), 0.0) + STEP_SLACK
             if np.all(np.abs(q[near] - q[anchor]) <= reach):
                 anchor = far
             else:

@@ -55,6 +55,8 @@ def command(
     conclude(found.outcome)
     verdict = found.judged.verdict
     then: list[str | Path] = ["export", arm] if verdict is Verdict.GOOD else ["diagnose", arm, *given]
+    if verdict is Verdict.NOTHING:
+        then = ["plan", arm]
     if as_json:
         console.print_json({**found.as_dict(), "next": console.command_line(then)})
         return verdict.exit_code

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from calib.gate.correction import Correction
+
+MOST_CAUSES = 3  # that are told
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,11 @@ class Cause:
     gain: float = 0.0
     corrections: tuple[Correction, ...] = ()
     interval: tuple[float, float] | None = None
+
+
+def options(cause: Cause, names: Sequence[str]) -> str:
+    """The options of a command that undo a cause."""
+    return " ".join(f"--assume {c.word(names)}" for c in cause.corrections)
 
 
 @dataclass(frozen=True)
@@ -32,4 +40,6 @@ class Check:
         """As diagnosis.json has it: what failed begins with its likeliest cause."""
         causes = [cause.sentence for cause in self.causes]
         said = f"most likely {causes[0]}: {self.detail}" if causes and not self.ok else self.detail
+        if not self.ok and causes and self.causes[0].corrections:
+            said += f"; read it that way with {options(self.causes[0], self.joints)}"
         return {"check": self.check, "ok": bool(self.ok), "detail": said, "causes": causes}

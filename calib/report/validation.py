@@ -52,6 +52,8 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
 
 def _curves(page: Page, names: Sequence[str], curves: Mapping[str, Any]) -> None:
     t, tau, tau_hat, q, dq = (np.asarray(curves[k], float) for k in ("t", "tau", "tau_hat", "q", "dq"))
+    if not len(t):  # nothing of the log was usable; the table says so
+        return
     page.section(f"Torque, measured and predicted: {curves['log']}").figure(
         pictures.torques(names, t, tau, {"after": tau_hat}, words=_WORDS), f"On {curves['log']}."
     )

@@ -233,3 +233,111 @@ def test_every_real_recording_of_the_ur10e_passes(real_data: Path) -> None:
         assert gate(of, [read_log(file, of.joint_names)], family=family).refusal is None, file.name
     together = gate(of, [read_log(file, of.joint_names) for file in files], family=family)
     assert together.refusal is None, together.refusal
+
+
+def test_a_joint_may_turn_beyond_its_range_where_no_angle_matters() -> None:
+    """A free shaft turns on; an elbow with masses behind it does not, unless its masses say so."""
+    of, log = base("servo6 2")
+    far = log.q + np.array([40.0, 0, 0, 0, 0, 0])  # the first axis is upright
+    assert gate(of, [replace(log, q=far)]).refusal is None
+    bent = replace(log, q=log.q + np.array([0, 0, 40.0, 0, 0, 0]))
+    assert "elbow_joint" in (gate(of, [bent]).refusal or "")
+
+
+def test_masses_that_nobody_knows_tell_nothing() -> None:
+    of, log = base("servo6 2")
+    unknown = replace(of, prior=of.prior.model_copy(update={"numbers": "unknown"}))
+    assert gate(unknown, [replace(log, tau=log.tau * 30)], family=family).refusal is None
+    assert gate(unknown, [replace(log, dq=np.degrees(log.dq))]).refusal
+
+
+def test_friction_sweeps_are_no_wrong_columns() -> None:
+    """One joint after the other at constant speeds, and a short chirp with an effect that the model has not: little tells columns apart."""
+    of, log = base("servo6 2")
+    still = np.arange(len(log)) < 0.8 * len(log)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        ripple = 0.3 * log.tau.std(axis=0) * np.sin(rng.uniform(5, 20, of.n) * log.q + rng.uniform(0, 6, of.n))
+        read = replace(log, tau=log.tau + np.where(still[:, None], 0.0, ripple))
+        assert gate(of, [read], family=family).refusal is None
+
+
+def test_a_joint_without_dry_friction_is_no_other_unit() -> None:
+    from benchmarks.known_truth import fourier_motion, recorded
+    from benchmarks.wrong_data import _within
+    from sim.arm import ArmEffect
+    from sim.effects import with_effect
+
+    of = arm("ur5e")
+    smooth = with_effect(of, ArmEffect("coulomb_friction", "wrist_3_joint", {"coulomb": 0.0}))
+    log = recorded(smooth, _within(of, fourier_motion(of, 31, 10.0, 100.0)), 3)
+    assert gate(of, [log], family=family).refusal is None
+
+
+def test_seconds_of_motion_are_counted() -> None:
+    of, log = base("servo6 2")
+    few = log.t < log.t[0] + 4.0
+    short = replace(log, **{name: getattr(log, name)[few] for name in ("t", "t_host", "q", "dq", "tau", "current", "temperature",
+                                                                      "q_cmd", "dq_cmd", "tau_cmd")})  # fmt: skip
+    assert gate(of, [short]).refusal is None
+    refusal = gate(of, [short], least_motion=5.0).refusal or ""
+    assert "record a longer one" in refusal
+    assert gate(of, [log], least_motion=20.0).refusal is None
+    gappy = np.arange(len(log)) % 7 != 3  # gaps of a sample cost nothing but themselves
+    assert gate(of, [replace(log, **{name: getattr(log, name)[gappy] for name in ("t", "t_host", "q", "dq", "tau", "current",
+                     "temperature", "q_cmd", "dq_cmd", "tau_cmd")})], least_motion=20.0).refusal is None  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["identify", "validate", "diagnose", "watch"])
+@pytest.mark.parametrize(
+    "what", ["degrees", "speeds in deg/s", "load reversed, elbow_joint", "joints exchanged, elbow_joint,wrist_1_joint"]
+)
+def test_every_command_refuses_with_the_cause_first(
+    command: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from benchmarks.wrong_data import Case, through
+
+    monkeypatch.chdir(tmp_path)
+    of, log = base("servo6 2")
+    wrong, right = changes(of)[what](log, of, np.random.default_rng(5))
+    code, said = through(command, Case(what, of, (wrong,), (what,), right), tmp_path)
+    assert code == 2
+    assert any(word in said for word in right), said
+    assert command == "diagnose" or not list(tmp_path.glob("out/arm"))
+
+
+def test_a_good_log_hides_no_bad_one(tmp_path: Path) -> None:
+    from calib.identification.identify import identify
+    from calib.validation import validate
+    from sim.errors import BadLog
+
+    of, log = base("servo6 2")
+    other = recorded_again(of)
+    wrong = replace(other, tau=other.tau * np.array([1, 1, -1, 1, 1, 1]))
+    for ask in (lambda: identify(of, [log], [wrong]), lambda: identify(of, [wrong, log]), lambda: validate(of, [log, wrong])):
+        with pytest.raises(BadLog, match="most likely the drive's reading of elbow_joint has the opposite direction"):
+            ask()
+    with pytest.raises(BadLog, match="the same recording"):
+        identify(of, [log], [replace(log, q=np.round(log.q, 6))])
+
+
+def recorded_again(of: Arm) -> Log:
+    from benchmarks.known_truth import fourier_motion, recorded
+    from benchmarks.wrong_data import _within
+
+    return recorded(of, _within(of, fourier_motion(of, 77, 12.0, 100.0)), 5)
+
+
+def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from benchmarks.wrong_data import _scaled
+    from logs.convert import write_log
+
+    monkeypatch.chdir(tmp_path)
+    of, log = base("servo6 2")
+    write_log(_scaled(log, ("tau",), 1000.0), tmp_path / "wrong.mcap", "clean", {})
+    assert main(["validate", "servo6", "wrong.mcap", "--no-forward"]) == 2
+    assert main(["validate", "servo6", "wrong.mcap", "--no-forward", "--assume", "tau=mNm"]) in (0, 1)
+    assert main(["import", "wrong.mcap", "--arm", "servo6", "--assume", "as-recorded", "--out", "taken"]) == 0
+    assert json.loads(read_log("taken/wrong.mcap", of.joint_names).metadata["assumed"]) == ["as-recorded"]
+    assert main(["validate", "servo6", "taken/wrong.mcap", "--no-forward", "--out", "judged"]) == 2
+    assert json.loads(Path("judged/validation.json").read_text())["verdict"] == "wrong arm"

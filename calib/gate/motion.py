@@ -1,0 +1,163 @@
+"""Do position and speed go together, and within what the arm can do? Units, gears, signs and columns of the motion alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.gate import readings, scale
+from calib.gate.check import MOST_CAUSES, Cause, Check
+from calib.gate.correction import Correction
+from calib.gate.fit import fitted, model_torque
+from calib.gate.search import LEAST_GAIN, ranked, read_as
+from calib.gate.signals import SHIFTS, Signals
+from logs.log import Log
+from sim.arm import Arm
+
+OF_SPEED = {57.29578: ("dq", "deg/s"), 9.549297: ("dq", "rpm"), 0.1591549: ("dq", "rev/s"), 0.01745329: ("q", "deg")}
+GEAR_LEAST = 5.0
+MOST_ODD = 0.34  # of the joints may have a speed of their own where a unit is common to the others
+FAST_SHARE = 0.05
+
+
+def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
+    """The speed reading must be the derivative of the position; the rows come back with their likely cause undone."""
+    table, told = readings.ratios(s), readings.told(s)
+    own = np.diagonal(table)
+    with np.errstate(invalid="ignore"):
+        wrong = told & ~(np.abs(np.log(np.abs(own))) < math.log(readings.FACTOR)) | told & (own < 0)
+    if not wrong.any():
+        return Check(
+            "speed", True, "speed is the derivative of position" if told.any() else "no speed reading, or no motion"
+        ), s
+    ways = _of_ratio(own, told, wrong) or _of_columns(table, told, wrong)
+    if not ways:
+        worst = int(np.flatnonzero(wrong)[0])
+        value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
+        return Check(
+            "speed", True, f"the speed of {arm.joint_names[worst]} is {value} the derivative of its position, by no unit"
+        ), s
+    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
+    order = sorted(range(len(ways)), key=lambda k: -gains[k])
+    names = arm.joint_names
+    causes = tuple(Cause(ways[k].sentence(names), max(gains[k], 0.0), (ways[k],)) for k in order[:MOST_CAUSES])
+    ratio = ", ".join(f"{names[j]} {own[j]:.3g}" if np.isfinite(own[j]) else f"{names[j]} none" for j in np.flatnonzero(wrong))
+    best = ways[order[0]]
+    s = read_as(s, best) if best.part == "q" else s
+    return Check(
+        "speed", False, f"the speed is not the derivative of the position, but this much times it: {ratio}", causes, names
+    ), s
+
+
+def _of_ratio(own: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+    """Units, gear ratios and signs that make dq the derivative of q."""
+    values = own[told & np.isfinite(own)]
+    if not len(values):
+        return []
+    common = float(np.median(np.abs(values)))
+    apart = np.abs(np.log(np.abs(values) / common)) > math.log(readings.NEAR)
+    if len(values) >= (1 - MOST_ODD) * told.sum() and apart.mean() <= MOST_ODD:
+        named = [Correction("unit", part, unit=unit) for factor, (part, unit) in OF_SPEED.items()
+                 if abs(math.log(common / factor)) < math.log(readings.NEAR)]  # fmt: skip
+        if named:
+            return named
+    out = []
+    for j in np.flatnonzero(wrong):
+        if not np.isfinite(own[j]):
+            return []
+        if own[j] < 0 and abs(math.log(-own[j])) < math.log(readings.FACTOR):
+            out += [Correction("sign", "q", (int(j),)), Correction("sign", "dq", (int(j),))]
+        elif abs(own[j]) > GEAR_LEAST:
+            out.append(Correction("scale", "dq", (int(j),), float(f"{own[j]:.4g}")))
+        elif abs(own[j]) < 1 / GEAR_LEAST:
+            out.append(Correction("scale", "q", (int(j),), float(f"{1 / own[j]:.4g}")))
+    return out
+
+
+def _of_columns(table: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+    """Two joints whose speeds stand in each other's column."""
+    out = []
+    for j in np.flatnonzero(wrong):
+        for k in np.flatnonzero(wrong):
+            if k > j and np.isfinite(table[j, k]) and np.isfinite(table[k, j]):
+                both = (int(j), int(k))
+                out += [Correction("swap", "q", both), Correction("swap", "dq", both)]
+    return out
+
+
+def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
+    """How much better the model fits; a correction of the speed alone changes nothing, and is believed where that of the position fits worse."""
+    if way.part == "dq":
+        return LEAST_GAIN / 2
+    before = fitted(s, model_torque(arm, s)).left
+    other = read_as(s, way)
+    after = fitted(other, model_torque(arm, other)).left
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.log(before / after)
+    return float(ratio[np.isfinite(ratio)].sum())
+
+
+def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[Check, Signals]:
+    """Positions within the joints' range, and no faster than they can."""
+    beyond = np.max([readings.over_range(log, arm) for log in logs], axis=0) > readings.SHARE
+    fast = readings.over_speed(s, arm) > FAST_SHARE
+    low, high = s.q.min(axis=0), s.q.max(axis=0)
+    if np.all((low > arm.q_min - readings.OVER_RANGE) & (high < arm.q_max + readings.OVER_RANGE)):
+        beyond[:] = False  # undone already by what was found from the speed
+    wrong = beyond & ~_turns_freely(arm, s) | fast
+    if not wrong.any():
+        return Check("limits", True, "positions and speeds are within the arm's limits"), s
+    names, j = arm.joint_names, int(np.flatnonzero(wrong)[0])
+    what = f"position of {names[j]} goes from {low[j]:.4g} to {high[j]:.4g} rad, its range is {arm.q_min[j]:.4g} to {arm.q_max[j]:.4g}"
+    if not beyond[j]:
+        what = f"speed of {names[j]} reaches {np.abs(s.dq[:, j]).max():.4g} rad/s, {arm.dq_max[j]:.4g} is its most"
+    ways: list[Correction] = []
+    turned = read_as(s, Correction("unit", "q", unit="deg"))
+    fits = turned.q.min(axis=0) >= arm.q_min - readings.OVER_RANGE
+    if np.all(fits & (turned.q.max(axis=0) <= arm.q_max + readings.OVER_RANGE)):
+        ways.append(Correction("unit", "q", unit="deg"))
+    if wrong.sum() <= max(1, arm.n // 3):
+        most = np.maximum(np.abs(low), np.abs(high))[j] / max(abs(arm.q_min[j]), abs(arm.q_max[j]))
+        ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
+    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
+    if massive and ways and max(gains) < -LEAST_GAIN:
+        return Check(
+            "limits", True, f"{what}; no unit makes the arm's model fit better, so that its stated limits are too narrow"
+        ), s
+    if massive and (not ways or max(gains) < LEAST_GAIN):
+        fit = fitted(s, model_torque(arm, s))
+        told = scale.scale_of(arm, s, fit).log_scale
+        if not known and np.isfinite(told).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
+            told = told - np.nanmedian(told)
+        if np.isfinite(told).any() and np.nanmedian(np.abs(told)) < math.log(scale.ODD) and not (fast & beyond).any():
+            return Check("limits", True, f"{what}; the arm's masses fit, so that its stated limits are too narrow"), s
+    order = sorted(range(len(ways)), key=lambda k: -gains[k])
+    too = (Correction("unit", "dq", unit="deg/s"),) if np.isfinite(s.read).any() else ()
+    causes = tuple(
+        Cause(ways[k].sentence(names), max(gains[k], 0.0), (ways[k], *(too if ways[k].kind == "unit" else ()))) for k in order
+    )
+    if not causes:
+        causes = (Cause("the readings are in another unit, or of another arm"),)
+    undone = bool(ways) and ways[order[0]].kind == "unit"
+    if undone and massive:  # a position of next to nothing has no gravity to be wrong about: another reading may explain more
+        rivals = ranked(arm, s, SHIFTS)[:1]
+        undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
+    return Check("limits", False, what, causes, names), turned if undone else s
+
+
+def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:
+    """(n,) joints at whose every angle the arm's model is the same: nothing but a stop would keep such a joint from turning on."""
+    few = _every(s, max(1, len(s) // 50))
+    here = model_torque(arm, few)
+    out = np.zeros(arm.n, dtype=bool)
+    for j in range(arm.n):
+        turned = replace(few, q=few.q + np.eye(arm.n)[j])
+        out[j] = np.allclose(model_torque(arm, turned), here, rtol=1e-9, atol=1e-9)
+    return out
+
+
+def _every(s: Signals, step: int) -> Signals:
+    return replace(s, q=s.q[::step], dq=s.dq[::step], ddq=s.ddq[::step])
