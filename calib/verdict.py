@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.claims import Claim
 
-GOOD_SHARE, SMALL, WRONG_SHARE = 0.2, 0.005, 1.0
+GOOD_SHARE, SMALL, WRONG_SHARE = 0.2, 0.01, 1.0
 
 
 class Verdict(enum.Enum):

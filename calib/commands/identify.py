@@ -41,7 +41,7 @@ def command(
     """Friction, base parameters and possible inertias of an arm from recordings of it.
 
     Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0 where the fit is good on the held-out logs (on the
-    training logs where none is held out): every joint leaves at most a fifth of its torque's variation, or half a percent of its largest
+    training logs where none is held out): every joint leaves at most a fifth of its torque's variation, or one percent of its largest
     torque; 1 where it is poor; 2 where half of the joints leave more than all of it, or the recordings are not of this arm.
 
     Example:

@@ -30,7 +30,7 @@ def command(
 
     Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
     Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0 where the model is good:
-    every joint leaves at most a fifth of its torque's variation, or half a percent of its largest torque; 1 where it is poor; 2 where it is
+    every joint leaves at most a fifth of its torque's variation, or one percent of its largest torque; 1 where it is poor; 2 where it is
     a wrong arm's (half of the joints leave more than all of it), where no joint moves, or where the recordings are not of this arm.
 
     Example:
