@@ -16,6 +16,7 @@ from calib import console
 from calib.run_folder import INVOCATION, Invocation, end_run
 from calib.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError
+from sim.first_use import announce
 from sim.resources import nearest
 from sim.version import software_version
 
@@ -137,6 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
     if arguments is None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started from here
+        announce(console.warn)
     return start(sys.argv[1:] if arguments is None else list(arguments))[0]
 
 

@@ -12,6 +12,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from sim.first_use import listen
+
+listen()
 # a product and a sum may become one instruction; nothing is reordered
 CONTRACT = {"contract"}
 LANES = 32

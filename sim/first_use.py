@@ -1,0 +1,38 @@
+"""One sentence when numerical kernels are compiled, which happens once on a computer, so that the wait has a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+_say: Callable[[str], None] | None = None
+
+
+def announce(say: Callable[[str], None] | None) -> None:
+    """`say` is called once in this process, when kernels are compiled, and not where they come from the cache; None: by nobody."""
+    global _say
+    _say = say
+
+
+def listen() -> None:
+    """Follow Numba's compilations from now on."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, found: event.Event) -> None:
+            _compiling(found.data)
+
+        def on_end(self, found: event.Event) -> None:
+            """Nothing to say."""
+
+    event.register("numba:compile", Listener())
+
+
+def _compiling(data: Any) -> None:
+    global _say
+    say, _say = _say, None
+    if say is None:
+        return
+    place = getattr(getattr(data.get("dispatcher"), "_cache", None), "cache_path", None)
+    kept = f"they are kept in {place}" if place else "they are not kept, as no folder for them can be written"
+    say(f"compiling numerical kernels for this computer, some seconds of processor time; {kept}")
