@@ -94,7 +94,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     _add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
     gears = {e.item.joint: e for e in entries if e.form.twist and e.item.joint is not None}
     for joint, entry in gears.items():
-        _split(root, bodies, joint, entry.form)
+        _split(root, bodies, joint, entry.form, bool(arm.tree.prismatic[arm.joint_index(joint)]))
     table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears)
     for custom in root.findall("custom"):
         for old in [e for e in custom.findall("text") if e.get("name") == TABLE]:
@@ -235,7 +235,7 @@ def _add_readings(root: Element, own: list[Element], arm: Arm, delay: float, ste
         root.remove(sensors)
 
 
-def _split(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported) -> None:
+def _split(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, slides: bool) -> None:
     """Put a rotor body with the joint between the link and what carries it; the link hangs on it by a second hinge."""
     body, hinge = bodies[joint]
     above = {child: parent for parent in root.iter() for child in parent}
@@ -252,6 +252,9 @@ def _split(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str
     shape = {key: hinge.get(key, "") for key in ("class", "type", "pos", "axis") if hinge.get(key)}
     bare = {"armature": "0", "frictionloss": "0", "stiffness": "0", "springref": "0", "ref": "0", "limited": "false"}
     twist = {"name": TWIST.format(joint=joint), **shape, **bare, "actuatorfrclimited": "false", **form.twist}
+    degrees = not any(c.get("angle") == "radian" for c in root.findall("compiler"))
+    if "range" in twist and degrees and not slides:
+        twist["range"] = numbers(np.degrees([float(x) for x in twist["range"].split()]))
     body.insert(0, Element("joint", twist))
     rotor.append(body)
     carrier.remove(body)

@@ -147,3 +147,19 @@ def test_a_soft_joint_collides_with_nothing_new(nominal):
         return data.ncon
 
     assert contacts(soft) == contacts(nominal)
+
+
+def test_a_gap_is_in_radians_whatever_the_models_unit(tmp_path):
+    inertial = '<inertial mass="1" pos="0.1 0 0" diaginertia="0.01 0.01 0.01"/>'
+    (tmp_path / "one.xml").write_text(
+        f"""<mujoco model="one"><compiler angle="degree"/><default><joint damping="2" armature="0.1"/></default><worldbody>
+        <frame pos="0 0 1"><body name="rod"><joint name="hinge" axis="0 1 0" range="-90 90"/>{inertial}
+        <body name="tip" pos="0.5 0 0"><joint name="slide" type="slide" axis="1 0 0" range="-0.1 0.1"/>{inertial}</body></body></frame>
+        </worldbody></mujoco>"""
+    )
+    arm = load_arm(tmp_path / "one.xml")
+    for joint in arm.joint_names:
+        model = compiled(exported_model(with_effect(arm, ArmEffect("backlash", joint, {"half_gap": 0.01}))).text, tmp_path)
+        np.testing.assert_allclose(model.joint(f"{joint}:twist").range, [-0.01, 0.01])
+        assert model.joint(f"{joint}:twist").damping[0] == pytest.approx(0.02)
+        assert model.joint(joint).damping[0] == 2.0
