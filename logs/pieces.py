@@ -20,6 +20,7 @@ from logs.recover import recovered
 from logs.spool import LATTICE_SECONDS, Spool, spool
 
 PIECE_SECONDS = 120.0
+PIECE_SAMPLES = 500  # at least: seconds of which there are fewer samples are no seconds
 IN_MEMORY_BYTES = 32 << 20  # a file up to this size is read at once
 
 
@@ -56,7 +57,7 @@ class Pieces(Sequence[Log]):
             samples, duration = len(source), float(source.t[-1] - source.t[0])
             lattice = source.t[0] + LATTICE_SECONDS * np.arange(int(duration / LATTICE_SECONDS) + 1)
             marks = np.searchsorted(source.t, lattice - 0.5e-9)
-        count = max(1, round(duration / PIECE_SECONDS))
+        count = max(1, min(round(duration / PIECE_SECONDS), samples // PIECE_SAMPLES))
         chosen = np.unique(np.round(np.arange(count) * len(marks) / count).astype(int))
         edges = np.unique([*marks[chosen], samples])
         bounds = list(itertools.pairwise(edges.tolist()))

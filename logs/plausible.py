@@ -12,7 +12,7 @@ import numpy as np
 VALUE_MAX = {"q": 1e5, "dq": 2e4, "tau": 1e7, "current": 1e6, "temperature": 1e3}
 UNIT = {"q": "rad", "dq": "rad/s", "tau": "N m", "current": "A", "temperature": "degC"}
 STEP_SPEED_MAX = 100.0  # rad/s: several times what the fastest servo joint reaches
-STEP_SPEED_WILD = 1e4  # rad/s: not even in degrees or behind a gear
+STEP_SPEED_WILD = 1e5  # rad/s: not even in degrees behind a gear
 STEP_RATIO, STEP_QUANTILE, STEP_ROWS = (
     5.0,
     0.9,
