@@ -20,7 +20,7 @@ from sim.clock import SimulatedClock
 from sim.plant import Plant
 from sim.trajectory import Trajectory
 
-ARMS = ("ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6")
+ARMS = ("ur10e", "servo6")
 RATE = 250.0  # Hz, of the demo
 
 

@@ -63,7 +63,7 @@ def _identified(n: Mapping[str, Any]) -> str:
 
 
 def _kept(n: Mapping[str, Any]) -> str:
-    return f"{len(n['names'])} that these logs do not show keep the file's values"
+    return f"{len(n['names'])} that these logs do not show held at nominal"
 
 
 def _moved(n: Mapping[str, Any]) -> str:
@@ -109,7 +109,7 @@ def _duration(n: Mapping[str, Any]) -> str:
 
 
 def _known(n: Mapping[str, Any]) -> str:
-    return f"{len(n['names'])} of {n['of']} parameters will be known better than the arm's file states them"
+    return f"{len(n['names'])} of {n['of']} parameters improve over their nominal values"
 
 
 def _separation(n: Mapping[str, Any]) -> str:

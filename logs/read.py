@@ -47,9 +47,9 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
     if head.startswith((SQLITE, ROSBAG1)):
         return read_bag(path, wanted, damage)
     raise damage.refuse(
-        "byte 0", "its format is none that is read",
-        "MCAP with ROS 2 messages, ROS bags and ur_rtde CSV (timestamp,actual_q_0,...) are; other CSV, NPZ, MAT and Parquet files "
-        "become logs with `calib import`, which asks what their columns mean",
+        "byte 0", "unrecognised format",
+        "supported: MCAP with ROS 2 messages, ROS bags and ur_rtde CSV (timestamp,actual_q_0,...); convert other CSV, NPZ, MAT and Parquet "
+        "files with `calib import`, which asks what their columns mean",
     )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def examine(
     fresh = np.flatnonzero(~held & first)
     if len(fresh) < LEAST_SAMPLES:
         return _as_recorded(
-            t, {"q": q, "dq": dq, **others}, ("nearly every sample repeats the one before: nothing can be told",)
+            t, {"q": q, "dq": dq, **others}, ("nearly every sample repeats the one before: nothing can be determined",)
         )
     tf, qf, vf = t[fresh], q[fresh], dq[fresh]
     steps = np.diff(tf)
@@ -113,7 +113,7 @@ def examine(
         findings.append(_of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
     else:
         findings.append(
-            "jitter of the stamps cannot be told: no dq that is the derivative of q, or no motion that is fast for its resolution"
+            "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
         )
     findings += _of_speed(scale)
     count = _missing(np.diff(clock), period, rebuilt, telling)

@@ -80,12 +80,12 @@ class Clearance:
             bare = [arm.tree.link_names[i] for i in range(arm.n) if i not in links]
             raise ConfigError(
                 f"{arm.model_path}: collision shapes are missing ({', '.join(bare) or 'see [provenance]'}), so no clearance can be "
-                "proved; add them to the model, or take shapes off incomplete in arm.toml to do without"
+                "verified; add them to the model, or take shapes off incomplete in arm.toml to do without"
             )
         moving = sum(link >= 0 for link in links)
         if not moving:
             raise ConfigError(
-                f"{arm.model_path}: no link has a collision shape, so no clearance can be proved; give every link a geom"
+                f"{arm.model_path}: no link has a collision shape, so no clearance can be verified; give every link a geom"
             )
         count = len(names)
         self._obstacles = frozenset(obstacle.name for obstacle in cell.table.obstacles)

@@ -62,7 +62,7 @@ class Excess:
 
 
 def first_excess(b: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Excess | None:
-    """The first piece that is not proved to stay in [lo, hi], or None. b (M, d+1, n) coefficients, lo hi (n,).
+    """The first piece that is not verified to stay in [lo, hi], or None. b (M, d+1, n) coefficients, lo hi (n,).
 
     `ROUNDING` (relative to the range of the limits) is what floating-point evaluation of an inner coefficient may add.
     """
@@ -156,7 +156,7 @@ def check_sent(sent: Trajectory, arm: Arm) -> None:
 
 def _sentence(name: str, excess: Excess, motion: Trajectory, arm: Arm, lo: np.ndarray, hi: np.ndarray) -> str:
     j = excess.joint
-    certain = "leaves" if excess.reached else "is not proved to stay in"
+    certain = "leaves" if excess.reached else "is not verified to stay in"
     return (
         f"{arm.joint_names[j]}: {name} {excess.value:.6g} {UNITS[name]} {certain} [{lo[j]:.6g}, {hi[j]:.6g}] between "
         f"t={motion.t[excess.piece]:.4f} s and {motion.t[excess.piece + 1]:.4f} s; plan a slower or smaller motion, "

@@ -12,7 +12,7 @@ from sim.clock import Clock, MonotonicClock
 
 REASONS = {
     signal.SIGINT: "Ctrl-C",
-    signal.SIGTERM: "the program was told to end (SIGTERM)",
+    signal.SIGTERM: "the program received SIGTERM",
     signal.SIGHUP: "the terminal was closed (SIGHUP)",
 }
 HEARTBEAT = 0.15

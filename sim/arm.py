@@ -239,7 +239,7 @@ def require_limits(arm: Arm, *names: str) -> None:
             place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and take it off incomplete"
             folder = (arm.model_path.parent / "arm.toml").is_file()
             raise ConfigError(
-                f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file lacks it: "
+                f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file does not state it: "
                 + (place if folder else "make an arm folder with `calib arm new`, with the limits of the arm's data sheet")
             )
 

@@ -185,7 +185,7 @@ def _shapes(model: mujoco.MjModel, link_of: np.ndarray, to_link: list[tuple[np.n
         if kind is None:
             raise ConfigError(
                 f"body {_body(model, b)!r} has a collision geom of type {kind_of(int(model.geom_type[g])).name}; "
-                f"clearance is proved for {', '.join(names)} and ellipsoid"
+                f"clearance is verified for {', '.join(names)} and ellipsoid"
             )
         r, p = to_link[b]
         vertices = faces = None

@@ -121,7 +121,7 @@ def new(
         for note in notes:
             console.warn(note)
         if arm.prior.numbers is None:
-            console.warn("nobody said where the masses come from: they count as guessed; say with --numbers")
+            console.warn("the source of the masses is unknown, so they count as guessed; state it with --numbers")
         _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
 
 

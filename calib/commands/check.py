@@ -11,7 +11,7 @@ from calib import console
 from calib.run_folder import conclude, lock_cell
 from sim.errors import AnswerIsNo
 
-_WORDS = {True: "ok", False: "NO", None: "not said"}
+_WORDS = {True: "ok", False: "NO", None: "not reported"}
 
 
 def command(
@@ -67,7 +67,7 @@ def command(
     failed = [check for check in checks if check.ok is False]
     unsaid = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)
-    conclude(f"{passed} checks pass" + (f"; for {unsaid} the device does not say what is needed" if unsaid else ""))
+    conclude(f"{passed} checks pass" + (f"; {unsaid} not reported by the device" if unsaid else ""))
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
     else:

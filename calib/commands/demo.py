@@ -22,9 +22,9 @@ def command(
     out: console.Out = None,
     as_json: console.Json = False,
 ) -> None:
-    """Tell the whole story on the mock arm: an effect is hidden, the arm is checked, planned for, recorded, identified, diagnosed.
+    """Demonstrate everything on a simulated arm: an effect is hidden, and check, plan, record, identify and diagnose look for it.
 
-    At the end it says what was hidden; the last line is the path of the report.
+    At the end the hidden effect is revealed; the last line is the path of the report.
 
     Example:
 
@@ -48,8 +48,8 @@ def command(
     demo.write_cell(place, cell, hidden, seed)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         console.say(
-            f"Something is wrong with a simulated {arm.name}: an effect was drawn at random (seed {seed}) and hidden in it. The tool is "
-            "told nothing of it and looks for it with the same commands that you would use on a real arm."
+            f"Something is wrong with a simulated {arm.name}: an effect was drawn at random (seed {seed}) and hidden in it. The tool "
+            "does not know of it and looks for it with the same commands that you would use on a real arm."
         )
         steps = demo.story(arm.name, place, folder)
         for number, step in enumerate(steps, 1):
@@ -82,7 +82,7 @@ def command(
     )
     console.table(["effect", "joint", "parameter", "hidden", "found"], revealed.rows)
     console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
-    console.say(f"\nIt took {seconds:.0f} s; what each command said stands in {folder}")
+    console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")
     console.say(f"The same again: calib demo --seed {seed}")
     console.say("The report, for a browser:")
     console.copyable(str(report.resolve()))

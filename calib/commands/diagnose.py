@@ -20,7 +20,7 @@ def command(
         list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
     ] = None,
     holdout: Annotated[
-        list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, kept apart to show the gap.")
+        list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, held out to show the residual.")
     ] = None,
     baseline: Annotated[
         list[Path] | None,
@@ -34,7 +34,7 @@ def command(
     as_json: console.Json = False,
     configs: console.Configs = None,
 ) -> int:
-    """Compare an arm's model with recordings and name the physical effects that it lacks.
+    """Compare an arm's model with recordings and identify the physical effects that it is missing.
 
     Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0 where no effect is missing, 1 where one is found or
     something stays unexplained, 2 where the data cannot be used.
@@ -84,8 +84,8 @@ def command(
     gap = answer["gap"]
     if gap["before"]:
         columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)
-        title = f"gap [N m] on {gap['log']}"
-        console.table(["joint", "before", "refitted only", "after", "noise floor"], [list(c) for c in columns], title)
+        title = f"residual RMS [N m] on {gap['log']}"
+        console.table(["joint", "before", "after parameter refit", "after", "noise floor"], [list(c) for c in columns], title)
     for check in answer["data_checks"]:
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")

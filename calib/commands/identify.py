@@ -38,7 +38,7 @@ def command(
     as_json: console.Json = False,
     configs: console.Configs = None,
 ) -> int:
-    """Friction, base parameters and possible inertias of an arm from recordings of it.
+    """Identify friction, base parameters and physically consistent inertias of an arm from recordings of it.
 
     Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0 where the fit is good on the held-out logs (on the
     training logs where none is held out): every joint leaves at most a fifth of its torque's variation, or one percent of its largest

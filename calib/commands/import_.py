@@ -66,8 +66,8 @@ def command(
 ) -> None:
     """Make a finished log of a recording: of another program's, or of one whose program was killed.
 
-    Says what survived and what did not. The log is marked clean if the source was whole and aborted otherwise; identification refuses
-    an aborted log unless it is told not to. The columns of a table are guessed from their names, shown, and kept in map.toml once they
+    Reports what survived and what did not. The log is marked clean if the source was whole and aborted otherwise; identification refuses
+    an aborted log unless --accept-partial is given. The columns of a table are guessed from their names, shown, and kept in map.toml once they
     are confirmed. Jittered stamps, repeated and lost samples are found from the position against the speed. With --arm the readings must be
     that arm's: a wrong unit, sign, column or clock is refused with its likely cause, and --assume reads the recording another way.
 

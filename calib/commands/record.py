@@ -24,7 +24,7 @@ def command(
         ),
     ],
     approve_again: Annotated[
-        bool, typer.Option("--approve", help="Approve again what was approved too long ago or for another cell.")
+        bool, typer.Option("--approve", help="Re-approve a plan whose approval has expired or was given for another cell.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
     hold_to_run: Annotated[
@@ -35,7 +35,7 @@ def command(
     as_json: console.Json = False,
     configs: console.Configs = None,
 ) -> None:
-    """Drive the motions of a plan and record them, slowly first; every motion is proved again before anything moves.
+    """Drive the motions of a plan and record them, slowly first; every motion is verified again before anything moves.
 
     Writes one log a motion. This is not a safety-rated function: it does not replace the emergency stop.
 
@@ -128,7 +128,7 @@ def command(
             [name, *_most(v.used), v.near.get("the cell"), v.near.get("itself"), 1000 * v.room, v.stop_time]
             for name, v in done.verdicts.items()
         ],
-        "what was proved before it moved",
+        "verified before it moved",
     )
     console.say(f"{folder}: {', '.join(p.name for p in done.logs.values())}")
 

@@ -84,7 +84,7 @@ def look(
         console.table(
             ["joint", "serial", "state", "angle rad", "torque N*m", "degC", "watchdog ms", "angle range rad", "torque range N*m"],
             [
-                [k.joint, k.identity.serial or "not told", _state(k), k.reading.q, k.reading.tau, k.reading.temperature,
+                [k.joint, k.identity.serial or "not reported", _state(k), k.reading.q, k.reading.tau, k.reading.temperature,
                  1e3 * k.identity.watchdog, k.identity.ranges.q, k.identity.ranges.tau]
                 for k in looks
             ],
@@ -159,7 +159,7 @@ def scan(
         if not as_json:
             console.table(
                 ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad rad/s N*m"],
-                [[f.name, "FD" if f.fd else "classical", f.told.serial or "not told", f.told.firmware, _on(f), f.told.q,
+                [[f.name, "FD" if f.fd else "classical", f.told.serial or "not reported", f.told.firmware, _on(f), f.told.q,
                   1e3 * f.told.watchdog, _ranges(f)] for f in found],
             )  # fmt: skip
             for note in result.notes:
@@ -226,12 +226,12 @@ def _pairs(words: list[str]) -> dict[str, str | int]:
 
 
 def _on(found: Found) -> str:
-    return {True: "on", False: "off", None: "not told"}[found.told.on]
+    return {True: "on", False: "off", None: "not reported"}[found.told.on]
 
 
 def _ranges(found: Found) -> str:
     r = found.told.ranges
-    return "not told" if r is None else f"{r.q:g} {r.dq:g} {r.tau:g}"
+    return "not reported" if r is None else f"{r.q:g} {r.dq:g} {r.tau:g}"
 
 
 def _described(found: Found) -> dict[str, object]:
@@ -245,7 +245,7 @@ def _described(found: Found) -> dict[str, object]:
 def _state(look: Look) -> str:
     if look.reading.error:
         return look.reading.error
-    return {True: "on", False: "off", None: "not told"}[look.reading.on]
+    return {True: "on", False: "off", None: "not reported"}[look.reading.on]
 
 
 def _plain(look: Look) -> dict[str, object]:

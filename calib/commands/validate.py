@@ -62,7 +62,7 @@ def command(
         return verdict.exit_code
     constant = subject.torque_constant
     for check in found.checks:
-        headers = ["joint", "residual [N m]", "unfiltered [N m]", "signal [N m]", "left"]
+        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "left"]
         headers += [] if constant is None else ["residual [A]"]
         headers += [] if check.forward is None else [f"off after {HORIZON:g} s [deg]", "bound [deg]", "travel [deg]"]
         rows = []

@@ -109,7 +109,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     load, from_current, known = _loads(arm, logs)
     s = signals(logs, load)
     if not len(s):
-        return [Check("motion", True, "nothing moves: units, signs and columns cannot be told")]
+        return [Check("motion", True, "nothing moves: units, signs and columns cannot be checked")]
     out = []
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)
@@ -117,7 +117,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     limits, s = motion.limits(arm, logs, s, massive, known)
     out.append(limits)
     if not massive:
-        return [*out, Check("torque", True, "no torque or no masses: signs and columns of the drives' readings cannot be told")]
+        return [
+            *out,
+            Check("torque", True, "no torque or no masses: signs and columns of the drives' readings cannot be checked"),
+        ]
     before = s
     found, s = steps(arm, s, SHIFTS)
     ties = [step for step in ranked(arm, before, SHIFTS)[:MOST_CAUSES] if step.gain > found[0].gain - TIE] if found else []
@@ -156,7 +159,7 @@ def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> Check:
     if other is not None:
         return Check("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
     if not sizes:
-        return Check("size", True, "the size of the drives' readings is what the arm's masses make, or cannot be told")
+        return Check("size", True, "the size of the drives' readings is what the arm's masses make, or cannot be determined")
     return Check("size", False, "the drives' readings are of the wrong size", tuple(sizes), arm.joint_names)
 
 

@@ -52,7 +52,7 @@ def write(docs: Path) -> None:
 def page() -> str:
     """The Markdown page."""
     lines = [
-        "# The effects, how each looks, and how it is told apart",
+        "# The effects, how each looks, and how it is distinguished",
         "",
         "This page is derived from `sim/effects/` by `make docs`; `calib effects NAME` says the same on the terminal.",
         "",
@@ -77,7 +77,7 @@ def page() -> str:
             f"![{effect.name} as it shows in what a model without it leaves](effects/{effect.name}.svg)",
             "",
             f"- **Looks like** {effect.looks}.",
-            *([f"- **Told apart by** {effect.experiment}."] if effect.experiment else []),
+            *([f"- **Distinguished by** {effect.experiment}."] if effect.experiment else []),
             f"- **Reference** {effect.reference}.",
             "",
             "| parameter | unit | meaning |",

@@ -70,11 +70,11 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
             f"{u['joint']} is off by {u['rms']:.3g} {_unit(u['unit'])}" + _depending(u["depends_on"])
             for u in diagnosis.get("unexplained", [])
         ]
-        text = "There is a gap that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
+        text = "There is a residual that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
         return text + (f". Found beside it: {found}" if found else "")
     if changed:
         return f"Since the healthy recordings has changed: {found}"
-    return f"The model lacks {found}" if len(effects) == 1 else f"The model lacks {len(effects)} effects: {found}"
+    return f"The model is missing {found}" if len(effects) == 1 else f"The model is missing {len(effects)} effects: {found}"
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
@@ -84,7 +84,7 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
         others = effect.get("indistinguishable_from") or []
         if others:
             names = _and([words(o["effect"], o.get("joint")) for o in others])
-            steps.append(f"From this data {words(effect['effect'], effect.get('joint'))} cannot be told apart from {names}.")
+            steps.append(f"From this data {words(effect['effect'], effect.get('joint'))} cannot be distinguished from {names}.")
         if effect.get("experiment"):
             steps.append(f"To be surer: {effect['experiment']}")
     verdict = diagnosis["verdict"]
@@ -93,13 +93,13 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
     elif verdict == "no_missing_effect":
-        steps.append("Nothing: the model is as good as this data can tell.")
+        steps.append("Nothing. The model agrees with these recordings; use the identified arm.")
     elif verdict == "unexplained":
         steps.append(
-            "Look at the joint with its cover off and at what moves with it; the pictures below show when the gap appears. Record it again, warm and slow, to see whether it stays."
+            "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether it stays."
         )
     else:
-        steps.append("Correct what the failed checks name, and record again.")
+        steps.append("Correct the failed checks, then record again.")
     return steps
 
 
@@ -111,7 +111,7 @@ def words(effect: str, joint: str | None) -> str:
 
 def _found(effect: Mapping[str, Any]) -> str:
     values = ", ".join(f"{_symbol(k)} {quantity(p)}" for k, p in effect["parameters"].items())
-    return f"{words(effect['effect'], effect.get('joint'))} ({values}; {effect['gap_share']:.0%} of the gap)"
+    return f"{words(effect['effect'], effect.get('joint'))} ({values}; {effect['gap_share']:.0%} of the residual)"
 
 
 def quantity(parameter: Mapping[str, Any]) -> str:
@@ -134,7 +134,9 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
             if len(gap.get(k, [])) == len(noise)
         ]
         if len(worst) == 3:
-            facts.append(("worst joint, before → refitted → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise"))
+            facts.append(
+                ("worst joint, before → after parameter refit → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise")
+            )
         facts.append(("held-out log", gap.get("log", "")))
     return facts
 
@@ -144,14 +146,14 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     unit = _unit(diagnosis.get("gap", {}).get("unit", "N*m"))
     tau = np.asarray(evidence["tau"])
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
-    page.section("Where the gap is")
+    page.section("Where the residual is")
     gap = diagnosis.get("gap") or {}
     if gap.get("noise_floor"):
         levels = {role: np.asarray(gap[role], float) for role in ("before", "refit", "after")}
         noise = np.asarray(gap["noise_floor"], float)
         page.figure(
             pictures.gaps(gap["joints"], noise, levels),
-            f"Gap on the held-out log {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
+            f"Residual RMS on the held-out log {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
@@ -204,7 +206,8 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
             for k, p in e["parameters"].items()
         ]  # fmt: skip
         page.table(
-            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "share of the gap", "confidence"], rows
+            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "share of the residual", "confidence"],
+            rows,
         )
     candidates = evidence.get("candidates") or []
     if candidates:
@@ -217,7 +220,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
                 float(evidence["threshold"]),
             ),
             "Every effect of the catalogue was tried at every joint; these came nearest, the filled ones were chosen. What stands close "
-            "to a filled one is a runner-up; often it is the same gap seen through another name, and falls once the right one is in.",
+            "to a filled one is a runner-up; often it explains the same residual, and falls once the right effect is in the model.",
         )
         page.table(
             ["effect", "joint", "evidence", "chosen"],
@@ -243,10 +246,10 @@ def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) 
     if gap.get("before"):
         unit = _unit(gap["unit"])
         columns = ["noise_floor", "before", "refit", "after"]
-        page.section("The gap in numbers").table(
-            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "refitted only", "after"))],
+        page.section("The residual in numbers").table(
+            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
             [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
-            f"RMS torque gap on {gap['log']}; “refitted only” is the gap when just the ordinary parameters are fitted, without naming an effect",
+            f"Residual RMS on {gap['log']}; “after parameter refit”: only the ordinary parameters are fitted, without any added effect",
         )
     forward = evidence.get("forward") or {}
     if forward:

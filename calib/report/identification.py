@@ -44,7 +44,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
             names[worst], t, q[:, worst], dq[:, worst], predicted["after"][:, worst],
             {role: value[:, worst] for role, value in residuals.items()},
         ),
-        f"What is left at {names[worst]}, the joint with most left: structure here is something that the model lacks; calib diagnose names it.",
+        f"Residual at {names[worst]}, the joint with the largest share: structure here is missing from the model; calib diagnose identifies it.",
     )  # fmt: skip
     _gaps(page, result)
     _parameters(page, result)
@@ -74,7 +74,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _gaps(page: Page, result: Mapping[str, Any]) -> None:
-    page.section("What is left, joint by joint")
+    page.section("Residual, joint by joint")
     for key, title in (("holdout", "held-out logs"), ("training", "training logs")):
         gap = result.get(key)
         if gap is None:
@@ -85,7 +85,7 @@ def _gaps(page: Page, result: Mapping[str, Any]) -> None:
             "joint",
             "before [N m]",
             "after [N m]",
-            "signal [N m]",
+            "torque std [N m]",
             "left",
             *([] if between is None else ["between periods [N m]"]),
         ]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calib.report.figure import LINE, ROLES, axes, draw_line, mosaic, name
 
-WORDS = {"before": "before", "refit": "refitted only", "after": "after"}
+WORDS = {"before": "before", "refit": "after parameter refit", "after": "after"}
 _DOTS = 350
 _BINS = 24
 

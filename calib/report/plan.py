@@ -246,15 +246,15 @@ def _worth(page: Page, arm: Arm, worth: Mapping[str, Any]) -> None:
     if not any(lists):
         return
     page.text(
-        f"{len(lists[0])} of {sum(map(len, lists))} parameters will be known better than the arm's file states them; the others keep the "
-        "file's values, because no motion of this plan shows them well enough."
+        f"{len(lists[0])} of {sum(map(len, lists))} parameters improve over their nominal values; the others are held at "
+        "nominal, because no motion of this plan shows them well enough."
     )
     rows = [
         [joint, *(", ".join(_told(n) for n in names if _joint(n) == k) or None for names in lists)]
         for k, joint in enumerate(arm.joint_names, 1)
     ]
     page.table(
-        ["joint", "will be known better", "will keep the file's value"],
+        ["joint", "improves", "held at nominal"],
         rows,
         "m: mass; mcx, mcy, mcz: mass times centre of mass; I: inertia about the joint's origin, of the link that the joint moves. "
         "*: only in a sum with others, which stands in plan.toml.",

@@ -99,7 +99,7 @@ def other_program(runtime_state: int, name: str = "") -> tuple[Status, str, str]
     state = RUNTIME.get(runtime_state, f"in state {runtime_state}")
     return (
         Status.IDLE,
-        f"the program {name or '(name not told)'} is {state} on the controller",
+        f"the program {name or '(name not reported)'} is {state} on the controller",
         "taking control would end it, so it was left alone: end it yourself, on the pendant or with the client that started it",
     )
 

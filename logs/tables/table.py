@@ -60,7 +60,7 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
                 raise damage.refuse("rows", "the file has columns and no samples", "record it again")
             return table
     known = ", ".join(form.name for form in formats)
-    raise damage.refuse("byte 0", "its format is none that is read", f"give MCAP, a ROS bag, or a table: {known}")
+    raise damage.refuse("byte 0", "unrecognised format", f"supported: MCAP, a ROS bag, or a table: {known}")
 
 
 def of_arrays(arrays: Mapping[str, np.ndarray], damage: Damage, about: str = "") -> Table:

@@ -95,7 +95,7 @@ def test_a_standing_arm_repeats_nothing() -> None:
     q = np.full((500, 3), 0.25)
     found = examine(2e-3 * np.arange(500), q, np.zeros_like(q))
     assert (found.repeated, found.rebuilt) == (0, False)
-    assert any("cannot be told" in sentence for sentence in found.findings)
+    assert any("cannot be determined" in sentence for sentence in found.findings)
 
 
 def test_a_speed_that_is_no_derivative_is_named_and_not_used() -> None:

@@ -228,7 +228,7 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
         ("g.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(200), "7.3"),
         ("h.mat", b"MATLAB 5.0 MAT-file" + bytes(200), "cannot read|no array"),
         ("i.parquet", b"PAR1" + bytes(64), "cannot read"),
-        ("j.bin", bytes(range(256)), "none that is read"),
+        ("j.bin", bytes(range(256)), "unrecognised format"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(BadLog, match=words):

@@ -95,7 +95,7 @@ def test_a_truncated_row_and_compensating_widths_are_seen(tmp_path, csv_text):
         (b"", "it is empty"),
         (b"timestamp,actual_q_0\n", r"columns actual_q_1.* are missing"),
         (b"timestamp," + b"a" * 100_000, "no end of line"),
-        (b"time,q0\n1,2\n", "its format is none that is read"),
+        (b"time,q0\n1,2\n", "unrecognised format"),
     ],
 )
 def test_a_file_that_is_none_is_refused(tmp_path, text, message):

@@ -192,6 +192,6 @@ def _servo(options: CanOptions, body: Body, j: int) -> Servo:
     elif table.protocol == "robstride" and r is not None:
         servo = RobStride(body, j, table.node, serial, (r.q, r.dq, r.tau, r.kp, r.kd))
     else:
-        raise ConfigError(f"servo of {table.joint} lacks ranges; a {table.protocol} drive cannot be emulated without them")
+        raise ConfigError(f"servo of {table.joint} has no ranges; a {table.protocol} drive cannot be emulated without them")
     servo.direction, servo.zero, servo.fd = table.direction, table.zero, bool(table.fd)
     return servo

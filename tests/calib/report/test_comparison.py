@@ -34,7 +34,7 @@ def test_one_run(capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "report.html").write_text("x")
     assert main(["report", "a"]) == 0
     out = capsys.readouterr().out
-    assert "The model lacks coulomb friction at elbow_joint" in out
+    assert "The model is missing coulomb friction at elbow_joint" in out
     assert "runs/a/report.html" in out
 
 

@@ -13,7 +13,7 @@ from tests.calib.report.browser import Visit
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [
-        ("effects_found", "The model lacks coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the gap)"),
+        ("effects_found", "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the residual)"),
         ("no_missing_effect", "No effect is missing"),
         ("unexplained", "elbow_joint is off by 1.2 N m depending on position of elbow_joint and speed of wrist_1_joint"),
         ("bad_data", "The data cannot be used: time runs backwards at sample 812"),
@@ -30,7 +30,7 @@ def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
         "experiment": "record the elbow at two loads",
     }
     steps = " ".join(diagnosis.next_steps(data))
-    assert "coulomb friction at elbow_joint cannot be told apart from load dependent friction at elbow_joint" in steps
+    assert "coulomb friction at elbow_joint cannot be distinguished from load dependent friction at elbow_joint" in steps
     assert "record the elbow at two loads" in steps
 
 

@@ -1,0 +1,79 @@
+"""Documents and messages keep to the words of docs/style.md, and the glossary is in order."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+STYLE = ROOT / "docs" / "style.md"
+PAGES = [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").glob("*.md")) if p != STYLE)]
+PACKAGES = ("calib", "safety", "drivers", "logs", "sim")
+MODULES = [p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))]
+CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", re.DOTALL)
+
+
+def rules() -> dict[str, str]:
+    """Regular expression -> the words to use instead, from the table of the style page."""
+    rows = re.findall(r"^\| `(.+?)` \| (.+?) \|$", STYLE.read_text(encoding="utf-8"), re.MULTILINE)
+    return {pattern.replace("\\|", "|"): better for pattern, better in rows}
+
+
+def messages(module: Path) -> Iterator[tuple[int, str]]:
+    """Line and text of every string of a module that a person may read: two words or more, and no docstring but a command's."""
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    silent = set()
+    shown = "commands" in module.parts
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
+            first = node.body[0]
+            is_help = (shown and isinstance(node, ast.FunctionDef) and node.decorator_list) or getattr(
+                node, "name", ""
+            ) == "command"
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and not is_help:
+                silent.add(id(first.value))
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in silent
+            and " " in node.value.strip()
+        ):
+            yield node.lineno, node.value
+
+
+def test_the_style_page_has_rules() -> None:
+    assert len(rules()) >= 10
+    for pattern, better in rules().items():
+        assert not re.search(pattern, better), f"{better!r} is not what {pattern!r} should become"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_a_page_keeps_to_the_words(page: Path) -> None:
+    text = CODE.sub(" ", page.read_text(encoding="utf-8"))
+    found = [f"{m[0]!r}: {better}" for pattern, better in rules().items() for m in re.finditer(pattern, text, re.IGNORECASE)]
+    assert found == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_messages_keep_to_the_words(package: str) -> None:
+    found = [
+        f"{module.relative_to(ROOT)}:{line}: {m[0]!r}: {better}"
+        for module in MODULES
+        if module.parts[len(ROOT.parts)] == package
+        for line, text in messages(module)
+        for pattern, better in rules().items()
+        for m in re.finditer(pattern, text, re.IGNORECASE)
+    ]
+    assert found == []
+
+
+def test_the_glossary_is_in_order_and_says_each_word_once() -> None:
+    words = re.findall(r"^\| ([^|]+?) \|", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8"), re.MULTILINE)
+    words = [w for w in words if w not in ("word", "---")]
+    assert words == sorted(set(words), key=str.casefold)
+    assert len(words) > 30
