@@ -19,7 +19,8 @@ from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
 from sim.trajectory import Trajectory
 
-GAP_STEPS = 3.5
+# samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
+GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
 STANDING_SECONDS = 0.3
 FLAT_SAMPLES = 3
 CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
@@ -124,9 +125,12 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     cutoff = cutoff or motion_cutoff(log)
     smooth = SavitzkyGolay.of_bandwidth(rate, SG_OVER_BANDWIDTH * cutoff)
     decimator = Decimator.of_cutoff(rate, cutoff)
+    measured = arm.speed_from == "measured" and bool(np.isfinite(log.dq[finite]).all())
+    readings = np.column_stack([torque, log.dq]) if measured else torque
     t, q, tau, starts, lost = _resampled(
-        log.t[finite], log.q[finite], torque[finite], rate, 2 * decimator.reach + smooth.window
+        log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.window
     )
+    tau, speed = tau[:, : arm.n], tau[:, arm.n :]
     excluded = [Exclusion(None, "gaps and readings that are not finite", lost)] if lost > 0.5 / rate else []
     if len(t) < 2:
         raise BadLog(
@@ -134,7 +138,12 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
             f"of {cutoff:.3g} Hz needs; record again without losses, or give a higher --cutoff"
         )
     pairs = list(itertools.pairwise(starts))
-    parts = [[smooth.derivative(q[lo:hi], k) for k in range(3)] for lo, hi in pairs]
+    parts = [
+        [smooth.derivative(q[lo:hi], 0), *(smooth.derivative(speed[lo:hi], k) for k in range(2))]
+        if measured
+        else [smooth.derivative(q[lo:hi], k) for k in range(3)]
+        for lo, hi in pairs
+    ]
     q_s, dq, ddq = (np.concatenate([p[k] for p in parts]) for k in range(3))
     q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
     usable = np.isfinite(tau)
@@ -155,11 +164,11 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
 
 
 def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
-    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint."""
+    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint; its sign is the axis's."""
     tau = np.array(log.tau, dtype=float)
     silent = ~np.isfinite(tau).any(axis=0)
     if not silent.any():
-        return tau
+        return tau * arm.torque_sign
     dark = silent & ~np.isfinite(log.current).any(axis=0)
     if dark.any():
         raise BadLog(f"{name}: neither effort nor current of {_names(log, dark)}; a log needs one of them for every joint")
@@ -169,7 +178,7 @@ def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
             "the joint) and its source into arm.toml, or identify it with a known mass: `calib identify --known-mass`"
         )
     tau[:, silent] = log.current[:, silent] * arm.torque_constant[silent]
-    return tau
+    return tau * arm.torque_sign
 
 
 def motion_cutoff(log: Log) -> float:
@@ -224,7 +233,7 @@ def _resampled(
 
     Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
     """
-    edges = [0, *(np.flatnonzero(np.diff(t) > GAP_STEPS / rate) + 1), len(t)]
+    edges = [0, *(np.flatnonzero(np.diff(t) > max(GAP_STEPS / rate, GAP_SECONDS)) + 1), len(t)]
     grids, qs, taus, starts = [], [], [], [0]
     for lo, hi in itertools.pairwise(edges):
         count = int((t[hi - 1] - t[lo]) * rate + 1e-6) + 1

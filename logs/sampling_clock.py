@@ -22,7 +22,9 @@ from scipy.stats import theilslopes
 LEAST_COHERENCE = 0.6  # mean of cos(2 pi d / T): 1 on a lattice, 0 for any other steps
 LEAST_AGREEING = 0.9
 OFFSETS = 10  # periods by which a stamp may be off
-BOUND_STAMP, BOUND_MOTION, PRICE = 9.0, 25.0, 2.0
+BOUND_STAMP, BOUND_MOTION, PRICE = 9.0, 1000.0, 2.0
+# a host's delay wanders: stamps near one another err together, and what many of them say weighs no more than what a few say
+TOGETHER = 5.0
 SIGMA_LEAST = 0.05  # of a period: motion never tells better
 BLOCKS = 400
 
@@ -74,7 +76,7 @@ def _on_lattice(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitt
     start = 0.0
     for _ in range(3):
         near = np.rint(h / period)
-        spread = max(jitter, 0.3 * period)
+        spread = TOGETHER * max(jitter, 0.3 * period)
         sigma = np.where(known, np.maximum(error / period, SIGMA_LEAST), 1e6)
         offsets = _path((h - start) / period - near, np.diff(near), elapsed / period, sigma, spread / period)
         n = near + offsets

@@ -33,6 +33,7 @@ JOINT_KEYS = {
     "springref": ("joint_spring", "rest_angle"),
 }
 POINT = np.zeros((3, 3))
+USUAL = (("torque_at", "motor"), ("speed_from", "position"))
 
 
 def write_arm(
@@ -166,7 +167,7 @@ def _table(arm: Arm, name: str, provenance: dict[str, str]) -> ArmTable:
         ],
         "limits": given, **sensors, "prior": arm.prior, "effects": listed, "provenance": {**arm.provenance, **provenance},
         "torque_constant": None if arm.torque_constant is None else arm.torque_constant.tolist(),
-        "torque_at": arm.torque_at,
+        "torque_at": arm.torque_at, "speed_from": arm.speed_from, "reversed_torque": list(arm.reversed_torque),
     }  # fmt: skip
     return ArmTable.model_validate(data)
 
@@ -208,9 +209,9 @@ def arm_toml_text(table: ArmTable) -> str:
 
 
 def _stated(data: dict[str, Any]) -> dict[str, Any]:
-    """What is worth writing: nothing empty, and no torque_at where the torque is measured as nearly always."""
+    """What is worth writing: nothing empty, and no reading that is as it nearly always is."""
     said = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
-    return {key: value for key, value in said.items() if value != [] and (key, value) != ("torque_at", "motor")}
+    return {key: value for key, value in said.items() if value != [] and (key, value) not in USUAL}
 
 
 def write_atomically(file: Path, text: str) -> None:

@@ -8,13 +8,15 @@ from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Value
 from sim.slip import slip_along, slip_direction
 
 WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-POWERS = (0.3, 0.6, 2.0)
+POWERS = (0.3, 0.6, 1.0, 2.0)
 SPEEDS = (0.02, 0.1, 0.4)
 # the other terms turn over this displacement, so that none of them steps at a reversal
 TURNING = 1e-3
+# rad/s: below, the roots of the speed go over into a straight line, which a simulation can follow
+SLOW = 0.01
 FAMILIES: dict[str, tuple[str, ...]] = {
     "slip": ("slip_1e-4", "slip_3e-4", "slip_1e-3", "slip_3e-3", "slip_1e-2", "slip_3e-2", "slip_1e-1"),
-    "speed": ("power_0.3", "power_0.6", "power_2"),
+    "speed": ("power_0.3", "power_0.6", "power_1", "power_2"),
     "stribeck": ("stribeck_0.02", "stribeck_0.1", "stribeck_0.4"),
     "load": ("load", "load_2", "load_driving"),
 }
@@ -22,7 +24,7 @@ TERMS = tuple(name for family in FAMILIES.values() for name in family)
 
 
 class FrictionLaw(Effect):
-    """tau += sum_w a_w z_w + z (sum_p b_p |dq|^p + sum_v c_v exp(-|dq|/v) + d_1 |load| + d_2 load^2 + d_3 max(load z, 0)).
+    """tau += sum_w a_w z_w + sum_p b_p sign(dq) |dq|^p + z (sum_v c_v exp(-|dq|/v) + d_1 |load| + d_2 load^2 + d_3 max(load z, 0)).
 
     z_w in [-1, 1] is the slip direction that builds up over a displacement w (parallel Maxwell slip elements, F. Al-Bender et al.
     2005, doi:10.1109/TAC.2005.858676), z that of TURNING. The terms are a library for regression: coefficients may have either sign.
@@ -59,7 +61,8 @@ class FrictionLaw(Effect):
 
     def columns(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
         """(N, k) torque of each of these terms with a coefficient of one."""
-        speed, load = np.abs(state.dq_motor[:, joint]), state.load[:, joint]
+        dq, load = state.dq_motor[:, joint], state.load[:, joint]
+        speed = np.abs(dq)
         widths = dict(zip(FAMILIES["slip"], WIDTHS, strict=True))
         powers = dict(zip(FAMILIES["speed"], POWERS, strict=True))
         scales = dict(zip(FAMILIES["stribeck"], SPEEDS, strict=True))
@@ -69,7 +72,7 @@ class FrictionLaw(Effect):
             if name in widths:
                 out[:, k] = self._slip(state, joint, widths[name])
             elif name in powers:
-                out[:, k] = turn * speed ** powers[name]
+                out[:, k] = dq * (speed**2 + SLOW**2) ** ((powers[name] - 1) / 2)
             elif name in scales:
                 out[:, k] = turn * np.exp(-speed / scales[name])
             else:

@@ -6,6 +6,7 @@ a rotor inertia. Here position is convolved with kernels whose response is that 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -38,12 +39,13 @@ def measured(log: Log, arm: Arm) -> Measurement:
     """The log as rows for the diagnosis; rows in which a joint does not slide are not usable for that joint."""
     m = prepare(log, arm, ROW_CUTOFF)
     position, speed, acceleration = _kernels(m.rate)
-    q = _raw_position(log, m)
-    parts = [
-        [convolve1d(q[lo:hi], k, axis=0, mode="nearest") for k in (position, speed, acceleration)]
-        for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)
-    ]
-    q_s, dq, ddq = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    q = _raw(log, log.q, m)
+    read = _raw(log, log.dq, m) if arm.speed_from == "measured" and np.isfinite(log.dq).all() else None
+    kernels = (
+        [(q, position), (q, speed), (q, acceleration)] if read is None else [(q, position), (read, position), (read, speed)]
+    )
+    pairs = list(itertools.pairwise(m.starts))
+    q_s, dq, ddq = (np.concatenate([convolve1d(x[lo:hi], k, axis=0, mode="nearest") for lo, hi in pairs]) for x, k in kernels)
     sliding = np.concatenate([_sliding(q_s[lo:hi], m.rate) for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)])
     inside = m.inside & _within(m.starts, len(position) // 2)
     full = replace(
@@ -136,10 +138,10 @@ def _temperature(log: Log, t: np.ndarray) -> np.ndarray | None:
     return np.stack(out, axis=1)
 
 
-def _raw_position(log: Log, m: Measurement) -> np.ndarray:
-    """Position at the instants of the measurement, by the cubic spline through the readings of each stretch."""
-    finite = np.isfinite(log.q).all(axis=1)
-    return CubicSpline(log.t[finite], log.q[finite])(m.trajectory.t)
+def _raw(log: Log, readings: np.ndarray, m: Measurement) -> np.ndarray:
+    """Readings at the instants of the measurement, by the cubic spline through those of each stretch."""
+    finite = np.isfinite(readings).all(axis=1)
+    return CubicSpline(log.t[finite], readings[finite])(m.trajectory.t)
 
 
 def _kernels(rate: float) -> list[np.ndarray]:

@@ -65,7 +65,7 @@ class Information:
 
 def noise_of(model: TorqueModel) -> np.ndarray:
     """(n,) N m: the arm's torque noise, or a hundredth of its torque scale where the arm states none."""
-    from calib.identification.prior import torque_scale
+    from sim.prior import torque_scale
 
     sigma = np.array(model.arm.sensors.torque_noise, dtype=float)
     return np.where(sigma > 0, sigma, 0.01 * torque_scale(model.arm))

@@ -12,9 +12,21 @@ from calib.identification.consistency import PossibleArm
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
+from sim.arm_table import PriorTable
 from sim.rigid_body import link_inertia
 
 FITTED_PROVENANCE = "links, rotors, friction, offsets"
+# after a fit to motion alone, of an arm whose numbers nobody had measured: what one recording of some 20 s leaves open
+FOUND = {
+    "numbers": "measured",
+    "unknown": [],
+    "mass": 0.05,
+    "com": 0.05,
+    "inertia": 0.2,
+    "coulomb": 0.1,
+    "viscous": 0.2,
+    "rotor": 0.3,
+}
 FITTED = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset")
 
 
@@ -25,6 +37,9 @@ def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
     if calibrated.torque_constant is not nominal.torque_constant:
         provenance |= {"torque_constant": calibrated.provenance["torque_constant"]}
         nominal = replace(nominal, torque_constant=calibrated.torque_constant)
+    nominal = replace(
+        nominal, prior=calibrated.prior, speed_from=calibrated.speed_from, reversed_torque=calibrated.reversed_torque
+    )
     inertials = {joint: (float(tree.mass[j]), tree.com[j], tree.inertia[j]) for j, joint in enumerate(calibrated.joint_names)}
     return write_arm(
         folder,
@@ -35,7 +50,9 @@ def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
     )
 
 
-def calibrated_arm(arm: Arm, model: TorqueModel, possible: PossibleArm, std: np.ndarray, sources: Sequence[str]) -> Arm:
+def calibrated_arm(
+    arm: Arm, model: TorqueModel, possible: PossibleArm, std: np.ndarray, sources: Sequence[str], laws: Sequence[ArmEffect] = ()
+) -> Arm:
     """`arm` with the links, rotors, friction and offsets of `possible`; its other effects stay as they are.
 
     std (p,) goes with the friction and offsets. Dry friction that turns over more than the narrowest slip width becomes a presliding stiffness, level / width.
@@ -66,7 +83,19 @@ def calibrated_arm(arm: Arm, model: TorqueModel, possible: PossibleArm, std: np.
     for j in wide:
         stiffness = float(own["coulomb"][j] / model.slip_width[j])
         effects.append(ArmEffect("presliding_friction", arm.joint_names[j], {"stiffness": stiffness}))
+    for law in laws:
+        own_law = arm.effect(law.effect, law.joint)
+        terms = {k: v + (own_law.parameters[k] if own_law else 0.0) for k, v in law.parameters.items()}
+        effects.append(replace(law, parameters=terms))
+        replaced.add((law.effect, law.joint or ""))
     kept = [e for e in arm.effects if e.effect not in FITTED and (e.effect, e.joint) not in replaced]
     fitted = "identified by calib identify from " + ", ".join(sources)
     provenance = dict(arm.provenance) | {FITTED_PROVENANCE: fitted}
-    return replace(arm, tree=tree, effects=(*effects, *kept), provenance=provenance)
+    return replace(arm, tree=tree, effects=(*effects, *kept), provenance=provenance, prior=_known(arm.prior))
+
+
+def _known(prior: PriorTable) -> PriorTable:
+    """How well the numbers of the calibrated arm are known: those that nobody had stated are measured now."""
+    if prior.numbers not in ("guessed", "unknown"):
+        return prior.model_copy(update={"unknown": []})
+    return prior.model_copy(update=FOUND)

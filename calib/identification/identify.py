@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
 from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.known import Known
+from calib.identification.law import Laws, fitted_laws, speed_reading, without_laws
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
@@ -29,9 +31,10 @@ from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
 from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
-from calib.result import Conditioning, FitResult
+from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm
+from sim.arm_table import SpeedFrom
 from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
@@ -43,7 +46,9 @@ LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torq
 class Options:
     """How to identify. cutoff Hz of the common filter (None: from the motion); robust: downweight outliers such as reversals;
     masses_only: keep every link's inertia about its centre of mass; slip_width rad (None: from the data); gamma: weight of the
-    nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit.
+    nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit; laws: fit
+    friction with memory where it predicts better; speed: choose between differences of the position and the reported speed, or take what
+    the arm states.
     """
 
     cutoff: float | None = None
@@ -52,6 +57,8 @@ class Options:
     slip_width: float | np.ndarray | None = None
     gamma: float = 0.5
     max_error: float | None = None
+    laws: bool = True
+    speed: Literal["best", "as stated"] = "best"
 
 
 @dataclass(frozen=True)
@@ -89,14 +96,27 @@ def identify(
     options = options or Options()
     progress("checking", 0.0)
     require(arm, [*(logs[k] for k in survey(logs)), *holdout])
+    if options.speed == "best":
+        arm = replace(arm, speed_from=_speed_reading(arm, [logs[k] for k in survey(logs)], options))
     fit = fitted(arm, logs, options, progress, kept)
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
+    progress("friction of the joints", 0.0)
+    laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws else None
+    if laws and laws.driving and not arm.reversed_torque:
+        turned = tuple(arm.joint_names[j] for j in laws.driving)
+        return identify(replace(arm, reversed_torque=turned), logs, holdout, options, progress, kept)
+    if laws and (laws.effects or arm.prior.numbers is not None):
+        solution = replace(
+            solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
+        )
     kept_rows = Rows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, solution.theta, solution.tight, pi0, options.gamma, options.masses_only)
-    calibrated = calibrated_arm(arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names)
+    calibrated = calibrated_arm(
+        arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names, laws.effects if laws else ()
+    )
     nominal = nominal_prior(arm, model)
     estimates = base_estimates(model, solution, nominal, TorqueModel.of_arm(calibrated).nominal())
     unknown = [k for k, e in enumerate(estimates) if not e.identifiable]
@@ -108,6 +128,9 @@ def identify(
     if held:
         seen_not = plain(kept_rows), plain(kept_rows, apart=True)
         unseen = gap(model, *seen_not, [m.name for m in held], possible.theta, noise_between_periods(held))
+    if laws and laws.effects:
+        training = _with_laws(training, model, fit.measurements, laws, possible.theta)
+        unseen = unseen and _with_laws(unseen, model, held, laws, possible.theta)
     told = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
     result = FitResult(
         arm=arm.name,
@@ -141,6 +164,31 @@ def identify(
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
+
+
+def _speed_reading(arm: Arm, logs: Sequence[Log], options: Options) -> SpeedFrom:
+    """The reading of the motion that goes better with the torque; the arm's own where a log reports no speed."""
+    if not all(np.isfinite(log.dq).all() for log in logs):
+        return arm.speed_from
+    cutoff = options.cutoff or max(motion_cutoff(log) for log in logs)
+    model = TorqueModel.of_arm(arm)
+    readings: tuple[SpeedFrom, ...] = ("position", "measured")
+    measured = {key: [prepare(log, replace(arm, speed_from=key), cutoff) for log in logs] for key in readings}
+    return speed_reading(model, measured, nominal_prior(arm, model))
+
+
+def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """b with every standard deviation at least that of a."""
+    grow = np.sqrt(np.maximum(np.diag(a) / np.maximum(np.diag(b), 1e-300), 1.0))
+    return b * np.outer(grow, grow)
+
+
+def _with_laws(of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray) -> Gap:
+    """What is left once the friction laws are taken off the torque; what the nominal arm leaves stays as it is."""
+    few = without_laws(measurements, laws.effects, model.arm)
+    rows = Rows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
+    after = gap(model, plain(rows), plain(rows, apart=True), of.logs, theta)
+    return replace(of, after=after.after, sliding=after.sliding, after_ampere=after.after_ampere)
 
 
 @dataclass(frozen=True)

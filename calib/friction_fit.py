@@ -1,0 +1,193 @@
+"""tau_j = X_j theta + D_j a_j: a friction law for every joint beside the arm's other uncertain numbers, by empirical Bayes.
+
+theta has the prior that is known of the arm. The coefficients of a joint's library of terms are a_jk ~ N(0, 1/alpha_jk) with alpha_jk
+chosen by maximum evidence, which leaves few of them large (M. Tipping 2001, Sparse Bayesian Learning and the Relevance Vector Machine,
+JMLR 1, 211-244, section 2.3). Which terms a joint gets at all is decided by prediction: each part of the recordings in turn is left out
+and predicted from the others (T. Hastie, R. Tibshirani, J. Friedman 2009, The Elements of Statistical Learning, section 7.10).
+
+Rows are not whitened: on a real arm what is slow in the residual is the model's error and comes again. That neighbouring rows say much the
+same is counted by one factor for all joints, the integrated autocorrelation time of the residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+HELPS = 0.02  # share of a joint's error, predicted from the other parts, that a law must remove
+ROUNDS, LEAST_PRECISION, MOST_PRECISION = 24, 1e-10, 1e8
+LONGEST_MEMORY = 60  # rows
+MOST_CORRELATED = 30.0
+NEGLIGIBLE = 1e-3  # of the joint's residual: a term that contributes less is left out
+PARTS = 5  # of a single recording
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the recordings; per joint X (R_j, p), the library's columns D (R_j, k) and the torque to explain r (R_j,) N m."""
+
+    x: list[np.ndarray]
+    d: list[np.ndarray]
+    r: list[np.ndarray]
+
+    def cut(self, parts: int) -> list[Part]:
+        """Pieces of equal length, one after the other."""
+        pieces = zip(*(zip(*(np.array_split(y, parts) for y in (x, d, r)), strict=True) for x, d, r in zip(self.x, self.d, self.r, strict=True)), strict=True)  # fmt: skip
+        return [Part(*(list(column) for column in zip(*joints, strict=True))) for joints in pieces]
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """theta (p,) and its covariance (p, p); coefficients per joint (k,), zero where a term is not used; plain and predicted (n,) N m: RMS error of parts left out.
+
+    `plain` is without any law, `predicted` with the terms that each joint was given.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    coefficients: list[np.ndarray]
+    plain: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def joints(self) -> list[int]:
+        """Those that have a law."""
+        return [j for j, a in enumerate(self.coefficients) if np.any(a)]
+
+
+def fit_friction(
+    parts: Sequence[Part],
+    mean: np.ndarray,
+    precision: np.ndarray,
+    sets: Sequence[Sequence[int]],
+    only: Sequence[int] | None = None,
+) -> FrictionFit:
+    """The law of every joint (of `only` those) that predicts parts left out at least HELPS better than none.
+
+    mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole.
+    """
+    if len(parts) == 1:
+        parts = parts[0].cut(PARTS)
+    n = len(parts[0].r)
+    problem = _Problem(list(parts), mean, precision)
+    nothing = [np.zeros(problem.k, dtype=bool) for _ in range(n)]
+    errors = [problem.left_out(nothing)]
+    for chosen in sets:
+        mask = np.isin(np.arange(problem.k), list(chosen))
+        errors.append(problem.left_out([mask if only is None or j in only else nothing[j] for j in range(n)]))
+    best = np.argmin(errors, axis=0)
+    worth = np.min(errors, axis=0) < (1 - HELPS) * errors[0]
+    given = [np.isin(np.arange(problem.k), list(sets[best[j] - 1])) if best[j] and worth[j] else nothing[j] for j in range(n)]
+    predicted = problem.left_out(given) if any(g.any() for g in given) else errors[0]
+    # a law at one joint moves what the joints share; what it spoils elsewhere counts
+    dropped = [j for j in range(n) if given[j].any() and predicted[j] > (1 - HELPS) * errors[0][j]]
+    if dropped:
+        given = [nothing[j] if j in dropped else given[j] for j in range(n)]
+        predicted = problem.left_out(given)
+    theta, coefficients = problem.solve(given)
+    return FrictionFit(theta, problem.covariance, coefficients, errors[0], predicted)
+
+
+@dataclass
+class _Problem:
+    """Sums of products of every part, so that any of them can be left out."""
+
+    parts: list[Part]
+    mean: np.ndarray
+    precision: np.ndarray
+    sums: list[list[np.ndarray]] = field(init=False)
+    rows: np.ndarray = field(init=False)
+    scale: list[np.ndarray] = field(init=False)
+    correlated: float = field(init=False, default=1.0)
+    covariance: np.ndarray = field(init=False, default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        n = len(self.parts[0].r)
+        count = [max(sum(len(p.r[j]) for p in self.parts), 1) for j in range(n)]
+        self.scale = [
+            np.sqrt(np.maximum(sum((p.d[j] ** 2).sum(axis=0) for p in self.parts) / count[j], 1e-24)) for j in range(n)
+        ]
+        self.sums = []
+        for p in self.parts:
+            full = [np.column_stack([p.x[j], p.d[j] / self.scale[j], p.r[j]]) for j in range(n)]
+            self.sums.append([a.T @ a for a in full])
+        self.rows = np.array([[len(r) for r in p.r] for p in self.parts])
+        for _ in range(2):
+            theta, _ = self.solve([np.zeros(self.k, dtype=bool)] * n)
+            self.correlated = self._memory(theta)
+
+    @property
+    def p(self) -> int:
+        return len(self.mean)
+
+    @property
+    def k(self) -> int:
+        return int(self.parts[0].d[0].shape[1])
+
+    def _memory(self, theta: np.ndarray) -> float:
+        """Rows that say what one independent row would: geometric mean over the joints."""
+        out = []
+        for j in range(len(self.parts[0].r)):
+            e = np.concatenate([p.r[j] - p.x[j] @ theta for p in self.parts])
+            power = float(e @ e)
+            own = [float(e[lag:] @ e[:-lag]) / max(power, 1e-300) for lag in range(1, min(LONGEST_MEMORY, len(e) // 4 + 1))]
+            end = next((i for i, rho in enumerate(own) if rho < 0.05), len(own))
+            out.append(np.clip(1 + 2 * sum(own[:end]), 1.0, MOST_CORRELATED))
+        return float(np.exp(np.mean(np.log(out))))
+
+    def left_out(self, given: list[np.ndarray]) -> np.ndarray:
+        """(n,) N m: RMS error of every part, predicted from the others."""
+        squares = np.zeros(len(given))
+        for i in range(len(self.parts)):
+            theta, coefficients = self.solve(given, without=i)
+            for j, sums in enumerate(self.sums[i]):
+                v = np.concatenate([theta, coefficients[j] * self.scale[j], [-1.0]])
+                squares[j] += max(float(v @ sums @ v), 0.0)
+        return np.sqrt(squares / np.maximum(self.rows.sum(axis=0), 1))
+
+    def solve(self, given: list[np.ndarray], without: int | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
+        """theta (p,) and coefficients per joint (k,) with maximum evidence for the terms `given`."""
+        n, p = len(given), self.p
+        use = [i for i in range(len(self.parts)) if i != without]
+        total = [sum((self.sums[i][j] for i in use[1:]), self.sums[use[0]][j]) for j in range(n)]
+        rows = np.maximum(self.rows[use].sum(axis=0), 1)
+        terms = [np.flatnonzero(g) for g in given]
+        first = p + np.concatenate([[0], np.cumsum([len(t) for t in terms])])
+        columns = [np.concatenate([np.arange(p), first[j] + np.arange(len(terms[j]))]) for j in range(n)]
+        own = [np.concatenate([np.arange(p), p + terms[j]]) for j in range(n)]
+        size = np.array([np.sqrt(s[-1, -1] / r) for s, r in zip(total, rows, strict=True)])
+        alpha = np.concatenate([np.full(len(t), 1 / (0.03 * s) ** 2) for t, s in zip(terms, size, strict=True)])
+        variance = np.maximum((0.1 * size) ** 2, 1e-12)
+        x = np.zeros(int(first[-1]))
+        rounds = ROUNDS if len(alpha) else 6
+        for turn in range(rounds):
+            a, g = np.zeros((len(x), len(x))), np.zeros(len(x))
+            a[:p, :p] = self.precision
+            g[:p] = self.precision @ self.mean
+            for j in range(n):
+                weight = 1 / (variance[j] * self.correlated)
+                a[np.ix_(columns[j], columns[j])] += weight * total[j][np.ix_(own[j], own[j])]
+                g[columns[j]] += weight * total[j][own[j], -1]
+            a[range(p, len(x)), range(p, len(x))] += alpha
+            d = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+            factor = cho_factor(a * np.outer(d, d) + 1e-12 * np.eye(len(x)), check_finite=False)
+            x = d * cho_solve(factor, d * g, check_finite=False)
+            if len(alpha) and turn >= 3:
+                spread = np.diag(cho_solve(factor, np.eye(len(x)), check_finite=False))[p:] * d[p:] ** 2
+                known = np.clip(1 - alpha * spread, 1e-9, 1.0)
+                alpha = np.clip(known / np.maximum(x[p:] ** 2, 1e-300), LEAST_PRECISION, MOST_PRECISION)
+            for j in range(n):
+                v = np.append(x[columns[j]], -1.0)
+                s = total[j][np.ix_([*own[j], -1], [*own[j], -1])]
+                variance[j] = max(float(v @ s @ v) / rows[j], 1e-12 * size[j] ** 2, 1e-16)
+        self.covariance = cho_solve(factor, np.eye(len(x)), check_finite=False)[:p, :p] * np.outer(d[:p], d[:p])
+        coefficients = []
+        for j in range(n):
+            out = np.zeros(self.k)
+            found = x[first[j] : first[j + 1]]
+            out[terms[j]] = np.where(np.abs(found) > NEGLIGIBLE * np.sqrt(variance[j]), found, 0.0) / self.scale[j][terms[j]]
+            coefficients.append(out)
+        return x[:p], coefficients

@@ -1,0 +1,140 @@
+"""What the joints' friction is beyond Coulomb and viscous: memory over several displacements, where it predicts recordings left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.friction_fit import Part, fit_friction
+from calib.identification.least_squares import Prior
+from calib.identification.model import FRICTION, TorqueModel
+from calib.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from sim.arm_table import SpeedFrom
+from sim.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
+from sim.prediction import by_stage, link_side, motor_side
+from sim.trajectory import Trajectory
+
+# what a fit of rows says by itself: how far beyond the torque that was measured a joint's friction may lie
+FREE = 3.0
+DRIVES = 0.05  # share of a joint's torque that friction of the wrong sign must take, at the RMS speed
+CLEARLY = 0.05  # share of the error by which one reading must be better
+SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
+
+
+@dataclass(frozen=True)
+class Laws:
+    """effects: a friction law for every joint that has one; theta (p,) with them and its covariance. plain, predicted (n,) N m as friction_fit says.
+
+    driving: joints whose friction would push: their torque is read with the opposite sign.
+    """
+
+    effects: tuple[ArmEffect, ...]
+    theta: np.ndarray
+    covariance: np.ndarray
+    plain: np.ndarray
+    predicted: np.ndarray
+    driving: tuple[int, ...] = ()
+
+
+def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> Laws:
+    """Hysteresis of several widths at the joints where it predicts parts of the recordings left out better than the model alone.
+
+    The prior of the links is the nominal arm's; friction and offsets are free. The Coulomb level is all dry friction that is left once
+    a joint slides, whatever the width over which each part of it builds up.
+    """
+    arm = model.arm
+    parts = [_part(model, m) for m in measurements]
+    found = fit_friction(parts, nominal.mean, _free(model, parts, nominal), [SLIP])
+    theta, effects, driving = found.theta.copy(), [], []
+    for j in range(arm.n):
+        terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
+        dry, wet = model.friction_column("coulomb", j), model.friction_column("viscous", j)
+        level = float(theta[dry]) + sum(terms[name] for name in FAMILIES["slip"])
+        speed = np.abs(np.concatenate([p.x[j][:, wet] for p in parts]))
+        if level + theta[wet] * float(np.sqrt(np.mean(speed**2))) < -DRIVES * float(
+            np.std(np.concatenate([p.r[j] for p in parts]))
+        ):
+            driving.append(j)
+        # friction that falls with speed is no viscous damping, but friction all the same while it brakes
+        falling = theta[wet] < 0 and level + theta[wet] * float(np.quantile(speed, 0.99)) > 0
+        if falling:
+            terms["power_1"], theta[wet] = float(theta[wet]), 0.0
+        if j in found.joints or falling:
+            terms[FAMILIES["slip"][_nearest(model.slip_width[j])]] += float(theta[dry]) - max(level, 0.0)
+            theta[dry] = max(level, 0.0)
+            effects.append(ArmEffect("friction_law", arm.joint_names[j], terms))
+    return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted, tuple(driving))
+
+
+def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
+    """Which reading gives speed and acceleration: the one with which parts of the recordings left out are predicted better."""
+    error = {key: fitted_plain(model, few, nominal) for key, few in readings.items()}
+    ratio = np.exp(np.mean(np.log(np.maximum(error["measured"], 1e-12) / np.maximum(error["position"], 1e-12))))
+    return "measured" if ratio < 1 - CLEARLY else "position"
+
+
+def fitted_plain(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> np.ndarray:
+    """(n,) N m: RMS error of parts left out, with Coulomb and viscous friction alone."""
+    parts = [_part(model, m) for m in measurements]
+    return fit_friction(parts, nominal.mean, _free(model, parts, nominal), []).plain
+
+
+def torque_of(laws: Sequence[ArmEffect], arm: Arm, motion: Trajectory) -> np.ndarray:
+    """(N, n) N m that laws add along a motion."""
+    nothing = by_stage((), arm)
+    state = link_side(arm, motion, nothing)
+    motor_side(state, nothing)
+    state.tau[:] = 0.0
+    for item in laws:
+        FrictionLaw().apply(state, arm.joint_index(item.joint or ""), item.parameters)
+    return state.tau
+
+
+def without_laws(measurements: Sequence[Measurement], laws: Sequence[ArmEffect], arm: Arm) -> list[Measurement]:
+    """The measurements less the torque of the laws."""
+    return [replace(m, tau=m.tau - torque_of(laws, arm, m.trajectory)) for m in measurements]
+
+
+def _free(model: TorqueModel, parts: Sequence[Part], nominal: Prior) -> np.ndarray:
+    """(p, p) precision of the nominal arm, with friction and offsets free."""
+    precision = nominal.precision.copy()
+    for j in range(model.arm.n):
+        torque = np.sqrt(np.mean(np.concatenate([p.r[j] for p in parts]) ** 2))
+        for kind in FRICTION:
+            k = model.friction_column(kind, j)
+            size = np.sqrt(np.mean(np.concatenate([p.x[j][:, k] for p in parts]) ** 2))
+            precision[k, :] = precision[:, k] = 0.0
+            precision[k, k] = (size / (FREE * max(float(torque), 1e-9))) ** 2 + 1e-12
+    return precision
+
+
+def _nearest(width: float) -> int:
+    return int(np.argmin(np.abs(np.log(np.array(WIDTHS) / width))))
+
+
+def _part(model: TorqueModel, m: Measurement) -> Part:
+    """Rows between the first and the last motion, reversals and all."""
+    arm, law, tr = model.arm, FrictionLaw(), m.trajectory
+    nothing = by_stage((), arm)
+    state = link_side(arm, tr, nothing)
+    motor_side(state, nothing)
+    links = model.joint_columns(tr.q, tr.dq, tr.ddq)
+    moving = np.flatnonzero(m.row_usable.any(axis=1))
+    keep = np.concatenate([m.decimator.clean_rows(m.inside[lo:hi, None])[:, 0] for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)])  # fmt: skip
+    keep[: moving[0] if len(moving) else len(keep)] = False
+    keep[moving[-1] + 1 if len(moving) else 0 :] = False
+    x, d, r = [], [], []
+    for j in range(arm.n):
+        columns = law.columns(state, j)
+        own = np.zeros((len(tr.t), model.p))
+        own[:, model.used_by(j)] = links[j]
+        # dry friction as a prediction builds it up, between the samples too
+        own[:, model.friction_column("coulomb", j)] = columns[:, SLIP[_nearest(model.slip_width[j])]]
+        rows = m.rows(np.column_stack([own, columns, m.tau[:, j]]))[keep]
+        x.append(rows[:, : model.p])
+        d.append(rows[:, model.p : -1])
+        r.append(rows[:, -1])
+    return Part(x, d, r)
