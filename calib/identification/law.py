@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.friction_fit import Part, fit_friction
+from calib.friction_fit import FrictionFit, Part, fit_friction
 from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
 from calib.preprocessing import Measurement
@@ -48,25 +48,44 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
     arm = model.arm
     parts = [_part(model, m) for m in measurements]
     found = fit_friction(parts, nominal.mean, _free(model, parts, nominal), [SLIP])
-    theta, effects, driving = found.theta.copy(), [], []
+    theta, effects = found.theta.copy(), []
     for j in range(arm.n):
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
         dry, wet = model.friction_column("coulomb", j), model.friction_column("viscous", j)
         level = float(theta[dry]) + sum(terms[name] for name in FAMILIES["slip"])
-        speed = np.abs(np.concatenate([p.x[j][:, wet] for p in parts]))
-        if level + theta[wet] * float(np.sqrt(np.mean(speed**2))) < -DRIVES * float(
-            np.std(np.concatenate([p.r[j] for p in parts]))
-        ):
-            driving.append(j)
-        # friction that falls with speed is no viscous damping, but friction all the same while it brakes
-        falling = theta[wet] < 0 and level + theta[wet] * float(np.quantile(speed, 0.99)) > 0
+        # what falls with speed is no viscous damping; drives that compensate their friction report less than none of it
+        falling = theta[wet] < 0
         if falling:
             terms["power_1"], theta[wet] = float(theta[wet]), 0.0
-        if j in found.joints or falling:
+        if j in found.joints or falling or level < 0:
             terms[FAMILIES["slip"][_nearest(model.slip_width[j])]] += float(theta[dry]) - max(level, 0.0)
             theta[dry] = max(level, 0.0)
             effects.append(ArmEffect("friction_law", arm.joint_names[j], terms))
-    return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted, tuple(driving))
+    turned = _reversed(model, parts, nominal, found)
+    return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted, turned)
+
+
+def _reversed(model: TorqueModel, parts: Sequence[Part], nominal: Prior, found: FrictionFit) -> tuple[int, ...]:
+    """Joints whose friction would push, and would not with the torque read the other way round, which must predict as well."""
+    push = _pushing(model, parts, found)
+    if not push:
+        return ()
+    other = [replace(p, r=[-r if j in push else r for j, r in enumerate(p.r)]) for p in parts]
+    turned = fit_friction(other, nominal.mean, _free(model, other, nominal), [SLIP])
+    worse = float(np.exp(np.mean(np.log(np.maximum(turned.predicted, 1e-12) / np.maximum(found.predicted, 1e-12)))))
+    return () if worse > 1 + CLEARLY or _pushing(model, other, turned) else tuple(push)
+
+
+def _pushing(model: TorqueModel, parts: Sequence[Part], found: FrictionFit) -> list[int]:
+    """Joints with friction of the wrong sign at their RMS speed, by more than DRIVES of their torque."""
+    out = []
+    for j in range(model.arm.n):
+        dry, wet = model.friction_column("coulomb", j), model.friction_column("viscous", j)
+        speed = float(np.sqrt(np.mean(np.concatenate([p.x[j][:, wet] for p in parts]) ** 2)))
+        level = found.theta[dry] + sum(found.coefficients[j][list(SLIP)]) + found.theta[wet] * speed
+        if level < -DRIVES * float(np.std(np.concatenate([p.r[j] for p in parts]))):
+            out.append(j)
+    return out
 
 
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
