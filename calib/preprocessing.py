@@ -164,11 +164,11 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
 
 
 def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
-    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint; its sign is the axis's."""
+    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint."""
     tau = np.array(log.tau, dtype=float)
     silent = ~np.isfinite(tau).any(axis=0)
     if not silent.any():
-        return tau * arm.torque_sign
+        return tau
     dark = silent & ~np.isfinite(log.current).any(axis=0)
     if dark.any():
         raise BadLog(f"{name}: neither effort nor current of {_names(log, dark)}; a log needs one of them for every joint")
@@ -178,7 +178,7 @@ def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
             "the joint) and its source into arm.toml, or identify it with a known mass: `calib identify --known-mass`"
         )
     tau[:, silent] = log.current[:, silent] * arm.torque_constant[silent]
-    return tau * arm.torque_sign
+    return tau
 
 
 def motion_cutoff(log: Log) -> float:

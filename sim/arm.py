@@ -41,7 +41,7 @@ class Arm:
     """Everything that is known of an arm; SI units, joint side of the gear, arrays read-only in the order of `joint_names`.
 
     q_min q_max (n,) rad, dq_max (n,) rad/s, ddq_max (n,) rad/s^2, jerk_max (n,) rad/s^3, tau_max (n,) N m
-    torque_constant (n,) N m/A at the joint, or None; torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position", or "measured"; reversed_torque: joints whose reading has the opposite sign; gravity (3,) m/s^2 in the base frame
+    torque_constant (n,) N m/A at the joint, or None; torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position", or "measured"; gravity (3,) m/s^2 in the base frame
     effects are those beyond the rigid bodies; coulomb_friction, viscous_friction and rotor_inertia of the model file stand there too.
     incomplete names the limits (and "sensors", "shapes") that nobody has stated of an arm that came from a bare model file.
     """
@@ -66,17 +66,11 @@ class Arm:
     incomplete: tuple[str, ...] = ()
     torque_at: TorqueAt = "motor"
     speed_from: SpeedFrom = "position"
-    reversed_torque: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
-
-    @property
-    def torque_sign(self) -> np.ndarray:
-        """(n,) -1 for joints whose drive reports the torque with the opposite sign, else 1."""
-        return np.array([-1.0 if joint in self.reversed_torque else 1.0 for joint in self.joint_names])
 
     @property
     def bare(self) -> bool:
@@ -132,9 +126,6 @@ def _folder(folder: Path) -> Arm:
     if not model_path.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(f"{file}: model = {table.model!r} leaves the arm's folder; copy the model file into it")
     text, tree = _model(model_path, folder)
-    for joint in table.reversed_torque:
-        if joint not in tree.joint_names:
-            raise ConfigError(f"{file}: reversed_torque: joint {joint!r}; {nearest(joint, tree.joint_names)}")
     if list(tree.joint_names) != table.joints:
         raise ConfigError(
             f"{file}: joints = {table.joints}, but {model_path.name} has {list(tree.joint_names)}; "
@@ -159,7 +150,7 @@ def _folder(folder: Path) -> Arm:
         torque_constant=None if constant is None else _row(constant, table.joints, f"{file}: torque_constant"),
         effects=_all_effects(table.effects, tree, file), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
         model_path=model_path, model_text=text, sha256=hashlib.sha256(raw + text.encode()).hexdigest(),
-        incomplete=tuple(table.incomplete), torque_at=table.torque_at, speed_from=table.speed_from, reversed_torque=tuple(table.reversed_torque),
+        incomplete=tuple(table.incomplete), torque_at=table.torque_at, speed_from=table.speed_from,
     )  # fmt: skip
 
 

@@ -167,7 +167,7 @@ def _table(arm: Arm, name: str, provenance: dict[str, str]) -> ArmTable:
         ],
         "limits": given, **sensors, "prior": arm.prior, "effects": listed, "provenance": {**arm.provenance, **provenance},
         "torque_constant": None if arm.torque_constant is None else arm.torque_constant.tolist(),
-        "torque_at": arm.torque_at, "speed_from": arm.speed_from, "reversed_torque": list(arm.reversed_torque),
+        "torque_at": arm.torque_at, "speed_from": arm.speed_from,
     }  # fmt: skip
     return ArmTable.model_validate(data)
 

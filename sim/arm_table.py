@@ -72,7 +72,6 @@ class ArmTable(StrictTable):
 
     torque_at: where the torque is measured: at the motor (its current, before the gear), or by a sensor at the joint, behind the gear.
     speed_from: which reading gives speed and acceleration: differences of the position, or the speed that the drive reports.
-    reversed_torque: joints whose drive reports the torque with the opposite sign of the joint's axis.
     incomplete: what nobody has stated of this arm, because it was written from a bare model file. Such a limit is read from the
     model where the model has it; where not, whoever needs it asks for it. "shapes": the files of some collision shapes were not there,
     and no motion is cleared until they are added to the model, or the entry is removed to do without. An entry leaves the list when its number is written here.
@@ -88,7 +87,6 @@ class ArmTable(StrictTable):
     torque_constant: list[Positive] | None = None
     torque_at: TorqueAt = "motor"
     speed_from: SpeedFrom = "position"
-    reversed_torque: list[Label] = Field(default_factory=list)
     prior: PriorTable = PriorTable()
     effects: list[EffectTable] = Field(default_factory=list)
     provenance: dict[str, str]

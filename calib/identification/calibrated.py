@@ -37,9 +37,7 @@ def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
     if calibrated.torque_constant is not nominal.torque_constant:
         provenance |= {"torque_constant": calibrated.provenance["torque_constant"]}
         nominal = replace(nominal, torque_constant=calibrated.torque_constant)
-    nominal = replace(
-        nominal, prior=calibrated.prior, speed_from=calibrated.speed_from, reversed_torque=calibrated.reversed_torque
-    )
+    nominal = replace(nominal, prior=calibrated.prior, speed_from=calibrated.speed_from)
     inertials = {joint: (float(tree.mass[j]), tree.com[j], tree.inertia[j]) for j, joint in enumerate(calibrated.joint_names)}
     return write_arm(
         folder,

@@ -103,9 +103,6 @@ def identify(
     model, solution, sums = fit.model, fit.solution, fit.sums
     progress("friction of the joints", 0.0)
     laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws else None
-    if laws and laws.driving and not arm.reversed_torque:
-        turned = tuple(arm.joint_names[j] for j in laws.driving)
-        return identify(replace(arm, reversed_torque=turned), logs, holdout, options, progress, kept)
     if laws and (laws.effects or arm.prior.numbers is not None):
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.friction_fit import FrictionFit, Part, fit_friction
+from calib.friction_fit import Part, fit_friction
 from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
 from calib.preprocessing import Measurement
@@ -19,24 +19,19 @@ from sim.trajectory import Trajectory
 
 # what a fit of rows says by itself: how far beyond the torque that was measured a joint's friction may lie
 FREE = 3.0
-DRIVES = 0.05  # share of a joint's torque that friction of the wrong sign must take, at the RMS speed
 CLEARLY = 0.05  # share of the error by which one reading must be better
 SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
 
 
 @dataclass(frozen=True)
 class Laws:
-    """effects: a friction law for every joint that has one; theta (p,) with them and its covariance. plain, predicted (n,) N m as friction_fit says.
-
-    driving: joints whose friction would push: their torque is read with the opposite sign.
-    """
+    """effects: a friction law for every joint that has one; theta (p,) with them and its covariance. plain, predicted (n,) N m as friction_fit says."""
 
     effects: tuple[ArmEffect, ...]
     theta: np.ndarray
     covariance: np.ndarray
     plain: np.ndarray
     predicted: np.ndarray
-    driving: tuple[int, ...] = ()
 
 
 def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> Laws:
@@ -61,31 +56,7 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
             terms[FAMILIES["slip"][_nearest(model.slip_width[j])]] += float(theta[dry]) - max(level, 0.0)
             theta[dry] = max(level, 0.0)
             effects.append(ArmEffect("friction_law", arm.joint_names[j], terms))
-    turned = _reversed(model, parts, nominal, found)
-    return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted, turned)
-
-
-def _reversed(model: TorqueModel, parts: Sequence[Part], nominal: Prior, found: FrictionFit) -> tuple[int, ...]:
-    """Joints whose friction would push, and would not with the torque read the other way round, which must predict as well."""
-    push = _pushing(model, parts, found)
-    if not push:
-        return ()
-    other = [replace(p, r=[-r if j in push else r for j, r in enumerate(p.r)]) for p in parts]
-    turned = fit_friction(other, nominal.mean, _free(model, other, nominal), [SLIP])
-    worse = float(np.exp(np.mean(np.log(np.maximum(turned.predicted, 1e-12) / np.maximum(found.predicted, 1e-12)))))
-    return () if worse > 1 + CLEARLY or _pushing(model, other, turned) else tuple(push)
-
-
-def _pushing(model: TorqueModel, parts: Sequence[Part], found: FrictionFit) -> list[int]:
-    """Joints with friction of the wrong sign at their RMS speed, by more than DRIVES of their torque."""
-    out = []
-    for j in range(model.arm.n):
-        dry, wet = model.friction_column("coulomb", j), model.friction_column("viscous", j)
-        speed = float(np.sqrt(np.mean(np.concatenate([p.x[j][:, wet] for p in parts]) ** 2)))
-        level = found.theta[dry] + sum(found.coefficients[j][list(SLIP)]) + found.theta[wet] * speed
-        if level < -DRIVES * float(np.std(np.concatenate([p.r[j] for p in parts]))):
-            out.append(j)
-    return out
+    return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted)
 
 
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:

@@ -107,7 +107,6 @@ class Intake:
         tau = state.tau
         if not np.isfinite(tau).all() and self._arm.torque_constant is not None:
             tau = np.where(np.isfinite(tau), tau, state.current * self._arm.torque_constant)
-        tau = tau * self._arm.torque_sign
         dq = state.dq
         if np.isnan(dq).all() and self._last is not None and state.t_device > self._last.t:
             dq = (state.q - self._last.q) / (state.t_device - self._last.t)
