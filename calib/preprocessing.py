@@ -106,6 +106,16 @@ class Measurement:
         return np.concatenate([self.decimator.clean_rows(self.usable[lo:hi]) for lo, hi in pairs])
 
     @cached_property
+    def row_moving(self) -> np.ndarray:
+        """(R,) rows between the first and the last motion of any joint, reversals and standing joints and all."""
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        out = np.concatenate([self.decimator.clean_rows(self.inside[lo:hi, None])[:, 0] for lo, hi in pairs])
+        moving = np.flatnonzero(self.row_usable.any(axis=1))
+        out[: moving[0] if len(moving) else len(out)] = False
+        out[moving[-1] + 1 if len(moving) else 0 :] = False
+        return out
+
+    @cached_property
     def row_stretch(self) -> np.ndarray:
         """(R,) which stretch a row belongs to; rows of different stretches are not neighbours in time."""
         return np.searchsorted(self.starts, self.row_samples, side="right") - 1

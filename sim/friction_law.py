@@ -20,7 +20,20 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "stribeck": ("stribeck_0.02", "stribeck_0.1", "stribeck_0.4"),
     "load": ("load", "load_2", "load_driving"),
 }
+SYMBOLS = {
+    **{name: f"z({w:g})" for name, w in zip(FAMILIES["slip"], WIDTHS, strict=True)},
+    **{name: f"sign(dq) |dq|^{p:g}" for name, p in zip(FAMILIES["speed"], POWERS, strict=True)},
+    **{name: f"z exp(-|dq|/{v:g})" for name, v in zip(FAMILIES["stribeck"], SPEEDS, strict=True)},
+    "load": "z |load|", "load_2": "z load^2", "load_driving": "max(load z, 0) z",
+}  # fmt: skip
 TERMS = tuple(name for family in FAMILIES.values() for name in family)
+
+
+def formula(p: Values) -> str:
+    """The law with its numbers, largest terms first: "3.1 z(0.003) + 0.04 z |load|"."""
+    names = sorted((n for n in TERMS if p[n] != 0.0), key=lambda n: -abs(p[n]))
+    shown = [f"{'-' if p[name] < 0 else '+'} {abs(p[name]):.3g} {SYMBOLS[name]}" for name in names]
+    return " ".join(shown).removeprefix("+ ") or "0"
 
 
 class FrictionLaw(Effect):

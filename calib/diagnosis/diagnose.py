@@ -16,7 +16,7 @@ from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import as_written, correction_of, promoted, torque_rms
+from calib.diagnosis.promotion import as_written, promoted, torque_rms
 from calib.diagnosis.selection import Found, search, without
 from calib.diagnosis.unexplained import unexplained
 from calib.gate import Check
@@ -70,8 +70,6 @@ def diagnose(
         worst = min(refused, key=lambda i: judged[i].held_out)
         found.best = without(fitted, found.best, worst)
         judged = judge(fitted, found.best, apart)
-    told("trying the corrected arm on logs kept apart")
-    promotion = promoted(fitted, found.best, apart)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
@@ -79,29 +77,31 @@ def diagnose(
     kept = [j for j in judged if not odd or (left.get(j.effect.joint or "", 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
     named = found.best
     if len(kept) < len(judged):
-        named = fit(
-            fitted,
-            found.best.hypothesis.with_effects(tuple(j.effect for j in kept)),
-            noise=found.best.solved.noise,
-            like=found.best.models,
-        )
+        effects = tuple(j.effect for j in kept)
+        named = fit(fitted, named.hypothesis.with_effects(effects), noise=named.solved.noise, like=named.models)
         kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
-        promotion = replace(promotion, named=named, written=as_written(fitted, named))
+    reached = limits_reached(arm, logs)
+    have = {(j.effect.effect, j.effect.joint) for j in kept}
+    reached = [x for x in reached if (x.effect.effect, x.effect.joint) not in have]
+    limits = tuple(x.effect for x in reached)
+    told("trying the corrected arm")
+    promotion = promoted(fitted, named, found.baseline, apart, limits)
+    gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}
+    kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
     entries = [entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
-    have = {(j.effect.effect, j.effect.joint) for j in kept}
-    reached = [x for x in limits_reached(arm, logs) if (x.effect.effect, x.effect.joint) not in have]
     entries += [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
-    limits = tuple(x.effect for x in reached)
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    change = correction_of(promotion, limits)
-    gap = _gaps(found.baseline, named, change, shown, fitted)
+    change = promotion.change
+    gap = _gaps(found.baseline, change, shown, fitted)
     result = answer(arm, verdict, entries, [u.entry() for u in odd], gap, shown[0].name, trusted)
+    result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
         "refused": [r.text for r in promotion.refused],
+        "laws": [x.entry() for x in promotion.laws],
     }
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
@@ -135,15 +135,14 @@ def answer(
 
 
 def _gaps(
-    baseline: Fit, best: Fit, change: Correction | None, apart: list[Measurement], fitted: list[Measurement]
+    baseline: Fit, change: Correction | None, apart: list[Measurement], fitted: list[Measurement]
 ) -> dict[str, list[float]]:
-    """RMS per joint on the logs kept apart: as given, after an ordinary refit, after naming, and the noise that was measured."""
+    """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
     start = baseline.hypothesis.start
     refit = as_written(fitted, baseline)
     after = start if change is None else change.of(start)
     arms = (("before", start), ("refit", correction(refit).of(start)), ("after", after))
-    out = {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}
-    return {"noise_floor": [float(x) for x in best.solved.noise.sigma]} | out
+    return {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}
 
 
 def entry(

@@ -208,6 +208,10 @@ class LogModel:
         tau = self._state(j, own, **changes).tau[:, 0]
         return tau - self.hypothesis.delay * self.gradient(tau)
 
+    def joint_state(self, j: int) -> PathState:
+        """The path of joint j alone under the hypothesis, arrays (N, 1)."""
+        return self._state(j, self.own_effects(j))
+
     def own_effects(self, j: int) -> list[ArmEffect]:
         """The effects of joint j after the link side, as the hypothesis has them."""
         return [item for stage in LATE for _, joint, item in self.stages[stage] if joint == j]

@@ -1,7 +1,7 @@
-"""What may be written into the corrected arm: only names with which the arm predicts logs kept apart better than without them.
+"""What may be written into the corrected arm: only names and laws with which the arm, as it is written, predicts better.
 
-The arm is judged as it is written and as anyone would use it (sim.prediction.predict, every row of the held-out logs, reversals too),
-because a fit can lean on numbers that an arm folder does not hold.
+The arm is judged as anyone would use it (sim.prediction.predict, every row in motion, reversals too), because a fit can lean on
+numbers that an arm folder does not hold. It is compared with the arm as it was, and with the arm that has friction laws and no names.
 """
 
 from __future__ import annotations
@@ -13,79 +13,112 @@ import numpy as np
 
 from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.law import Law, with_laws
 from calib.diagnosis.model import CONTACT
-from calib.diagnosis.selection import joints_of, without
+from calib.diagnosis.selection import joints_of
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 
-WORSE = 0.01  # relative rise of a joint's held-out RMS torque error within which two arms are alike
+# relative rise of a joint's RMS torque error within which two arms are alike, and that a name may cost beside a law that bends to anything
+WORSE, WORSE_THAN_LAW = 0.01, 0.05
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A name that was fitted and not kept: joint where the error rose, RMS N m without and with it."""
+    """A name that was fitted and not kept: joint where the error rose, RMS N m without and with it, on which recordings."""
 
     effect: ArmEffect
     joint: str
     without: float
     with_it: float
+    on: str
 
     @property
     def text(self) -> str:
         """What was tried and why it was refused."""
         where = f" at {self.effect.joint}" if self.effect.joint else ""
         return (
-            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on the held-out "
-            f"logs the torque error of {self.joint} is {self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
+            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on the {self.on} recordings the torque "
+            f"error of {self.joint} is {self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
         )
 
 
 @dataclass(frozen=True)
 class Promotion:
-    """The names that help, the fit of the arm that is written, its corrections, and what was refused."""
+    """change: of the arm that is written, None where the arm stays as it was; laws in it; names that it does not hold, and why."""
 
-    named: Fit
-    written: Fit
+    change: Correction | None
+    laws: tuple[Law, ...]
     refused: tuple[Refusal, ...]
 
 
-def promoted(measurements: Sequence[Measurement], named: Fit, apart: Sequence[Measurement]) -> Promotion:
-    """The arm is written with those names that lower the held-out error of every joint that they concern.
+def promoted(
+    measurements: Sequence[Measurement],
+    named: Fit,
+    baseline: Fit,
+    apart: Sequence[Measurement],
+    limits: Sequence[ArmEffect] = (),
+) -> Promotion:
+    """The arm with the names of `named`, refitted with what an arm folder can hold, and friction laws of what they leave.
 
-    An arm folder does not hold how far a reading leads or how friction builds up at a reversal, so a name that the fit bears out
-    (calib.diagnosis.acceptance) can make the arm worse: it stays a name and is left out of the arm. Without logs kept apart nothing
-    can be refused.
+    Names at a joint whose error is higher than without any name are left out, and the rest is refitted. The errors are of the
+    recordings kept apart; without any, of those that were fitted, which refuses less.
     """
-    written = as_written(measurements, named)
-    if not apart:
-        return Promotion(named, written, ())
-    written, left_out = _helpful(measurements, written, apart)
-    return Promotion(named, written, tuple(left_out))
-
-
-def _helpful(measurements: Sequence[Measurement], f: Fit, apart: Sequence[Measurement]) -> tuple[Fit, list[Refusal]]:
-    """The fit without the effects with which the held-out error of a joint that they concern is higher, the most harmful first."""
+    start, shown, on = baseline.hypothesis.start, apart or measurements, "held-out" if apart else "fitted"
+    bare = torque_rms(start, shown)
+    plain = _written(as_written(measurements, baseline), shown, limits)
+    most = np.minimum((1 + WORSE) * bare, (1 + WORSE_THAN_LAW) * plain.rms)
+    f = as_written(measurements, named)
     refused: list[Refusal] = []
-    while f.accepted:
-        harmful = []
-        rms = held_out_rms(as_written(measurements, f), apart)
-        for i, item in enumerate(f.accepted):
-            if item.effect == CONTACT:
-                continue
-            bare = held_out_rms(as_written(measurements, without(measurements, f, i, 1)), apart)
-            joints = joints_of(item, f.hypothesis.arm)
-            ratio = rms[joints] / np.maximum(bare[joints], 1e-12)
-            worst = int(np.argmax(ratio))
-            if ratio[worst] > 1 + WORSE:
-                j = joints[worst]
-                harmful.append((float(ratio[worst]), i, Refusal(item, f.hypothesis.arm.joint_names[j], bare[j], rms[j])))
+    for _ in range(ROUNDS):
+        own = [e for e in f.accepted if e.effect != CONTACT]
+        if not own:
+            break
+        found = _written(f, shown, limits)
+        worse = [j for j in range(start.n) if found.rms[j] > most[j]]
+        harmful = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & set(worse)]
+        if not worse:
+            return Promotion(found.change, found.laws, tuple(refused))
         if not harmful:
             break
-        _, i, refusal = max(harmful, key=lambda x: x[0])
-        refused.append(refusal)
-        f = without(measurements, f, i)
-    return f, refused
+        for e in harmful:
+            j = max(set(joints_of(e, f.hypothesis.arm)) & set(worse), key=lambda j: found.rms[j] / most[j])
+            without = float(min(bare[j], plain.rms[j]))
+            refused.append(Refusal(e, start.joint_names[j], without, float(found.rms[j]), on))
+        rest = tuple(e for e in f.accepted if e not in harmful)
+        event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
+        f = fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models)
+    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare):
+        return Promotion(plain.change, plain.laws, tuple(refused))
+    return Promotion(Correction({}, tuple(limits)) if limits else None, (), tuple(refused))
+
+
+@dataclass(frozen=True)
+class _Written:
+    change: Correction
+    laws: tuple[Law, ...]
+    rms: np.ndarray
+
+
+def _written(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> _Written:
+    """A fit as an arm, with laws where they help on the recordings `shown`."""
+    start = f.hypothesis.start
+    change: Correction = correction(f, limits)
+    rms = torque_rms(change.of(start), shown)
+    only: Sequence[int] = range(start.n)
+    while only:
+        more, laws = with_laws(f, only, limits)
+        if not laws:
+            break
+        after = torque_rms(more.of(start), shown)
+        spoilt = [j for j in range(start.n) if after[j] > (1 + WORSE) * rms[j]]
+        if not spoilt:
+            return _Written(more, laws, after)
+        have = [start.joint_index(str(x.effect.joint)) for x in laws]
+        only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
+    return _Written(change, (), rms)
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
@@ -95,26 +128,11 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
     return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
 
 
-def held_out_rms(written: Fit, apart: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m RMS torque error of the corrected arm of a fit."""
-    return torque_rms(correction(written).of(written.hypothesis.start), apart)
-
-
 def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
     """(n,) N m RMS torque error of an arm between the first and the last motion, filtered as the fit's rows are."""
-    squares, count = np.zeros(arm.n), np.zeros(arm.n)
+    squares, count = np.zeros(arm.n), 0
     for m in measurements:
-        error = m.rows(m.tau - predict(arm, m.trajectory))
-        moving = np.flatnonzero(m.row_usable.any(axis=1))
-        counted = np.zeros(m.row_usable.shape, dtype=bool)
-        if len(moving):
-            counted[moving[0] : moving[-1] + 1] = True
-        squares += np.sum(np.where(counted, error**2, 0.0), axis=0)
-        count += counted.sum(axis=0)
-    return np.sqrt(squares / np.maximum(count, 1))
-
-
-def correction_of(promotion: Promotion, limits: Sequence[ArmEffect]) -> Correction | None:
-    """What changes in the arm; None where no name that belongs to the arm was kept."""
-    names = any(e.effect != CONTACT for e in promotion.named.accepted)
-    return correction(promotion.written, limits) if limits or names else None
+        error = m.rows(m.tau - predict(arm, m.trajectory))[m.row_moving]
+        squares += np.sum(error**2, axis=0)
+        count += len(error)
+    return np.sqrt(squares / max(count, 1))

@@ -20,7 +20,7 @@ from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 from sim.effects.effect import Stage
 
-MOST_EFFECTS = 12
+MOST_EFFECTS = 8
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 FILLED = 0.6  # columns over rows where the noise is measured
 LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like

@@ -112,10 +112,7 @@ def _part(model: TorqueModel, m: Measurement) -> Part:
     state = link_side(arm, tr, nothing)
     motor_side(state, nothing)
     links = model.joint_columns(tr.q, tr.dq, tr.ddq)
-    moving = np.flatnonzero(m.row_usable.any(axis=1))
-    keep = np.concatenate([m.decimator.clean_rows(m.inside[lo:hi, None])[:, 0] for lo, hi in zip(m.starts[:-1], m.starts[1:], strict=True)])  # fmt: skip
-    keep[: moving[0] if len(moving) else len(keep)] = False
-    keep[moving[-1] + 1 if len(moving) else 0 :] = False
+    keep = m.row_moving
     x, d, r = [], [], []
     for j in range(arm.n):
         columns = law.columns(state, j)
