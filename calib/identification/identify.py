@@ -102,7 +102,8 @@ def identify(
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
     progress("friction of the joints", 0.0)
-    laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws else None
+    by_command = fit.by_command is not None and fit.by_command.preferred
+    laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws and not by_command else None
     if laws and (laws.effects or arm.prior.numbers is not None):
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
@@ -164,8 +165,11 @@ def identify(
 
 
 def _speed_reading(arm: Arm, logs: Sequence[Log], options: Options) -> SpeedFrom:
-    """The reading of the motion that goes better with the torque; the arm's own where a log reports no speed."""
-    if not all(np.isfinite(log.dq).all() for log in logs):
+    """The reading of the motion that goes better with the torque; the arm's own where a log reports no speed.
+
+    Where the commanded motion is recorded, instruments answer for the noise of the position.
+    """
+    if not all(np.isfinite(log.dq).all() for log in logs) or any(np.isfinite(log.q_cmd).any() for log in logs):
         return arm.speed_from
     cutoff = options.cutoff or max(motion_cutoff(log) for log in logs)
     model = TorqueModel.of_arm(arm)
