@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: figures mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: real figures mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -54,6 +54,9 @@ figures: $(VENV)/ready  ## README and docs built from results/, and which result
 
 bench: $(VENV)/ready  ## the measured figures, one table; writes results/
 	$(BIN)/python -m benchmarks
+
+real: $(VENV)/ready  ## the recordings of real arms in ARM_CALIB_DATA, identified, diagnosed and predicted; writes results/real.json
+	$(BIN)/python -m benchmarks.real
 
 exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings where ARM_CALIB_DATA is set; hours. EXAM="--jobs 2 --keep"
 	$(BIN)/python -m benchmarks.exam run --count 300 --final $(EXAM)

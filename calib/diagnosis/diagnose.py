@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.acceptance import Key, judge
+from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.limits import limits_reached
@@ -102,6 +103,7 @@ def diagnose(
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
         "refused": [r.text for r in promotion.refused],
         "laws": [x.entry() for x in promotion.laws],
+        "calibration": [x.entry() for x in calibration(found.baseline)],
     }
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 

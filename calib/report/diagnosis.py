@@ -77,9 +77,28 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
     return f"The model is missing {found}" if len(effects) == 1 else f"The model is missing {len(effects)} effects: {found}"
 
 
+def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
+    """What else was found: friction laws, names that were refused, and numbers of the arm that a refit moves far."""
+    out = [
+        f"Not in the catalogue, a fitted friction law at {law['joint']}: {law['formula']}. It removes "
+        f"{1 - law['rms_with'] / law['rms_without']:.0%} of the torque error of recordings left out of its fit."
+        for law in diagnosis.get("laws", [])
+    ]
+    out += [text[0].upper() + text[1:] + "." for text in diagnosis.get("refused", [])]
+    far = [m for m in diagnosis.get("calibration", []) if abs(m["prior_deviations"]) > 3.0]
+    if far:
+        moved = [
+            f"{m['parameter']}{' at ' + m['joint'] if m['joint'] else ''} {m['change']:+.3g} {_unit(m['unit'])} "
+            f"({abs(m['prior_deviations']):.0f} times its tolerance)"
+            for m in far[:4]
+        ]
+        out.append(f"A parameter refit without any effect moves {_and(moved)}.")
+    return out
+
+
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
     """What a person standing at the robot should do with this answer."""
-    steps = []
+    steps = remarks(diagnosis)
     for effect in diagnosis.get("effects", []):
         others = effect.get("indistinguishable_from") or []
         if others:
