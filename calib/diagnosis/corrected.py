@@ -61,6 +61,12 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
     return Correction(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
 
 
+def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
+    """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
+    named = [replace(e, std=_finite(s)) for e, s in zip(f.accepted, f.std(), strict=True) if e.effect != CONTACT]
+    return Correction({}, (*named, *limits))
+
+
 def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmEffect]:
     """Presliding friction of the joints whose dry friction was found to build up over clearly more than SLIP_WIDTH."""
     out, have = [], {(e.effect, e.joint) for e in (*effects, *hypothesis.start.effects)}

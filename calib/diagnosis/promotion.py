@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.corrected import Correction, correction
+from calib.diagnosis.corrected import Correction, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, with_laws
 from calib.diagnosis.model import CONTACT
@@ -82,6 +82,10 @@ def promoted(
         if not worse:
             return Promotion(found.change, found.laws, tuple(refused))
         if not harmful:
+            # what the refit moves beside the names spoils another joint: the names alone
+            alone = names_alone(f, limits)
+            if np.all(torque_rms(alone.of(start), shown) <= (1 + WORSE) * bare):
+                return Promotion(alone, (), tuple(refused))
             break
         for e in harmful:
             j = max(set(joints_of(e, f.hypothesis.arm)) & set(worse), key=lambda j: found.rms[j] / most[j])

@@ -103,7 +103,7 @@ def effect_named(name: str) -> Effect:
     try:
         return _BY_NAME[name]
     except KeyError:
-        raise ConfigError(f"there is no effect {name!r}; {nearest(name, _BY_NAME)}") from None
+        raise ConfigError(f"there is no effect {name!r}; {nearest(name, [e.name for e in EFFECTS])}") from None
 
 
 def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
