@@ -62,6 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topic", nargs="*", help=f"of {', '.join(TOPICS)}, which run if none is named, and {', '.join(SLOW)}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
+    parser.add_argument(
+        "--quick", action="store_true", help="the named topics with the few repeats that they have when none is named"
+    )
     given = parser.parse_args(arguments)
     unknown = [topic for topic in given.topic if topic not in (*TOPICS, *SLOW)]
     if unknown:
@@ -75,7 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows: list[dict[str, Any]] = []
     failed = []
     for topic in given.topic or TOPICS:
-        options = {} if given.topic else TOPICS[topic]
+        few = given.quick or not given.topic
+        options = TOPICS.get(topic, {}) if few else {}
         load, began = os.getloadavg()[0], time.perf_counter()
         try:
             measured = import_module(f"benchmarks.{topic}").run(**options)
@@ -84,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             failed.append(topic)
             measured = [{"what": "could not be measured", "value": "failed", "note": f"{type(error).__name__}: {error}"}]
         else:
-            line = f"python -m benchmarks {topic}" if given.topic else "make bench"
+            line = f"python -m benchmarks {'--quick ' * few}{topic}"
             measures = MEASURES.get(topic, results.CODE)
             results.write(topic.replace(".", "_"), measured, command=line, measures=measures, load_before=round(load, 2))
         took = f"{topic}: {time.perf_counter() - began:.0f} s, load average {load:.1f} before, {os.getloadavg()[0]:.1f} after"

@@ -1,7 +1,7 @@
 """README and docs are built from the results files: `python -m benchmarks.figures`, also `make figures`.
 
 A page holds `<!-- figures NAME -->` ... `<!-- end of figures -->`: between the two stands the table of results/NAME.json, or of the rows
-that `<!-- figures NAME: row; row -->` names. docs/figures.md holds all of them. The command also says which results are outdated.
+that `<!-- figures NAME: row; row -->` names; after `NAME?` nothing stands there as long as there is no such file. docs/figures.md holds all. The command also says which results are outdated.
 """
 
 from __future__ import annotations
@@ -52,6 +52,10 @@ def built(text: str, found: Mapping[str, Results]) -> str:
         what = match["what"]
         name, _, chosen = what.partition(":")
         name = name.strip()
+        optional = name.endswith("?")
+        name = name.removesuffix("?")
+        if name not in found and optional:
+            return f"<!-- figures {what} -->\n<!-- end of figures -->"
         if name not in found:
             raise ValueError(f"a page asks for results/{name}.json, which there is not; known: {', '.join(found)}")
         rows = {str(row["what"]): row for row in found[name].rows}
@@ -74,7 +78,8 @@ def table(results: Results, rows: list[Mapping[str, Any]]) -> str:
     machine = results.machine
     before = machine.get("load_before")
     load = f"{before:g} to {machine['load_after']:g}" if isinstance(before, int | float) else f"{machine['load_after']:g}"
-    source = f"Measured {results.date}, commit {results.commit}, {machine['cores']} cores, load {load}."
+    changed = " with uncommitted changes" if results.uncommitted else ""
+    source = f"Measured {results.date}, commit {results.commit}{changed}, {machine['cores']} cores, load {load}."
     return "\n".join([*lines, "", source])
 
 

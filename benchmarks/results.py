@@ -105,6 +105,7 @@ class Results:
     command: str
     date: str
     commit: str
+    uncommitted: bool
     machine: Mapping[str, Any]
     measures: Mapping[str, str]
     rows: tuple[Mapping[str, Any], ...]
@@ -121,6 +122,6 @@ def read(folder: Path | None = None) -> dict[str, Results]:
         content = json.loads(file.read_text(encoding="utf-8"))
         if content.get("schema") != SCHEMA or content.get("name") != file.stem:
             raise ValueError(f"{file.name}: needs schema {SCHEMA!r} and the name {file.stem!r}")
-        keys = ("name", "command", "date", "commit", "machine", "measures")
+        keys = ("name", "command", "date", "commit", "uncommitted", "machine", "measures")
         found[file.stem] = Results(**{key: content[key] for key in keys}, rows=tuple(_checked(r) for r in content["rows"]))
     return found

@@ -65,6 +65,7 @@ def test_a_missing_file_or_row_is_named(monkeypatch: pytest.MonkeyPatch, tmp_pat
         figures.built("<!-- figures other -->\n<!-- end of figures -->", found)
     with pytest.raises(ValueError, match="'b'"):
         figures.built("<!-- figures demo: b -->\n<!-- end of figures -->", found)
+    assert figures.built("<!-- figures other? -->\nold\n<!-- end of figures -->", found).count("\n") == 1
     built = figures.built("before <!-- figures demo: a -->\nold\n<!-- end of figures --> after", found)
     assert "| a | 1.5 s |" in built
     assert "old" not in built

@@ -278,7 +278,7 @@ def test_every_kind_of_shape_has_its_distance(arm: Arm, cell: Cell, kind: str) -
 
 
 def test_an_arm_without_shapes_is_refused(arm: Arm, cell: Cell) -> None:
-    with pytest.raises(ConfigError, match="no clearance can be proved"):
+    with pytest.raises(ConfigError, match="no clearance can be verified"):
         Clearance(replace(arm, tree=replace(arm.tree, shapes=())), cell)
 
 

@@ -156,7 +156,7 @@ def test_hands_show_order_and_direction_and_the_cell_loads(bench, scanned, servo
     assert not math.isnan(tomllib.loads(text.replace("# TODO rest", "rest"))["rest"][0]) or "# TODO rest" in text
     path = tmp_path / "my-arm.toml"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=r"needs kp and kd above zero|lacks ranges"):
+    with pytest.raises(ConfigError, match=r"needs kp and kd above zero|has no ranges"):
         can_options(load_cell(path), servo6)
     filled = text.replace("# TODO kp = 0.0", "kp = 60.0").replace("# TODO kd = 0.0", "kd = 1.5")
     path.write_text(
