@@ -79,6 +79,17 @@ def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None
         _run(state, stages, stage)
 
 
+def torque_of_laws(laws: Iterable[ArmEffect], arm: Arm, motion: Trajectory) -> np.ndarray:
+    """(N, n) N m that friction laws (sim.friction_law) add along a motion, from the load of the links alone."""
+    nothing = by_stage((), arm)
+    state = link_side(arm, motion, nothing)
+    motor_side(state, nothing)
+    state.tau[:] = 0.0
+    for item in laws:
+        effect_named(item.effect).apply(state, arm.joint_index(item.joint or ""), item.parameters)
+    return state.tau
+
+
 Stages = dict[Stage, list[tuple[Effect, int | None, ArmEffect]]]
 
 

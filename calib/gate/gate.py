@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from calib.gate.search import Step, ranked, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
 from sim.arm import Arm
+from sim.prediction import torque_of_laws
+from sim.trajectory import Trajectory
 
 BY_MODEL = ("limits", "torque", "size", "arm")
 MOST_OF_SIZE = 0.5
@@ -110,6 +112,9 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     s = signals(logs, load)
     if not len(s):
         return [Check("motion", True, "nothing moves: units, signs and columns cannot be checked")]
+    laws = [e for e in arm.effects if e.effect == "friction_law"]
+    if laws:  # friction that was fitted to such readings is no mark of a wrong column
+        s = replace(s, load=s.load - torque_of_laws(laws, arm, Trajectory(s.t, s.q, s.dq, s.ddq)))
     out = []
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)

@@ -78,8 +78,9 @@ def _of_ratio(own: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Corr
 
 
 def _of_columns(table: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
-    """Two joints whose speeds stand in each other's column."""
+    """Two joints whose speeds stand in each other's column; a speed that goes with its own position, by whatever factor, does not."""
     out = []
+    wrong = wrong & ~np.isfinite(np.diagonal(table))
     for j in np.flatnonzero(wrong):
         for k in np.flatnonzero(wrong):
             if k > j and np.isfinite(table[j, k]) and np.isfinite(table[k, j]):

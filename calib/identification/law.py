@@ -14,8 +14,7 @@ from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
 from sim.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
-from sim.prediction import by_stage, link_side, motor_side
-from sim.trajectory import Trajectory
+from sim.prediction import by_stage, link_side, motor_side, torque_of_laws
 
 # what a fit of rows says by itself: how far beyond the torque that was measured a joint's friction may lie
 FREE = 3.0
@@ -72,20 +71,9 @@ def fitted_plain(model: TorqueModel, measurements: Sequence[Measurement], nomina
     return fit_friction(parts, nominal.mean, _free(model, parts, nominal), []).plain
 
 
-def torque_of(laws: Sequence[ArmEffect], arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n) N m that laws add along a motion."""
-    nothing = by_stage((), arm)
-    state = link_side(arm, motion, nothing)
-    motor_side(state, nothing)
-    state.tau[:] = 0.0
-    for item in laws:
-        FrictionLaw().apply(state, arm.joint_index(item.joint or ""), item.parameters)
-    return state.tau
-
-
 def without_laws(measurements: Sequence[Measurement], laws: Sequence[ArmEffect], arm: Arm) -> list[Measurement]:
     """The measurements less the torque of the laws."""
-    return [replace(m, tau=m.tau - torque_of(laws, arm, m.trajectory)) for m in measurements]
+    return [replace(m, tau=m.tau - torque_of_laws(laws, arm, m.trajectory)) for m in measurements]
 
 
 def _free(model: TorqueModel, parts: Sequence[Part], nominal: Prior) -> np.ndarray:
