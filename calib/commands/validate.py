@@ -62,9 +62,9 @@ def command(
         return verdict.exit_code
     constant = subject.torque_constant
     for check in found.checks:
-        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "left"]
+        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
         headers += [] if constant is None else ["residual [A]"]
-        headers += [] if check.forward is None else [f"off after {HORIZON:g} s [deg]", "bound [deg]", "travel [deg]"]
+        headers += [] if check.forward is None else [f"error after {HORIZON:g} s [deg]", "bound [deg]", "travel [deg]"]
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
@@ -77,7 +77,7 @@ def command(
         console.table(headers, rows, check.log)
     joints = zip(subject.joint_names, found.judged.left, found.judged.limit, found.judged.verdicts, strict=True)
     console.table(
-        ["joint", "left", "limit", "verdict"],
+        ["joint", "residual share", "limit", "verdict"],
         [[j, f"{x:.1%}", f"{limit:.1%}", v.value] for j, x, limit, v in joints],
         "verdict",
     )

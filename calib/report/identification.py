@@ -66,7 +66,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     share = np.asarray(gap["after"], float) / np.asarray(gap["signal"], float)
     estimates = result["estimates"]
     return [
-        ("left of the torque, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
+        ("residual share, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
         ("condition number", f"{result['condition']:.3g}"),
         ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} parameters"),
         ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
@@ -86,7 +86,7 @@ def _gaps(page: Page, result: Mapping[str, Any]) -> None:
             "before [N m]",
             "after [N m]",
             "torque std [N m]",
-            "left",
+            "residual share",
             *([] if between is None else ["between periods [N m]"]),
         ]
         rows = []

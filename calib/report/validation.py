@@ -32,9 +32,9 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
     page.section("Joint by joint")
     for entry in result["logs"]:
         forward = entry.get("forward")
-        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque [N m]", "left"]
+        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
         if forward:
-            headers += [f"off after {forward['horizon_s']:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
+            headers += [f"error after {forward['horizon_s']:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
         rows = []
         for k, joint in enumerate(names):
             row = [joint, entry["residual"][k], entry["residual_unfiltered"][k], entry["signal"][k], _percent(entry, k)]
@@ -61,7 +61,7 @@ def _curves(page: Page, names: Sequence[str], curves: Mapping[str, Any]) -> None
     worst = int(np.argmax(np.sqrt(np.mean(left**2, axis=0)) / (np.std(tau, axis=0) + 1e-12)))
     page.figure(
         pictures.where(names[worst], t, q[:, worst], dq[:, worst], tau_hat[:, worst], {"after": left[:, worst]}),
-        f"What is left at {names[worst]}, the joint with most left; a slope, a step or a wave has a cause that calib diagnose can name.",
+        f"Residual at {names[worst]}, the joint with the largest share; a slope, a step or a wave has a cause that calib diagnose can name.",
     )
 
 
@@ -71,7 +71,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     known = [(share, joint) for share, joint in shares if share is not None]
     if known:
         share, joint = max(known)
-        facts.append(("left of the torque, worst joint", f"{share:.1%} ({joint})"))
+        facts.append(("residual share, worst joint", f"{share:.1%} ({joint})"))
     return facts
 
 

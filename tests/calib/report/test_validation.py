@@ -26,7 +26,7 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     assert seen.complaints == []
     assert seen.requests == []
     text = seen.page.inner_text("body")
-    assert "What is left at elbow_joint" in text
+    assert "Residual at elbow_joint" in text
     assert "validation<b>.mcap" in text
     assert "off after 0.25 s [mrad]" in text
     assert "saturated" in text
