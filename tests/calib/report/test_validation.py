@@ -28,5 +28,5 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     text = seen.page.inner_text("body")
     assert "Residual at elbow_joint" in text
     assert "validation<b>.mcap" in text
-    assert "off after 0.25 s [mrad]" in text
+    assert "error after 0.25 s [mrad]" in text
     assert "saturated" in text
