@@ -97,7 +97,7 @@ def command(
             headers, rows = gap_table(result.joint_names, gap)
             console.table(headers, rows, f"torque residual on the {title}: {', '.join(gap.logs)}")
     headers, rows = parameter_table(result)
-    console.table(headers, rows, "friction and rotors")
+    console.table(headers, rows, "friction and reflected inertia")
     for sentence in result.findings:
         console.say(f"- {sentence}")
     console.say(f"{result.outcome}.")

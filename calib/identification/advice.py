@@ -74,7 +74,7 @@ def advice(
         doubt = tuple((float(std[k]), float(then[:, k].min())) for k in left)
         told.append(
             Advice(
-                "record the excitation of `calib plan`, for longer: one or two joints alone do not show them",
+                "record a longer `calib plan` excitation; motions of one or two joints do not excite them",
                 tuple(names[k] for k in left),
                 doubt,
                 None,

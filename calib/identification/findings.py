@@ -32,8 +32,8 @@ def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
     bent = [j for j, ar in zip(arm.joint_names, fit.weights.ar, strict=True) if not ar.any()]
     if bent:
         out.append(
-            f"{', '.join(bent)}: what is slow in the residual comes again in every log, so it is the model's and not noise; the rows were not "
-            "whitened, and `calib diagnose` looks for the cause"
+            f"{', '.join(bent)}: the low-frequency residual repeats in every log, so it is model error, not noise; the rows were not filtered to "
+            "white noise. `calib diagnose` looks for the cause"
         )
     wide = [j for j, w in zip(arm.joint_names, model.slip_width, strict=True) if w > SLIP_WIDTHS[0]]
     if wide:

@@ -10,6 +10,7 @@ from calib.identification.claims import is_changed
 from calib.identification.identify import Identification
 from calib.identification.model import FRICTION
 from calib.identification.rows import Rows
+from calib.quantity import rounded
 from calib.result import Estimate, FitResult, Gap
 
 MOST_ROWS = 20_000
@@ -21,7 +22,7 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
 
     Where a motion repeated itself, `periods` is the torque's standard deviation between its periods, which no model explains.
     """
-    headers = ["joint", "before [N m]", "after [N m]", "sliding [N m]", "signal [N m]", "left"]
+    headers = ["joint", "before [N m]", "after [N m]", "sliding [N m]", "torque std [N m]", "residual share"]
     headers += [] if gap.noise is None else ["periods [N m]"]
     rows: list[list[Any]] = []
     for j, joint in enumerate(joint_names):
@@ -43,7 +44,10 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
 
 def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
     """Friction and rotor inertia of every joint, each as value ± standard deviation."""
-    shown = [("Ia", "rotor [kg m^2]"), *[(k, f"{k} [{u}]") for k, u in zip(FRICTION, ("N m s/rad", "N m", "N m"), strict=True)]]
+    shown = [
+        ("Ia", "reflected inertia [kg m^2]"),
+        *[(k, f"{k} [{u}]") for k, u in zip(FRICTION, ("N m s/rad", "N m", "N m"), strict=True)],
+    ]
     rows: list[list[Any]] = []
     for j, joint in enumerate(result.joint_names):
         cells = []
@@ -60,7 +64,7 @@ def as_said(e: Estimate) -> str:
     if e.out_of_bounds:
         most = e.value + SIGMAS * e.std
         return (f"below {most:.3g}" if most > e.lower else "nothing that is possible") + changed
-    return f"{e.value:.4g} ± {e.std:.2g}" + ("" if e.identifiable else " (not identifiable)") + changed
+    return rounded(e.value, e.std) + ("" if e.identifiable else " (not identifiable)") + changed
 
 
 def evidence(found: Identification) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from calib.identification.identify import Identification, Options, identify
 from calib.identification.model import TorqueModel
 from calib.identification.outcome import parameter_table
 from calib.main import main
+from calib.quantity import rounded
 from calib.validation import INFORMATIVE, validate
 from calib.verdict import GOOD_SHARE
 from sim.arm import Arm, ArmEffect, load_arm
@@ -99,7 +100,7 @@ def _no_impossible_estimate(found: Identification, outside: set[str]) -> None:
                 assert "±" not in cell
                 assert f"{e.value:.4g}" not in cell
             else:
-                assert cell.startswith(f"{e.value:.4g} ± ")
+                assert cell.startswith(rounded(e.value, e.std))
 
 
 def test_an_estimate_that_no_arm_has_is_not_printed(tmp_path: Path) -> None:
