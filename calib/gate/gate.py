@@ -114,7 +114,8 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         return [Check("motion", True, "nothing moves: units, signs and columns cannot be checked")]
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
-        s = replace(s, load=s.load - torque_of_laws(laws, arm, Trajectory(s.t, s.q, s.dq, s.ddq)))
+        t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another
+        s = replace(s, load=s.load - torque_of_laws(laws, arm, Trajectory(t, s.q, s.dq, s.ddq)))
     out = []
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)

@@ -245,7 +245,7 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
         taken(file, missing)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_bytes_changed_at_random_never_crash(tmp_path: Path, data: st.DataObject) -> None:
     kind = data.draw(st.sampled_from(["csv", "npz", "mat", "parquet"]))
