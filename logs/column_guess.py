@@ -210,11 +210,11 @@ def _turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, 
     """A position that jumps by one and the same angle, and covers just that angle, starts again after it."""
     t = table.columns[time].astype(float)[rows] * TIME[unit]
     for name in filter(None, part.columns):
-        with np.errstate(over="ignore"):  # a value beyond all measure becomes infinite, which is no reading
+        with np.errstate(over="ignore", invalid="ignore"):  # values beyond all measure are no readings
             q = table.columns[name][rows] * UNITS["q"][part.unit]
-        ok = np.isfinite(q) & np.isfinite(t)
-        step, dt = np.diff(q[ok]), np.diff(t[ok])
-        jumps = np.abs(step) > TURNING_SPEED * np.maximum(dt, 1e-9) + 0.5
+            ok = np.isfinite(q) & np.isfinite(t)
+            step, dt = np.diff(q[ok]), np.diff(t[ok])
+            jumps = np.abs(step) > TURNING_SPEED * np.maximum(dt, 1e-9) + 0.5
         if not jumps.any():
             continue
         for turn in TURNS:
