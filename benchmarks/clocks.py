@@ -45,8 +45,8 @@ def clock_rows(repeats: int) -> list[dict[str, Any]]:
     note = f"a minute at 500 Hz, skew within 300 ppm, latency with a tail; {repeats} times"
     return [
         row("skew of the clocks, error p50/worst", f"{np.median(wrong) * 1e6:.2f}/{max(wrong) * 1e6:.2f}", "ppm", "", note),
-        row(f"jumps of {JUMP * 1e3:g} ms found, of {repeats}", found, "", str(repeats), "told within 0.2 ms"),
-        row("jumps told where there are none", false, "", "0", f"{repeats} minutes"),
+        row(f"jumps of {JUMP * 1e3:g} ms found, of {repeats}", found, "", str(repeats), "reported within 0.2 ms"),
+        row("jumps reported where there are none", false, "", "0", f"{repeats} minutes"),
     ]
 
 
@@ -82,7 +82,7 @@ def delay_rows(repeats: int, seconds: float = 30.0) -> list[dict[str, Any]]:
         error = np.array([f.delay * RATE - samples for f in found])
         std = float(np.median([f.std for f in found])) * RATE
         told = sum(f.significant for f in found)
-        note = f"std told {std:.3f}; told to matter in {told} of {repeats}; {seconds:g} s at 500 Hz, the arm's own noise"
+        note = f"stated std {std:.3f}; reported as significant in {told} of {repeats}; {seconds:g} s at 500 Hz, the arm's own noise"
         out.append(
             row(
                 f"delay of {samples:+.1f} samples, worst error of {repeats}",

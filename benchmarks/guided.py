@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -36,6 +37,18 @@ def run() -> list[dict[str, Any]]:
     return rows
 
 
+def _await_controller(patience: float = 120.0) -> None:
+    """Until the emulated controller answers: its kernels are compiled at its first start on a computer."""
+    end = time.monotonic() + patience
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(("127.0.0.2", 30004), timeout=1.0).close()
+            return
+        except OSError:
+            time.sleep(0.2)
+    raise RuntimeError(f"the emulated controller did not start within {patience:g} s")
+
+
 def _session(place: Path) -> list[dict[str, Any]]:
     cells = place / "configs" / "cells"
     cells.mkdir(parents=True)
@@ -45,7 +58,7 @@ def _session(place: Path) -> list[dict[str, Any]]:
     surroundings = os.environ | {"PYTHONPATH": str(results.ROOT)}
     emulator = subprocess.Popen([*program, "emulate", "bench"], cwd=place, env=surroundings, stdout=subprocess.DEVNULL)
     try:
-        time.sleep(3.0)
+        _await_controller()
         began = time.monotonic()
         answers = "bench is empty\n" + "y\nbench is empty\n" * 5
         done = subprocess.run(
