@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 HELPS = 0.02  # share of a joint's error, predicted from the other parts, that a law must remove
+EXCEPT = 1  # of the parts
 ROUNDS, LEAST_PRECISION, MOST_PRECISION = 24, 1e-10, 1e8
 LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
@@ -78,17 +79,28 @@ def fit_friction(
     for chosen in sets:
         mask = np.isin(np.arange(problem.k), list(chosen))
         errors.append(problem.left_out([mask if only is None or j in only else nothing[j] for j in range(n)]))
-    best = np.argmin(errors, axis=0)
-    worth = np.min(errors, axis=0) < (1 - HELPS) * errors[0]
-    given = [np.isin(np.arange(problem.k), list(sets[best[j] - 1])) if best[j] and worth[j] else nothing[j] for j in range(n)]
-    predicted = problem.left_out(given) if any(g.any() for g in given) else errors[0]
+    best = np.argmin([_rms(problem, e) for e in errors], axis=0)
+    worth = [bool(best[j]) and _helps(problem, errors[0], errors[best[j]])[j] for j in range(n)]
+    given = [np.isin(np.arange(problem.k), list(sets[best[j] - 1])) if worth[j] else nothing[j] for j in range(n)]
+    predicted = problem.left_out(given) if any(worth) else errors[0]
     # a law at one joint moves what the joints share; what it spoils elsewhere counts
-    dropped = [j for j in range(n) if given[j].any() and predicted[j] > (1 - HELPS) * errors[0][j]]
+    helps = _helps(problem, errors[0], predicted)
+    dropped = [j for j in range(n) if given[j].any() and not helps[j]]
     if dropped:
         given = [nothing[j] if j in dropped else given[j] for j in range(n)]
         predicted = problem.left_out(given)
     theta, coefficients = problem.solve(given)
-    return FrictionFit(theta, problem.covariance, coefficients, errors[0], predicted)
+    return FrictionFit(theta, problem.covariance, coefficients, _rms(problem, errors[0]), _rms(problem, predicted))
+
+
+def _rms(problem: _Problem, squares: np.ndarray) -> np.ndarray:
+    return np.sqrt(squares.sum(axis=0) / np.maximum(problem.rows.sum(axis=0), 1))
+
+
+def _helps(problem: _Problem, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(n,) whether the error falls by HELPS, and in all parts but EXCEPT of them."""
+    clearly = _rms(problem, after) < (1 - HELPS) * _rms(problem, before)
+    return np.asarray(clearly & ((after < before).sum(axis=0) >= len(before) - EXCEPT))
 
 
 @dataclass
@@ -139,14 +151,14 @@ class _Problem:
         return float(np.exp(np.mean(np.log(out))))
 
     def left_out(self, given: list[np.ndarray]) -> np.ndarray:
-        """(n,) N m: RMS error of every part, predicted from the others."""
-        squares = np.zeros(len(given))
+        """(parts, n) sums of squares of every part's error, predicted from the others."""
+        squares = np.zeros((len(self.parts), len(given)))
         for i in range(len(self.parts)):
             theta, coefficients = self.solve(given, without=i)
             for j, sums in enumerate(self.sums[i]):
                 v = np.concatenate([theta, coefficients[j] * self.scale[j], [-1.0]])
-                squares[j] += max(float(v @ sums @ v), 0.0)
-        return np.sqrt(squares / np.maximum(self.rows.sum(axis=0), 1))
+                squares[i, j] = max(float(v @ sums @ v), 0.0)
+        return squares
 
     def solve(self, given: list[np.ndarray], without: int | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
         """theta (p,) and coefficients per joint (k,) with maximum evidence for the terms `given`."""

@@ -15,6 +15,7 @@ from sim.arm import Arm, ArmEffect
 from sim.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
 # which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
+FREE = 10.0  # prior standard deviations
 SETS = tuple(
     tuple(TERMS.index(name) for family in families for name in FAMILIES[family] if name != "power_1")
     for families in (("slip",), ("slip", "speed", "stribeck"), ("slip", "speed", "stribeck", "load"))
@@ -42,10 +43,14 @@ class Law:
 
 
 def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = ()) -> tuple[Correction, tuple[Law, ...]]:
-    """The correction of a fit with laws at those joints of `only` where parts of the recordings left out are predicted better."""
-    parts = [_part(m) for m in written.models]
-    p = len(written.models[0].names)
-    found = fit_friction(parts, np.zeros(p), np.eye(p), SETS, list(only))
+    """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
+
+    The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
+    uses the arm. Friction may move farther than its prior, because a law takes its place.
+    """
+    parts, names = [_part(m) for m in written.models], written.models[0].names
+    free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
+    found = fit_friction(parts, np.zeros(len(names)), np.diag(free), SETS if only else (), list(only))
     change = _corrected(written, found, limits)
     return change, _laws(change, found, written.hypothesis.start)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.corrected import Correction, correction, names_alone
+from calib.diagnosis.corrected import Correction, names_alone
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, with_laws
 from calib.diagnosis.model import CONTACT
@@ -109,7 +109,7 @@ class _Written:
 def _written(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> _Written:
     """A fit as an arm, with laws where they help on the recordings `shown`."""
     start = f.hypothesis.start
-    change: Correction = correction(f, limits)
+    change, _ = with_laws(f, (), limits)
     rms = torque_rms(change.of(start), shown)
     only: Sequence[int] = range(start.n)
     while only:
