@@ -90,7 +90,7 @@ def test_a_slow_error_that_comes_again_is_not_whitened_away(ur5e: Arm) -> None:
     )
     assert not bent.weights.ar[1].any()
     assert sound.weights.ar.any(axis=1).all()
-    assert "shoulder_lift_joint: what is slow in the residual comes again in every log" in " ".join(findings(ur5e, bent))
+    assert "shoulder_lift_joint: the low-frequency residual repeats in every log" in " ".join(findings(ur5e, bent))
     # the doubt of what rests on that joint's rows is larger for the error's colour
     k = bent.model.friction_column("coulomb", 1)
     assert bent.solution.covariance[k, k] > 4 * sound.solution.covariance[k, k]
