@@ -23,7 +23,6 @@ from sim.prediction import predict
 # relative rise of a joint's RMS torque error within which two arms are alike, and that a name may cost beside a law that bends to anything
 WORSE, WORSE_THAN_LAW = 0.01, 0.05
 WORSE_ELSEWHERE = 0.05  # at a joint that no name concerns, where a refit moves ordinary parameters
-ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def promoted(
     most = np.minimum((1 + WORSE) * bare, (1 + WORSE_THAN_LAW) * plain.rms)
     f = as_written(measurements, named)
     refused: list[Refusal] = []
-    for _ in range(ROUNDS):
+    while True:  # every round leaves out at least one name
         own = [e for e in f.accepted if e.effect != CONTACT]
         if not own:
             break
