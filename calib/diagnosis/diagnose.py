@@ -12,9 +12,8 @@ import numpy as np
 
 from calib.diagnosis.acceptance import Key, judge
 from calib.diagnosis.calibration import calibration
-from calib.diagnosis.corrected import Correction
+from calib.diagnosis.corrected import Correction, correction
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.law import with_laws
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
@@ -142,7 +141,7 @@ def _gaps(
 ) -> dict[str, list[float]]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
     start = baseline.hypothesis.start
-    refit, _ = with_laws(as_written(fitted, baseline), ())
+    refit = correction(as_written(fitted, baseline))
     after = start if change is None else change.of(start)
     arms = (("before", start), ("refit", refit.of(start)), ("after", after))
     return {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}

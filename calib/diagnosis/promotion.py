@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.corrected import Correction, names_alone
+from calib.diagnosis.corrected import Correction, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, with_laws
 from calib.diagnosis.model import CONTACT
@@ -106,24 +106,33 @@ class _Written:
     laws: tuple[Law, ...]
     rms: np.ndarray
 
+    @staticmethod
+    def of(change: Correction, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> _Written:
+        return _Written(change, laws, torque_rms(change.of(start), shown))
+
 
 def _written(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> _Written:
-    """A fit as an arm, with laws where they help on the recordings `shown`."""
+    """A fit as an arm, in the way that predicts the recordings `shown` best.
+
+    Tried are the names alone, the refit under the measured noise, the refit without whitening, and that with laws where they help.
+    """
     start = f.hypothesis.start
-    change, _ = with_laws(f, (), limits)
-    rms = torque_rms(change.of(start), shown)
+    plain, _ = with_laws(f, (), limits)
+    ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), plain)]
+    rms = ways[-1].rms
     only: Sequence[int] = range(start.n)
     while only:
         more, laws = with_laws(f, only, limits)
         if not laws:
             break
-        after = torque_rms(more.of(start), shown)
-        spoilt = [j for j in range(start.n) if after[j] > (1 + WORSE) * rms[j]]
+        found = _Written.of(more, laws, start, shown)
+        spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j]]
         if not spoilt:
-            return _Written(more, laws, after)
+            ways.append(found)
+            break
         have = [start.joint_index(str(x.effect.joint)) for x in laws]
         only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
-    return _Written(change, (), rms)
+    return min(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12)))))
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
