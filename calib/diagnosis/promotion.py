@@ -68,7 +68,7 @@ def promoted(
     """
     start, shown, on = baseline.hypothesis.start, apart or measurements, "held-out" if apart else "fitted"
     bare = torque_rms(start, shown)
-    plain = _written(as_written(measurements, baseline), shown, limits)
+    plain = _ways(as_written(measurements, baseline), shown, limits)[0]
     most = np.minimum((1 + WORSE) * bare, (1 + WORSE_THAN_LAW) * plain.rms)
     f = as_written(measurements, named)
     refused: list[Refusal] = []
@@ -76,17 +76,14 @@ def promoted(
         own = [e for e in f.accepted if e.effect != CONTACT]
         if not own:
             break
-        found = _written(f, shown, limits)
         concerned = {j for e in own for j in joints_of(e, f.hypothesis.arm)}
         limit = np.array([most[j] if j in concerned else (1 + WORSE_ELSEWHERE) * bare[j] for j in range(start.n)])
+        ways = _ways(f, shown, limits)
+        good = next((way for way in ways if np.all(way.rms <= limit)), None)
+        if good is not None:
+            return Promotion(good.change, good.laws, tuple(refused))
+        found = ways[0]
         worse = {j for j in range(start.n) if found.rms[j] > limit[j]}
-        if not worse:
-            return Promotion(found.change, found.laws, tuple(refused))
-        # what the refit moves beside the names may spoil another joint: then the names alone, or none of them
-        if not worse & concerned:
-            alone = names_alone(f, limits)
-            if np.all(torque_rms(alone.of(start), shown) <= (1 + WORSE) * bare):
-                return Promotion(alone, (), tuple(refused))
         harmful = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
         for e in harmful:
             j = max(set(joints_of(e, f.hypothesis.arm)) & worse or worse, key=lambda j: found.rms[j] / limit[j])
@@ -111,8 +108,8 @@ class _Written:
         return _Written(change, laws, torque_rms(change.of(start), shown))
 
 
-def _written(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> _Written:
-    """A fit as an arm, in the way that predicts the recordings `shown` best.
+def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> list[_Written]:
+    """A fit as an arm in several ways, the one that predicts the recordings `shown` best first.
 
     Tried are the names alone, the refit under the measured noise, the refit without whitening, and that with laws where they help.
     """
@@ -132,7 +129,7 @@ def _written(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) 
             break
         have = [start.joint_index(str(x.effect.joint)) for x in laws]
         only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
-    return min(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12)))))
+    return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12)))))
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
