@@ -226,7 +226,7 @@ def main() -> None:
             try:
                 rows += measure(name, SETS[name], data, folder)
             except Failed as error:
-                rows.append({"what": f"{name}, failed", "value": str(error)})
+                rows.append({"what": f"{name}, failed", "value": str(error).replace(f"{data}/", "")})
             for row in rows[-4:]:
                 print(f"{row['what']:28} {row['value']} {row.get('unit', '')} {row.get('note', '')}", flush=True)
     if not given.only:
