@@ -79,11 +79,16 @@ class FrictionLaw(Effect):
         widths = dict(zip(FAMILIES["slip"], WIDTHS, strict=True))
         powers = dict(zip(FAMILIES["speed"], POWERS, strict=True))
         scales = dict(zip(FAMILIES["stribeck"], SPEEDS, strict=True))
-        turn = self._slip(state, joint, TURNING) if any(name not in widths for name in names) else speed
+        needed = {widths[name] for name in names if name in widths}
+        if any(name not in widths and name not in powers for name in names):
+            needed.add(TURNING)
+        # each width once: a path that is walked in parts moves its memory on
+        slips = {width: self._slip(state, joint, width) for width in sorted(needed)}
+        turn = slips.get(TURNING, speed)
         out = np.empty((len(speed), len(names)))
         for k, name in enumerate(names):
             if name in widths:
-                out[:, k] = self._slip(state, joint, widths[name])
+                out[:, k] = slips[widths[name]]
             elif name in powers:
                 out[:, k] = dq * (speed**2 + SLOW**2) ** ((powers[name] - 1) / 2)
             elif name in scales:
@@ -97,16 +102,15 @@ class FrictionLaw(Effect):
         return out
 
     def _slip(self, state: PathState, joint: int, width: float) -> np.ndarray:
-        """Slip direction over a width, going on from where the path that came before ended."""
+        """Slip direction over a width; where the caller keeps a memory, going on from where the part before ended."""
         q, dq = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor))
+        if state.memory is None and len(q) == 1:
+            return np.zeros(1)
+        if state.memory is None:
+            return np.asarray(slip_along(state.t, q, dq, np.full(len(q), width), 0.0))
         key = (self.name, joint, width)
-        if key in state.memory:
-            angle, slip = state.memory[key]
-            z = slip_direction(np.append(angle, q), np.full(len(q) + 1, width), slip)[1:]
-        elif len(q) > 1:
-            z = slip_along(state.t, q, dq, np.full(len(q), width), 0.0)
-        else:
-            z = np.zeros(1)
+        angle, slip = state.memory.get(key, (float(q[0]), 0.0))
+        z = np.asarray(slip_direction(np.append(angle, q), np.full(len(q) + 1, width), slip)[1:])
         state.memory[key] = (float(q[-1]), float(z[-1]))
         return z
 
