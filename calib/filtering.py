@@ -7,16 +7,15 @@ clipped sample spoils a known stretch and no more), and block-wise work on logs 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import convolve1d
 from scipy.signal import firwin, savgol_coeffs
 
 SG_ORDER = 4
 SG_OVER_BANDWIDTH = 2.5
 ROWS_PER_CUTOFF = 2.5
-ROWS_AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -87,22 +86,9 @@ class Decimator:
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows (R, ...) of samples (N, ...), R = len(centres(N))."""
         x = np.ascontiguousarray(x, dtype=float)
-        count = len(self.centres(len(x)))
-        flat = x.reshape(len(x), -1)
-        out = np.empty((count, flat.shape[1]))
-        for first in range(0, count, ROWS_AT_ONCE):
-            rows = min(ROWS_AT_ONCE, count - first)
-            lo, width = first * self.step, (rows - 1) * self.step + len(self.taps)
-            np.matmul(self._band[:rows, :width], flat[lo : lo + width], out=out[first : first + rows])
-        return out.reshape(count, *x.shape[1:])
-
-    @cached_property
-    def _band(self) -> np.ndarray:
-        """The filter written as a matrix: row i holds the taps shifted by i steps."""
-        band = np.zeros((ROWS_AT_ONCE, (ROWS_AT_ONCE - 1) * self.step + len(self.taps)))
-        for i in range(ROWS_AT_ONCE):
-            band[i, i * self.step : i * self.step + len(self.taps)] = self.taps
-        return band
+        if len(x) < len(self.taps):
+            return np.empty((0, *x.shape[1:]))
+        return sliding_window_view(x, len(self.taps), axis=0)[:: self.step] @ self.taps
 
     def clean_rows(self, usable: np.ndarray) -> np.ndarray:
         """Rows (R, ...) to which unusable samples (N, ...) give less than 2 % of the filter's weight."""

@@ -46,7 +46,8 @@ COMMANDS: dict[str, str] = {
     "help": "help",
 }
 
-
+# Matrices here are small: a BLAS with many threads spends two thirds of its processor time waiting for itself.
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 HELP = {"help_option_names": ["-h", "--help"]}
 MOST_HINTS = 3
 # what the system says of a file or its disk, which the operator can do something about; any other OSError is a fault of the program
@@ -138,6 +139,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
     if arguments is None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started from here
+        for name in ONE_THREAD:  # read once, when NumPy is imported
+            os.environ.setdefault(name, "1")
         announce(console.warn)
     return start(sys.argv[1:] if arguments is None else list(arguments))[0]
 

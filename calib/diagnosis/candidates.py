@@ -207,14 +207,18 @@ def _tilt(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     yield Candidate("base_tilt", None, columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
 
-def force_columns(model: LogModel) -> np.ndarray:
-    """(N, n, 3) N m for 1 N along each axis of the base at the last link's origin."""
-    linear, _ = model.bodies.jacobian(model.link.q)
-    return -np.swapaxes(linear, 1, 2)
+def force_rows(model: LogModel) -> np.ndarray:
+    """(R, n, 3) N m for 1 N along each axis of the base at the last link's origin."""
+
+    def rows() -> np.ndarray:
+        linear, _ = model.bodies.jacobian(model.link.q)
+        return model.rows(-np.swapaxes(linear, 1, 2))
+
+    return _kept(model, "force", rows)
 
 
 def _force(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    columns = [_whole(m, "force", lambda m=m: force_columns(m)) for m in models]  # type: ignore[misc]
+    columns = [{j: force_rows(m)[:, j] for j in range(m.n)} for m in models]
     yield Candidate("tool_force", None, columns, _named("force_x", "force_y", "force_z"))
 
 

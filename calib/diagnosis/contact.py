@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.diagnosis.candidates import force_columns
+from calib.diagnosis.candidates import force_rows
 from calib.diagnosis.model import CONTACT
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
@@ -37,7 +37,7 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
         if len(model.residual) < 8:
             continue
         at = model.link.t[model.measurement.row_samples]
-        force = model.rows(force_columns(model))
+        force = force_rows(model)
         parts = []
         for j in range(solved.rows.n):
             index = solved.rows.index[j][which]
@@ -87,6 +87,6 @@ def push_columns(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndar
             at = model.link.t[model.measurement.row_samples]
             phase = (at - p["start"]) / p["duration"]
             window = np.where((phase > 0) & (phase < 1) & (k == log), np.sin(np.pi * phase) ** 2, 0.0)
-            parts.append((window * (model.rows(force_columns(model))[:, j] @ force))[index])
+            parts.append((window * (force_rows(model)[:, j] @ force))[index])
         out[j] = np.concatenate(parts)[:, None]
     return out

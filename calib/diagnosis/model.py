@@ -92,6 +92,21 @@ class LinkSide:
         self.paths: dict[Hashable, JointPath] = {}
         self.columns: dict[Hashable, np.ndarray] = {}
         self.whites: dict[Hashable, Any] = {}
+        self._motion: dict[int, dict[str, np.ndarray]] = {}
+
+    def joint(self, j: int) -> PathState:
+        """The path of joint j alone: the motion shared and read-only, all that later stages change in arrays of its own."""
+        if j not in self._motion:
+            shared = {k: np.ascontiguousarray(getattr(self.path, k)[:, j : j + 1]) for k in ("q", "dq", "ddq", "load")}
+            for x in shared.values():
+                x.flags.writeable = False
+            self._motion[j] = shared
+        motion, path = self._motion[j], self.path
+        blank = {k: np.zeros_like(motion["q"]) for k in FILLED}
+        own = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
+        return PathState(
+            **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
+        )
 
     def keep(self, cache: dict[Hashable, Any], key: Hashable, value: Any, most: int) -> Any:
         """Put a value into a cache of at most `most` entries; the oldest goes first."""
@@ -124,6 +139,8 @@ POSITIVE = (
 )
 LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
 MOST_PATHS, MOST_COLUMNS = 400, 6000
+# of a path, what stages behind the load fill
+FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
 
 
 class LogModel:
@@ -235,7 +252,7 @@ class LogModel:
         return [item for _, _, item in self.stages[Stage.CHANNEL]]
 
     def _state(self, j: int, own: Sequence[ArmEffect], **changes: float) -> PathState:
-        state = one_joint(self.link, j)
+        state = self.side.joint(j)
         items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
         width = np.array([changes.get("width", self.hypothesis.width[j])])
         lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
@@ -317,14 +334,6 @@ def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi
         columns = regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
         out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(columns)
     return out
-
-
-def one_joint(state: PathState, j: int) -> PathState:
-    """The path of joint j alone, in arrays of its own."""
-    own = {k: v[:, j : j + 1].copy() for k, v in vars(state).items() if k not in ("t", "force", "warming", "memory")}
-    return PathState(
-        **own, t=state.t, force=state.force, warming=None if state.warming is None else state.warming[:, j : j + 1]
-    )
 
 
 def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray, joints: Collection[int]) -> Hypothesis:

@@ -70,3 +70,18 @@ def test_a_prior_holds_what_the_rows_do_not_show() -> None:
     found = fit_friction(blind, mean, 1e-4 * np.eye(P), [])
     assert found.theta[2] == pytest.approx(7.0)
     assert np.abs(found.theta[[0, 1, 3, 4]] - 7.0).min() > 1.0
+
+
+def test_a_joint_that_was_not_asked_gets_no_law_though_the_law_of_another_helps_it() -> None:
+    rng = np.random.default_rng(11)
+    data = []
+    for _ in range(4):
+        x, d = [rng.normal(size=(400, P)) for _ in range(2)], [rng.normal(size=(400, K)) for _ in range(2)]
+        d[0][:, 0] = x[0][:, 0] + 0.02 * rng.normal(size=400)  # without its law, joint 0 pulls the shared parameter away
+        r = [x[j] @ np.ones(P) + noise * rng.normal(size=400) for j, noise in enumerate((0.2, 5.0))]
+        r[0] = r[0] + 20.0 * d[0][:, 0]
+        data.append(Part(x, d, r))
+    free = fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [])
+    found = fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)], only=[0])
+    assert found.joints == [0]
+    assert found.predicted[1] < (1 - HELPS) * free.plain[1]
