@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.known_truth import fourier_motion, recorded, varied
 from calib.gate import Gate, gate
+from calib.gate.check import LIKELIEST, OTHERS
 from calib.main import main as program
 from logs import read_log
 from logs.convert import write_log
@@ -231,8 +232,8 @@ def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
     with contextlib.redirect_stderr(heard), contextlib.redirect_stdout(heard):
         code = program([command, *words, *extra, "--out", str(folder / "out")])
     said = " ".join(heard.getvalue().split())
-    at = said.find("most likely ")
-    return code, said[at:].split("(else:")[0] if at >= 0 else f"no cause: {said[-300:]}"
+    at = said.find(LIKELIEST)
+    return code, said[at:].split(OTHERS)[0] if at >= 0 else f"no cause: {said[-300:]}"
 
 
 def all_through(command: str) -> None:

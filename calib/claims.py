@@ -1,6 +1,6 @@
-"""A sentence is a claim: a name, the numbers it rests on, and the words that follow from them. Tests check every name on what was written.
+"""A conclusion is a claim: its name, its numbers, and the sentence made of them. Tests check each kind of claim against what was written.
 
-One entry of SENTENCES is one kind of claim; nothing that identify, validate or plan concludes is said in any other way.
+One entry of SENTENCES is one kind of claim; identify, validate and plan state their conclusions in no other way.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 MOST_NAMES = 4
+Numbers = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """numbers: plain values, in SI units, which the JSON holds beside the sentence; KeyError for a name that SENTENCES has not."""
+    """name: a key of SENTENCES, or `sentence` raises KeyError; numbers: plain values in SI units, which the JSON holds beside the sentence."""
 
     name: str
-    numbers: Mapping[str, Any]
+    numbers: Numbers
 
     @property
     def sentence(self) -> str:
@@ -40,56 +41,43 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} other{'s' if more > 1 else ''}" if more > 0 else "")
 
 
-def _residual(n: Mapping[str, Any]) -> str:
+def _residual(n: Numbers) -> str:
     if n["worst"] is None:
-        return f"nothing was compared: no joint of {n['arm']} moves in {n['where']} under a torque that it can have"
-    beyond = n["beyond"]
-    verdict = (
-        "good" if n["verdict"] == "good" else "poor" if n["verdict"] == "poor" else "wrong arm, or a model that is none of it"
+        return f"nothing compared: no joint of {n['arm']} moves in {n['where']} with a torque that the arm can have"
+    verdict = "wrong arm or wrong model" if n["verdict"] == "wrong arm" else n["verdict"]
+    limit = f"{n['limit']:.0%}" if n["limit"] >= 0.095 else f"{n['limit']:.2g}"
+    sentence = (
+        f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} is {n['left']:.1%} of the torque std in "
+        f"{n['where']} (limit {limit})"
     )
-    said = f"{verdict}: {n['arm']} leaves {n['left']:.1%} of the torque's variation at {n['worst']}, its worst joint, in {n['where']}"
-    said += f", where {n['limit']:.0%} is good" if n["limit"] >= 0.095 else f", where {n['limit']:.2g} of it is good"
-    others = [joint for joint in beyond if joint != n["worst"]]
-    return f"{said}; beyond their limits are also {_some(others)}" if others else said
+    others = [joint for joint in n["beyond"] if joint != n["worst"]]
+    return f"{sentence}; also above their limits: {_some(others)}" if others else sentence
 
 
-def _worse(n: Mapping[str, Any]) -> str:
+def _worse(n: Numbers) -> str:
     rows = [f"{r['joint']} ({r['before']:.3g} -> {r['after']:.3g} N m)" for r in n["joints"]]
-    return f"the fit is worse than the file's numbers at {', '.join(rows)}"
+    return f"the residual RMS is higher than with the nominal parameters at {', '.join(rows)}"
 
 
-def _identified(n: Mapping[str, Any]) -> str:
-    return f"{len(n['names'])} of {n['of']} parameters identified"
-
-
-def _kept(n: Mapping[str, Any]) -> str:
-    return f"{len(n['names'])} that these logs do not show held at nominal"
-
-
-def _moved(n: Mapping[str, Any]) -> str:
+def _moved(n: Numbers) -> str:
     return (
-        f"{len(n['names'])} that these logs do not show moved with the others, by {n['most']:.2g} of the file's own tolerance at most "
-        f"({_some([n['farthest']])})"
+        f"{len(n['names'])} not identifiable but changed along with the others, {_some([n['farthest']])} the most, "
+        f"by {n['most']:.2g} of its nominal tolerance"
     )
 
 
-def _projected(n: Mapping[str, Any]) -> str:
-    return f"{_some([r['name'] for r in n['parameters']])}: written otherwise than estimated, by more than the uncertainty, so that the arm can exist"
+def _of_parameters(text: str) -> Callable[[Numbers], str]:
+    return lambda n: f"{_some([row['name'] for row in n['parameters']])}: {text}"
 
 
-def _out_of_bounds(n: Mapping[str, Any]) -> str:
-    return f"{_some([r['name'] for r in n['parameters']])}: the data alone put them where no arm is; what is written is within bounds"
+def _forward(n: Numbers) -> str:
+    return (
+        f"simulated forward for {n['horizon']:g} s, the largest error is at {n['joint']}: {n['off_deg']:.2g} deg (RMS) over "
+        f"{n['travel_deg']:.2g} deg of travel"
+    )
 
 
-def _condition(n: Mapping[str, Any]) -> str:
-    return f"condition number {n['condition']:.3g}"
-
-
-def _forward(n: Mapping[str, Any]) -> str:
-    return f"simulated forward for {n['horizon']:g} s, {n['joint']} is off most: by {n['off_deg']:.2g} deg (RMS) of {n['travel_deg']:.2g} deg travelled"
-
-
-def _bounds(n: Mapping[str, Any]) -> str:
+def _bounds(n: Numbers) -> str:
     parts = []
     if n["beyond"]:
         rows = [f"{r['joint']} in {r['log']} ({r['off_deg']:.2g} deg, bound {r['bound_deg']:.2g})" for r in n["beyond"]]
@@ -98,38 +86,28 @@ def _bounds(n: Mapping[str, Any]) -> str:
         everywhere = not n["beyond"] and not n["not_informative"]
         parts.append(f"within the stated bound at {'every joint' if everywhere else _some(n['within'])}")
     if n["not_informative"]:
-        parts.append(
-            f"the bound is not informative at {_some(n['not_informative'])}: it is more than half of what the joint travels"
-        )
+        parts.append(f"the bound is not informative at {_some(n['not_informative'])}: it exceeds half of the travel")
     return "; ".join(parts)
 
 
-def _duration(n: Mapping[str, Any]) -> str:
-    return f"{n['seconds'] / 60:.1f} minutes of motion at full speed"
-
-
-def _known(n: Mapping[str, Any]) -> str:
-    return f"{len(n['names'])} of {n['of']} parameters improve over their nominal values"
-
-
-def _separation(n: Mapping[str, Any]) -> str:
+def _separation(n: Numbers) -> str:
     enough = n["sigma"] >= n["enough"]
-    more = "" if enough else f", less than the {n['enough']:.0f} that tell them apart: give more room or a longer --period"
-    return f"the motion discriminate parts the rivals by {n['sigma']:.3g} standard deviations{more}"
+    more = "" if enough else f", less than the {n['enough']:.0f} needed to tell them apart: give more room or a longer --period"
+    return f"the motion discriminate separates the candidate effects by {n['sigma']:.3g} standard deviations{more}"
 
 
-SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {
+SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "residual": _residual,
     "worse": _worse,
-    "identified": _identified,
-    "kept": _kept,
+    "identified": lambda n: f"{len(n['names'])} of {n['of']} parameters identified",
+    "kept": lambda n: f"{len(n['names'])} not identifiable from these logs, held at nominal",
     "moved": _moved,
-    "projected": _projected,
-    "out_of_bounds": _out_of_bounds,
-    "condition": _condition,
+    "projected": _of_parameters("changed by more than the standard deviation to make the arm physically consistent"),
+    "out_of_bounds": _of_parameters("the estimate is physically impossible; the value written is within bounds"),
+    "condition": lambda n: f"condition number {n['condition']:.3g}",
     "forward": _forward,
     "bounds": _bounds,
-    "duration": _duration,
-    "known": _known,
+    "duration": lambda n: f"{n['seconds'] / 60:.1f} minutes of motion at full speed",
+    "known": lambda n: f"{len(n['names'])} of {n['of']} parameters improve over their nominal values",
     "separation": _separation,
 }

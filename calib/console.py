@@ -48,7 +48,7 @@ MaxError = Annotated[
         "--max-error",
         min=0.0,
         metavar="SHARE",
-        help="Exit code 1 where a joint leaves more than this share of its torque's variation, such as 0.1; 0.2 if not given.",
+        help="Exit code 1 if at some joint the residual RMS exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
     ),
 ]
 Assume = Annotated[

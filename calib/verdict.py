@@ -1,8 +1,8 @@
-"""Is a model good for an arm? Its residual beside the torque's variation, joint by joint, against limits that are stated beforehand.
+"""Is a model good for an arm? Its residual RMS over the torque's standard deviation, joint by joint, against stated limits.
 
-good       every joint leaves at most GOOD_SHARE of its torque's variation, or at most SMALL of its largest torque
-poor       some joint leaves more
-wrong arm  at least half of the joints leave more than WRONG_SHARE: their mean torque alone would predict better
+good       every joint at most GOOD_SHARE, or a residual of at most SMALL of its largest torque
+poor       some joint more
+wrong arm  at least half of the joints more than WRONG_SHARE: their mean torque alone would predict better
 """
 
 from __future__ import annotations

@@ -120,7 +120,8 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
 
 def _folder(folder: Path) -> Arm:
     file = folder / "arm.toml"
-    raw = read_bytes(file, MAX_TABLE, remedy="an arm folder holds arm.toml and a model file")
+    inside = f"; the arm that this run wrote is {folder / 'arm'}" if (folder / "arm" / "arm.toml").is_file() else ""
+    raw = read_bytes(file, MAX_TABLE, remedy=f"an arm folder holds arm.toml and a model file{inside}")
     table = validated(ArmTable, toml_table(as_text(raw, file), file), file)
     model_path = folder / table.model
     if not model_path.resolve().is_relative_to(folder.resolve()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import mujoco
@@ -18,6 +19,7 @@ from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 
 SPEEDS = 20  # either way, evenly up to the joint's largest speed
+RUN_IN = 10.0  # rad that the gear has slipped before: a hundred of the longest displacements over which friction builds up
 FLANGE = "attachment_site"
 
 
@@ -28,16 +30,31 @@ def friction_table(arm: Arm) -> list[dict[str, Any]]:
     load is left out. At rest the torque is that of the direction in which motion begins: -0.0 and 0.0.
     """
     top = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
-    share = np.linspace(0, 1, SPEEDS + 1)
-    share = np.concatenate([-share[::-1], share])
-    dq = share[:, None] * top
+    share = np.linspace(0, 1, SPEEDS + 1)[:, None]
+    ways = [(-share[::-1] * top, -1.0), (share * top, 1.0)]
+    dq = np.concatenate([speeds for speeds, _ in ways])
+    tau = np.concatenate([_steady(arm, speeds, way) for speeds, way in ways])
+    return [
+        {"joint": name, "speed": float(v), "torque": float(torque)}
+        for j, name in enumerate(arm.joint_names)
+        for v, torque in zip(dq[:, j], tau[:, j], strict=True)
+    ]
+
+
+def _steady(arm: Arm, dq: np.ndarray, way: float) -> np.ndarray:
+    """(N, n) torque of friction at the speeds dq (N, n), after a long way in the direction `way`, 1 or -1."""
+    memory: dict[Hashable, tuple[float, float]] = {}
+    came = np.array([[-way * RUN_IN], [0.0]]) * np.ones(arm.n)
+    _friction(arm, came, dq[:2], way, memory)
+    return _friction(arm, np.zeros_like(dq), dq, way, memory)
+
+
+def _friction(arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, memory: dict[Hashable, tuple[float, float]]) -> np.ndarray:
     zero = np.zeros_like(dq)
-    # the first half moves one way, the second the other: at rest, too
-    slip = np.repeat([-1.0, 1.0], SPEEDS + 1)[:, None] * np.ones(arm.n)
     state = PathState(
-        t=np.zeros(len(dq)), q=zero.copy(), dq=dq.copy(), ddq=zero.copy(), load=zero.copy(), q_motor=zero.copy(), dq_motor=dq.copy(),
-        ddq_motor=zero.copy(), level=zero.copy(), width=np.full_like(dq, SLIP_WIDTH), warmth=np.ones_like(dq), slip=slip,
-        tau=zero.copy(), force=np.zeros((len(dq), 3)),
+        t=np.zeros(len(dq)), q=zero.copy(), dq=dq.copy(), ddq=zero.copy(), load=zero.copy(), q_motor=q, dq_motor=dq.copy(),
+        ddq_motor=zero.copy(), level=zero.copy(), width=np.full_like(dq, SLIP_WIDTH), warmth=np.ones_like(dq),
+        slip=np.full_like(dq, way), tau=zero.copy(), force=np.zeros((len(dq), 3)), memory=memory,
     )  # fmt: skip
     stages = by_stage(arm.effects, arm)
     for stage in (Stage.FRICTION, Stage.MOTOR):
@@ -45,11 +62,7 @@ def friction_table(arm: Arm) -> list[dict[str, Any]]:
             effect.apply(state, joint, item.parameters)
         if stage is Stage.FRICTION:
             state.tau += state.warmth * state.level * state.slip
-    return [
-        {"joint": name, "speed": float(v), "torque": float(torque)}
-        for j, name in enumerate(arm.joint_names)
-        for v, torque in zip(dq[:, j], state.tau[:, j], strict=True)
-    ]
+    return state.tau
 
 
 def payload_table(arm: Arm) -> dict[str, Any]:

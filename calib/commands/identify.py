@@ -40,9 +40,10 @@ def command(
 ) -> int:
     """Identify friction, base parameters and physically consistent inertias of an arm from recordings of it.
 
-    Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0 where the fit is good on the held-out logs (on the
-    training logs where none is held out): every joint leaves at most a fifth of its torque's variation, or one percent of its largest
-    torque; 1 where it is poor; 2 where half of the joints leave more than all of it, or the recordings are not of this arm.
+    Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0: the fit is good on the held-out logs (on
+    the training logs if none is held out), that is, at every joint the residual RMS is at most 20 % of the torque's standard deviation or
+    1 % of the joint's maximum torque. 1: it is poor. 2: at half of the joints the residual exceeds the torque's standard deviation, or
+    the recordings are not of this arm.
 
     Example:
 

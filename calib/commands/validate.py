@@ -29,9 +29,10 @@ def command(
     """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
 
     Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
-    Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0 where the model is good:
-    every joint leaves at most a fifth of its torque's variation, or one percent of its largest torque; 1 where it is poor; 2 where it is
-    a wrong arm's (half of the joints leave more than all of it), where no joint moves, or where the recordings are not of this arm.
+    Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0: the model is good, that
+    is, at every joint the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
+    poor. 2: wrong arm or wrong model (at half of the joints the residual exceeds the torque's standard deviation), no joint moves, or the
+    recordings are not of this arm.
 
     Example:
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from calib.gate.correction import Correction
 
-MOST_CAUSES = 3  # that are told
+MOST_CAUSES = 3  # in a sentence
+LIKELIEST, OTHERS = "Most likely cause: ", "Other possible causes: "
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,11 @@ class Check:
     of_all: bool = False  # about several recordings together, where it is not about each
 
     def entry(self) -> dict[str, object]:
-        """As diagnosis.json has it: what failed begins with its likeliest cause."""
+        """As diagnosis.json has it: what failed, with its likeliest cause."""
         causes = [cause.sentence for cause in self.causes]
-        said = f"most likely {causes[0]}: {self.detail}" if causes and not self.ok else self.detail
-        if not self.ok and causes and self.causes[0].corrections:
-            said += f"; read it that way with {options(self.causes[0], self.joints)}"
-        return {"check": self.check, "ok": bool(self.ok), "detail": said, "causes": causes}
+        detail = self.detail
+        if not self.ok and causes:
+            detail += f". {LIKELIEST}{causes[0]}"
+            if self.causes[0].corrections:
+                detail += f"; convert it with {options(self.causes[0], self.joints)}"
+        return {"check": self.check, "ok": bool(self.ok), "detail": detail, "causes": causes}

@@ -70,7 +70,7 @@ def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[
 
 def _said(refusal: str, log: Log | None = None) -> str:
     name = "these recordings" if log is None else log.path or "log"
-    return f"{name}: {refusal}; or take it as it is with --assume {AS_RECORDED}"
+    return f"{name}: {refusal}. To use it unchanged: --assume {AS_RECORDED}"
 
 
 @cache

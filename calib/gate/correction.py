@@ -4,11 +4,11 @@ t=ms                 instants are in ms (us, ns, min)
 q=deg  dq=deg/s      all positions are in degrees (rev), all speeds in deg/s (rpm, rev/s)
 current=mA  tau=mNm  readings of the drives in thousandths
 tau=current          what is recorded as torque is a current in A
-sign:tau:elbow       the reading of one joint is reversed (tau the drive's reading, torque or current; q, dq, or all of it)
+sign:tau:elbow       the sign of one joint's reading is reversed (tau: torque or current; q, dq, motion, all)
 swap:all:a,b         the columns of two joints are exchanged (tau, q, dq, or all)
 scale:tau:elbow=101  one joint's reading is so many times too large (tau, q, dq; a gear ratio)
 scale:tau=0.1        the same of all joints
-shift=0.25           the drives' readings are so much too late against the positions, s
+shift=0.25           torque or current lags the positions by so much, s
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Correction:
     def sentence(self, names: Sequence[str]) -> str:
         """What would be wrong with the recording."""
         at = [names[j] for j in self.joints]
-        reading = {"q": "position", "dq": "speed", "motion": "motion", "tau": "drive's reading", "all": "whole recording"}
+        reading = {"q": "position", "dq": "speed", "motion": "motion", "tau": "torque (or current)", "all": "readings"}
         match self.kind:
             case "unit" if self.part == "t":
                 return f"the instants are in {self.unit}, not in s"
@@ -74,17 +74,15 @@ class Correction:
                 what = {"q": "positions", "dq": "speeds", "current": "currents", "tau": "torques"}[self.part]
                 return f"the {what} are in {'mN m' if self.unit == 'mNm' else self.unit}, not in {own}"
             case "current":
-                return "what is recorded as torque is the motors' current in A"
+                return "the recorded torque is motor current in A"
             case "sign":
-                return f"the {reading[self.part]} of {at[0]} has the opposite direction"
+                return f"the {reading[self.part]} of {at[0]} has the wrong sign"
             case "swap":
-                return (
-                    f"{' and '.join(at)} are exchanged in the {'columns' if self.part == 'all' else reading[self.part] + 's'}"
-                )
+                return f"the {reading[self.part]} columns of {' and '.join(at)} are swapped"
             case "scale":
                 whose = f"of {at[0]} " if at else "of every joint "
-                return f"the {reading[self.part]} {whose}is {self.factor:.3g} times too large (gear ratio, or unit)"
-        return f"the drives' readings come {self.factor:+.2f} s late against the positions: another clock"
+                return f"the {reading[self.part]} {whose}is {self.factor:.3g} times too large (gear ratio or unit)"
+        return f"the torque (or current) lags the positions by {self.factor:+.2f} s: another clock"
 
 
 def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None = None) -> Log:

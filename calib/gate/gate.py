@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.gate import motion, readings, scale
-from calib.gate.check import MOST_CAUSES, Cause, Check, options
+from calib.gate.check import LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import Fit, fitted, model_torque
 from calib.gate.search import Step, ranked, steps
@@ -95,19 +95,19 @@ def _in_order(failed: Sequence[Check]) -> tuple[Cause, ...]:
 
 
 def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[str]) -> str:
-    """The likeliest cause, what was seen, how to go on; then the other causes."""
-    said = "; ".join(check.detail for check in failed[:2])
-    if not causes:
-        return said
-    said = f"most likely {causes[0].sentence}: {said}"
-    if causes[0].corrections:
-        said += f"; correct the recording, or read it that way with {options(causes[0], names)}"
-    others = [cause.sentence for cause in causes[1:MOST_CAUSES]]
-    return f"{said} (else: {'; '.join(others)})" if others else said
+    """What was seen, the likeliest cause, the other causes, the remedy."""
+    parts = ["; ".join(check.detail for check in failed[:2])]
+    if causes:
+        parts.append(f"{LIKELIEST}{causes[0].sentence}")
+        others = [cause.sentence for cause in causes[1:MOST_CAUSES]]
+        parts += [f"{OTHERS}{'; '.join(others)}"] if others else []
+        if causes[0].corrections:
+            parts.append(f"Correct the recording, or convert it with {options(causes[0], names)}")
+    return ". ".join(parts)
 
 
 def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[Check]:
-    """Speed against position, limits, and the arm's model against the drives' readings."""
+    """Speed against position, limits, and the arm's model against torques or currents."""
     load, from_current, known = _loads(arm, logs)
     s = signals(logs, load)
     if not len(s):
@@ -125,7 +125,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if not massive:
         return [
             *out,
-            Check("torque", True, "no torque or no masses: signs and columns of the drives' readings cannot be checked"),
+            Check("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
         ]
     before = s
     found, s = steps(arm, s, SHIFTS)
@@ -157,7 +157,7 @@ def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:
     whole = sum(step.gain for step in found)
     shown = [*found, *(step for step in ties if step.correction != found[0].correction)]
     causes = tuple(Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown)
-    detail = f"the drives' readings do not go with the motion: read another way, {1 - math.exp(-whole):.0%} less of them is left unexplained"
+    detail = f"the torque (or current) does not match the motion; read another way, the residual is {1 - math.exp(-whole):.0%} smaller"
     return Check("torque", False, detail, causes, names)
 
 
@@ -165,8 +165,10 @@ def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> Check:
     if other is not None:
         return Check("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
     if not sizes:
-        return Check("size", True, "the size of the drives' readings is what the arm's masses make, or cannot be determined")
-    return Check("size", False, "the drives' readings are of the wrong size", tuple(sizes), arm.joint_names)
+        return Check(
+            "size", True, "torques or currents have the size that the arm's masses require, or it cannot be determined"
+        )
+    return Check("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
 
 
 def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Callable[[], Sequence[Arm]] | None) -> Cause | None:

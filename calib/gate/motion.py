@@ -38,18 +38,20 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
         worst = int(np.flatnonzero(wrong)[0])
         value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
         return Check(
-            "speed", True, f"the speed of {arm.joint_names[worst]} is {value} the derivative of its position, by no unit"
+            "speed",
+            True,
+            f"the speed of {arm.joint_names[worst]} is {value} the derivative of its position, which no unit explains",
         ), s
     gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
     order = sorted(range(len(ways)), key=lambda k: -gains[k])
     names = arm.joint_names
     causes = tuple(Cause(ways[k].sentence(names), max(gains[k], 0.0), (ways[k],)) for k in order[:MOST_CAUSES])
-    ratio = ", ".join(f"{names[j]} {own[j]:.3g}" if np.isfinite(own[j]) else f"{names[j]} none" for j in np.flatnonzero(wrong))
+    ratio = ", ".join(
+        f"{names[j]} {own[j]:.3g}" if np.isfinite(own[j]) else f"{names[j]} uncorrelated" for j in np.flatnonzero(wrong)
+    )
     best = ways[order[0]]
     s = read_as(s, best) if best.part == "q" else s
-    return Check(
-        "speed", False, f"the speed is not the derivative of the position, but this much times it: {ratio}", causes, names
-    ), s
+    return Check("speed", False, f"speed over the derivative of position, which should be 1: {ratio}", causes, names), s
 
 
 def _of_ratio(own: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
@@ -114,7 +116,7 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     names, j = arm.joint_names, int(np.flatnonzero(wrong)[0])
     what = f"position of {names[j]} goes from {low[j]:.4g} to {high[j]:.4g} rad, its range is {arm.q_min[j]:.4g} to {arm.q_max[j]:.4g}"
     if not beyond[j]:
-        what = f"speed of {names[j]} reaches {np.abs(s.dq[:, j]).max():.4g} rad/s, {arm.dq_max[j]:.4g} is its most"
+        what = f"speed of {names[j]} reaches {np.abs(s.dq[:, j]).max():.4g} rad/s, its limit is {arm.dq_max[j]:.4g}"
     ways: list[Correction] = []
     turned = read_as(s, Correction("unit", "q", unit="deg"))
     fits = turned.q.min(axis=0) >= arm.q_min - readings.OVER_RANGE
@@ -125,16 +127,14 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
     gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
     if massive and ways and max(gains) < -LEAST_GAIN:
-        return Check(
-            "limits", True, f"{what}; no unit makes the arm's model fit better, so that its stated limits are too narrow"
-        ), s
+        return Check("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
         told = scale.scale_of(arm, s, fit).log_scale
         if not known and np.isfinite(told).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
             told = told - np.nanmedian(told)
         if np.isfinite(told).any() and np.nanmedian(np.abs(told)) < math.log(scale.ODD) and not (fast & beyond).any():
-            return Check("limits", True, f"{what}; the arm's masses fit, so that its stated limits are too narrow"), s
+            return Check("limits", True, f"{what}; the arm's masses fit, so the stated limits are too narrow"), s
     order = sorted(range(len(ways)), key=lambda k: -gains[k])
     too = (Correction("unit", "dq", unit="deg/s"),) if np.isfinite(s.read).any() else ()
     causes = tuple(

@@ -42,11 +42,11 @@ def joints(log: Log, arm: Arm) -> Check:
     extra = [j for j in log.joint_names if j not in arm.joint_names]
     missing = [j for j in arm.joint_names if j not in log.joint_names]
     if not missing and extra:
-        cause = f"{', '.join(extra)} are no joints of {arm.name}: a gripper's? read the log for this arm, which leaves them out"
+        cause = f"{', '.join(extra)} are not joints of {arm.name}, perhaps a gripper's: read the log for this arm, which leaves them out"
     elif len(log.joint_names) == arm.n and missing:
-        cause = f"the joints have other names: import the recording again with --joints {','.join(arm.joint_names)}"
+        cause = f"the joints have other names; import the recording again with --joints {','.join(arm.joint_names)}"
     elif not missing:
-        cause = "the joints stand in another order: read the log for this arm, which orders them by name"
+        cause = "the joints are in another order: read the log for this arm, which orders them by name"
     else:
         cause = f"it is a recording of another arm: {', '.join(missing)} are not in it"
     return Check(
@@ -85,8 +85,8 @@ def clock(log: Log) -> Check:
         return short
     if np.any(step < 0):
         at = int(np.argmax(step < 0))
-        cause = Cause("time runs backwards: two recordings one after the other, or a clock that was set")
-        return Check("clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s before the one before", (cause,))
+        cause = Cause("time runs backwards: two recordings in one file, or a clock that was set")
+        return Check("clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,))
     middle = float(np.median(step[step > 0]))
     if STEP_LEAST <= middle <= STEP_MOST:
         return short if len(step) < 16 else Check("clock", True, f"{name}: {1 / middle:.4g} Hz")
@@ -130,9 +130,9 @@ def frozen(log: Log) -> Check:
         if run > worst:
             worst, joint = run, log.joint_names[j]
     if worst * period < FROZEN or worst < 3:
-        return Check("frozen joints", True, f"{name}: no joint's readings stand")
+        return Check("frozen joints", True, f"{name}: no joint's readings are frozen")
     cause = Cause(f"the readings of {joint} stopped being updated: a lost drive or topic; leave that time out")
-    return Check("frozen joints", False, f"{name}: the readings of {joint} stand still for {worst * period:.2f} s", (cause,))
+    return Check("frozen joints", False, f"{name}: the readings of {joint} are constant for {worst * period:.2f} s", (cause,))
 
 
 def _longest(flags: np.ndarray) -> int:

@@ -1,4 +1,4 @@
-"""Are the drives' readings of the right size? The scale of every joint's reading against the arm's masses, its limits and its siblings."""
+"""Is the torque (or current) of the right size? The scale of every joint's reading against the arm's masses, its limits and its siblings."""
 
 from __future__ import annotations
 
@@ -91,11 +91,9 @@ def _common(arm: Arm, told: Scale, at: np.ndarray, common: float, from_current: 
         for off, way in sorted(named, key=lambda pair: pair[0])
     ]
     factor = Correction("scale", "tau", (), float(f"{math.exp(common):.4g}"))
-    sentence = f"the drives' readings are {low:.3g} to {high:.3g} times what the arm's masses make"
+    sentence = f"the torque (or current) is {low:.3g} to {high:.3g} times what the arm's masses require"
     if not from_current.any() and common < 0 and constant is None:
-        sentence += (
-            f"; a current in A would be that with a torque constant of {1 / high:.3g} to {1 / low:.3g} N m/A at the joint"
-        )
+        sentence += f"; a current in A would fit a torque constant of {1 / high:.3g} to {1 / low:.3g} N m/A at the joint"
     least = min([abs(common) - spread, *(cause.gain - 0.01 for cause in out)])
     return [*out, Cause(sentence, least, (factor,), (low, high))]
 
@@ -132,7 +130,7 @@ def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
             odd = abs(off) > math.log(DRY_ODD) and (share[j] > max(rest) * 3 or (small and share[j] < min(rest) / 3))
         if odd:
             c = Correction("scale", "tau", (j,), float(f"{math.exp(off):.3g}"))
-            sentence = f"the drive's reading of {name} is {math.exp(off):.3g} times what the other joints' would make it: a gear ratio or a unit"
+            sentence = f"the torque (or current) of {name} is {math.exp(off):.3g} times what the other joints suggest: a gear ratio or a unit"
             out.append(Cause(sentence, abs(off), (c,), (math.exp(off), math.exp(off))))
     return sorted(out, key=lambda cause: -cause.gain)
 

@@ -1,6 +1,6 @@
 """Which way of reading the same data makes the arm's own model fit: the best one first, then the best one after that.
 
-The gain of a reading is sum_j ln(left before / left after), over the joints that tell. Columns and signs of the drives' readings are tried
+The gain of a reading is sum_j ln(left before / left after), over the joints that tell. Columns and signs of torques or currents are tried
 all at once (every column against every joint); a reversed or exchanged motion needs the model's torque anew.
 """
 

@@ -168,7 +168,7 @@ def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_every_kind_of_claim_has_a_sentence_and_no_other_has() -> None:
     assert Claim("separation", {"sigma": 3.0, "enough": 5.0}).sentence.count("less than the 5") == 1
     assert "less than" not in Claim("separation", {"sigma": 6.0, "enough": 5.0}).sentence
-    assert "worse than the file's" in Claim("worse", {"joints": [{"joint": "a", "before": 1.0, "after": 2.0}]}).sentence
+    assert "higher than with the nominal" in Claim("worse", {"joints": [{"joint": "a", "before": 1.0, "after": 2.0}]}).sentence
     with pytest.raises(KeyError):
         _ = Claim("hope", {}).sentence
     assert {"residual", "identified", "kept", "moved", "projected", "out_of_bounds", "forward", "bounds"} <= set(SENTENCES)

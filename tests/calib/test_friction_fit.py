@@ -51,8 +51,8 @@ def test_what_one_recording_has_and_the_others_have_not_is_no_law() -> None:
     assert fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)]).joints == []
 
 
-def test_only_the_joints_that_are_asked_for(seed: int = 1) -> None:
-    data, _ = parts(seed)
+def test_only_the_joints_that_are_asked_for() -> None:
+    data, _ = parts(1)
     assert fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)], only=[1]).joints == []
 
 

@@ -115,7 +115,7 @@ def test_a_log_of_another_arm_is_said_aloud(desk: Path, capsys: pytest.CaptureFi
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in said
-    assert "most likely it is a recording of servo6" in said
+    assert "Most likely cause: it is a recording of servo6" in said
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward", "--assume", "as-recorded"]) == 2
     assert "wrong arm" in capsys.readouterr().out
 

@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
+from sim.effects import effect_named
 from sim.errors import ConfigError
 from sim.export import export, parameter_table
+from sim.feedforward import friction_table
 from sim.resources import shipped_configs
 from sim.rigid_body import RigidBody
 from sim.urdf import rpy, urdf_text
@@ -216,6 +218,21 @@ def test_a_controller_is_told_friction_payload_and_gravity(tmp_path):
     assert isaac["actuator"]["dynamic_friction"]["elbow_joint"] == 9.5
     assert isaac["actuator"]["armature"]["elbow_joint"] == 3.2
     assert isaac["left_out"] == []
+
+
+def test_the_friction_table_holds_a_fitted_law_as_it_is_in_steady_motion():
+    """The law has memory: after a long way in one direction every slip element is fully built up, whatever its displacement."""
+    terms = {"slip_1e-4": 0.5, "slip_1e-1": 0.7, "power_1": 0.2, "stribeck_0.1": 0.4, "load": 9.0}
+    law = effect_named("friction_law")
+    values = {p.name: 0.0 for p in law.parameters} | terms
+    arm = load_arm("ur10e")
+    own = [e for e in arm.effects if e.joint != "elbow_joint"]
+    rows = [r for r in friction_table(replace(arm, effects=(*own, ArmEffect("friction_law", "elbow_joint", values))))
+            if r["joint"] == "elbow_joint"]  # fmt: skip
+    assert len({r["speed"] for r in rows}) == 41
+    for row in rows:
+        way, speed = math.copysign(1.0, row["speed"]), abs(row["speed"])
+        assert row["torque"] == pytest.approx(way * (1.2 + 0.2 * speed + 0.4 * math.exp(-speed / 0.1)), rel=1e-6)
 
 
 def test_the_urdf_holds_rotors_and_the_interfaces_of_ros2_control(tmp_path):

@@ -201,7 +201,7 @@ def test_import_refuses_and_reads_another_way(
     np.savetxt("wrong.csv", rows, "%.6f", ",", header=",".join(["timestamp", *names]), comments="")
     assert main(["import", "wrong.csv", "--arm", "ur10e", "--out", "first"]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "the drive's reading of shoulder_lift_joint has the opposite direction" in said
+    assert "the torque (or current) of shoulder_lift_joint has the wrong sign" in said
     assert not list(Path("first").glob("*.mcap"))
     word = "sign:tau:shoulder_lift_joint"
     assert word in said
@@ -315,7 +315,7 @@ def test_a_good_log_hides_no_bad_one(tmp_path: Path) -> None:
     other = recorded_again(of)
     wrong = replace(other, tau=other.tau * np.array([1, 1, -1, 1, 1, 1]))
     for ask in (lambda: identify(of, [log], [wrong]), lambda: identify(of, [wrong, log]), lambda: validate(of, [log, wrong])):
-        with pytest.raises(BadLog, match="most likely the drive's reading of elbow_joint has the opposite direction"):
+        with pytest.raises(BadLog, match=r"Most likely cause: the torque \(or current\) of elbow_joint has the wrong sign"):
             ask()
     with pytest.raises(BadLog, match="the same recording"):
         identify(of, [log], [replace(log, q=np.round(log.q, 6))])
