@@ -103,7 +103,7 @@ class LinkSide:
             self._motion[j] = shared
         motion, path = self._motion[j], self.path
         blank = {k: np.zeros_like(motion["q"]) for k in FILLED}
-        own = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
+        own: dict[str, Any] = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
         return PathState(
             **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
         )
