@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: real figures mutants arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: real figures mutants faults arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -27,6 +27,9 @@ fuzz: $(VENV)/ready  ## files made to do harm: mutants of everything that is rea
 
 mutants: $(VENV)/ready  ## every predicate of safety/ mutated, one after another; cut off, it goes on where it was (build/mutants.jsonl)
 	MUTANTS=build/mutants.jsonl $(BIN)/python -m pytest -m slow tests/safety/test_mutated_predicates.py
+
+faults: $(VENV)/ready  ## every fault injected 200 times, ten minutes of them at a time; the next run goes on where this one ends
+	$(BIN)/python -m benchmarks faults
 
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase

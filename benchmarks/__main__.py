@@ -32,7 +32,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "logs": {"kill_count": 20, "hours": 0.1},
     "hostile": {"count": 900, "names": 100},
     "clocks": {"repeats": 10, "delays": 2},
-    "safety": {"repeats": 2},
+    "safety": {"count": 1_000, "repeats": 1},
     "ur": {"seconds": 10.0, "repeats": 2},
     "can": {"seconds": 10.0, "repeats": 3},
     "servo_scan": {"repeats": 3},
@@ -41,13 +41,14 @@ TOPICS: dict[str, dict[str, Any]] = {
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named
-SLOW = ("coverage", "clean_mock", "guided")
+SLOW = ("coverage", "clean_mock", "guided", "faults")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
     "clocks": ("logs",),
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),
+    "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
     "servo_scan": ("drivers", "sim"),

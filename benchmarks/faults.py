@@ -1,17 +1,25 @@
-"""The faults that are put into the mock: what each does to its readings or to its plant, and from when on it can be told."""
+"""The fault matrix: each fault put into the mock many times; how soon the arm slows down, and how far it still turns.
+
+A run goes on where the last one ended (build/faults.jsonl), for `minutes` at a time, until every fault was injected `repeats` times:
+`make faults`. Faults change readings or the plant (MuJoCo, simulated clock), so that a busy computer changes no figure.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
-from benchmarks.injection import Trouble, Watched
+from benchmarks.injection import Injection, Run, Trouble, Watched
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import digest
 from drivers.mock import MockDriver
 from safety import ClearedTrajectory
-from sim.arm import Arm, ArmEffect
-from sim.cell import BoxObstacle, Cell, PayloadTable
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.cell import BoxObstacle, Cell, PayloadTable, load_cell
 from sim.effects import with_effect
 from sim.errors import DeviceError
 from sim.joint_state import JointState
@@ -150,3 +158,55 @@ TROUBLES = (
     Trouble("contact with a hidden box", nothing, f"a box of {BOX:g} m, met by a face; seen by the residual of torque", plant=with_hidden_box, twin=without_box),
     Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises", plant=with_load, twin=with_load, payload=LOAD),
 )  # fmt: skip
+CELL = "mock-ur10e"
+# what the outcome of a run hangs on
+HANGS_ON = ("safety", "drivers/mock.py", "sim/plant.py", "sim/rigid_body.py", "benchmarks/faults.py", "benchmarks/injection.py")
+
+
+def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
+    """A slice of the matrix, then the rows of all that was found so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "faults.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    cell = load_cell(CELL)
+    arm = load_arm(cell.table.arm)
+    ready: dict[str, Injection] = {}
+    for number in range(repeats):
+        for trouble in TROUBLES:
+            what = f"{trouble.name} {number}"
+            if what not in kept.found and time.monotonic() < end:
+                ready.setdefault(trouble.name, Injection(trouble, arm, cell, (0.12,) if trouble.payload else (0.3,)))
+                kept.keep(what, asdict(ready[trouble.name].run(number)))
+    return [
+        row
+        for trouble in TROUBLES
+        for row in rows(
+            trouble, [Run(**f) for what, f in kept.found.items() if what.rpartition(" ")[0] == trouble.name], repeats
+        )
+    ]
+
+
+def rows(trouble: Trouble, runs: list[Run], wanted: int) -> list[dict[str, Any]]:
+    """Reaction and angles of one fault over its runs."""
+    stops = [r for r in runs if r.reaction is not None]
+    missed = [r.missed for r in runs if r.missed]
+    counts = f"{len(runs)} of {wanted} runs, {len(stops)} stops, {len(missed)} missed"
+    note = "; ".join(x for x in (counts, trouble.note, f"first missed: {missed[0][:160]}" if missed else "") if x)
+    if not trouble.stops:
+        return [{"what": f"{trouble.name}: stops", "value": len(stops), "bar": "0", "note": note}]
+    if not stops:
+        return [{"what": f"{trouble.name}: stops", "value": 0, "bar": str(len(runs)), "note": note}]
+    if stops[0].from_visible is not None:
+        seen = spread([r.from_visible or 0 for r in stops])
+        note += f"; from the first reading that leaves the noise of the sensors: {seen} readings"
+    angles = np.degrees([r.angle for r in stops])
+    value = (
+        f"{spread([r.reaction or 0 for r in stops])} readings; {np.median(angles):.2f}/{angles.max():.2f} deg; "
+        f"{max(r.share for r in stops):.2f}; {max(r.beside for r in stops):.2f}; {1e3 * max(r.time for r in stops):.0f} ms"
+    )
+    note += f"; at most {np.degrees(max(r.beyond for r in stops)):.2f} deg beyond the commanded stop"
+    what = f"{trouble.name}: reaction p50/p99.9, angle p50/max, stop angle / proved, beside the path / proved room, time"
+    return [{"what": what, "value": value, "bar": "<= 2 readings; <= 1; <= 1", "note": note}]
+
+
+def spread(counts: list[int]) -> str:
+    return f"{np.percentile(counts, 50):.0f}/{np.percentile(counts, 99.9):.0f}"

@@ -7,8 +7,8 @@ without the fault tells from its own by more than the noise of the sensors. Angl
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from safety import ClearedTrajectory, MotionStopped, clear
 from safety.collision import Clearance
 from safety.guard import STANDSTILL, Guard
 from safety.monitor import SIGMAS
+from safety.stopping import stop_from
+from safety.sudden import LATE
 from sim.arm import Arm
 from sim.cell import Cell, PayloadTable
 from sim.clock import SimulatedClock
@@ -28,7 +30,9 @@ from sim.plant import Plant
 RATE = 500.0
 SETTLE, AFTER = 600, 300
 AT_REST = STANDSTILL / 10
-SEEDS = (3, 4, 5, 6)
+TURNS = np.radians(1.0)
+# of the motions that are tried, so many that are cleared are driven
+TRIED, DRIVEN = range(3, 15), 4
 
 
 class Watched(MockDriver):
@@ -95,102 +99,157 @@ class Trouble:
     payload: PayloadTable | None = None
 
 
-@dataclass
-class Seen:
-    """What came of the repeats of one trouble."""
+@dataclass(frozen=True)
+class Run:
+    """What came of one run: a stop with its figures, `missed` why there was none that should have been, or neither.
 
-    reactions: list[int] = field(default_factory=list)
-    from_visible: list[int] = field(default_factory=list)
-    angles: list[float] = field(default_factory=list)
-    beyond: list[float] = field(default_factory=list)
-    excess: list[float] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
-    done: int = 0
-    bound: float = 0.0
+    angle rad: the farthest that a joint really turned from its last good reading on. share: that from the last planned command on, over
+    what was proved from there, the angle of the stop and the room beside it; alone: over the angle of the stop alone, of joints that turn
+    by more than TURNS; beyond rad: how far it went beyond that. beside: how far the plant was beside the path that was commanded within the last LATE s, over the room that was proved there.
+    """
+
+    reaction: int | None = None
+    from_visible: int | None = None
+    angle: float = 0.0
+    share: float = 0.0
+    alone: float = 0.0
+    beyond: float = 0.0
+    beside: float = 0.0
+    time: float = 0.0
+    missed: str | None = None
 
 
-def inject(trouble: Trouble, repeats: int, arm: Arm, cell: Cell) -> Seen:
-    """`repeats` runs of one trouble, each at a random instant of a random motion and on a random joint that moves."""
-    rng = np.random.default_rng(repeats)
-    home = np.array(cell.table.home)
-    if trouble.payload:
-        cell = replace(cell, table=cell.table.model_copy(update={"payload": trouble.payload}))
-    clearance = Clearance(arm, cell)
-    size = 0.12 if trouble.payload else 0.3
-    motions = [clear(sines(home, 3.0, size, harmonics=2, seed=s), arm, cell, RATE, clearance=clearance) for s in SEEDS]
-    plain = Plant(arm, obstacles=cell.table.obstacles)
-    seen = Seen()
-    while seen.done < repeats:
-        cleared = motions[int(rng.integers(len(motions)))]
-        ways = np.argwhere(np.abs(cleared.dq[300:900]) > trouble.moving)
-        at, joint = (int(x) for x in ways[int(rng.integers(len(ways)))] + np.array([300, 0]))
-        plant = trouble.plant(arm, cell, cleared, at) if trouble.plant else plain
-        if plant is None:
-            continue
-        seen.done += 1
-        driver = Watched(plant, arm, RATE, SimulatedClock(), start=home)
+class Injection:
+    """Runs of one trouble in one cell, each at a random instant of a random motion and on a random joint that moves."""
+
+    def __init__(self, trouble: Trouble, arm: Arm, cell: Cell, sizes: Sequence[float] = (0.3,)) -> None:
+        """sizes rad: of the motions, those of the first size of which enough are cleared; SafetyStop where none is."""
+        self.trouble, self.arm = trouble, arm
+        if trouble.payload:
+            cell = replace(cell, table=cell.table.model_copy(update={"payload": trouble.payload}))
+        self.cell, self.home = cell, np.array(cell.table.home)
+        self.clearance = Clearance(arm, cell)
+        for self.size in sizes:
+            self.motions, refused = self._cleared(self.size)
+            if len(self.motions) == DRIVEN:
+                return
+        if not self.motions and refused:
+            raise refused
+
+    def _cleared(self, size: float) -> tuple[list[ClearedTrajectory], SafetyStop | None]:
+        found: list[ClearedTrajectory] = []
+        refused = None
+        for seed in TRIED:
+            try:
+                motion = sines(self.home, 3.0, size, harmonics=2, seed=seed)
+                found.append(clear(motion, self.arm, self.cell, RATE, clearance=self.clearance))
+            except SafetyStop as reason:
+                refused = reason
+            if len(found) == DRIVEN:
+                break
+        return found, refused
+
+    def run(self, number: int) -> Run:
+        """The `number`-th run, the same whenever it is asked for."""
+        trouble, arm = self.trouble, self.arm
+        for attempt in range(100):
+            rng = np.random.default_rng([number, attempt])
+            cleared = self.motions[int(rng.integers(len(self.motions)))]
+            ways = np.argwhere(np.abs(cleared.dq[300:900]) > trouble.moving)
+            if not len(ways):
+                continue
+            at, joint = (int(x) for x in ways[int(rng.integers(len(ways)))] + np.array([300, 0]))
+            build = trouble.plant or (lambda arm, cell, cleared, at: Plant(arm, obstacles=cell.table.obstacles))
+            plant = build(arm, self.cell, cleared, at)
+            if plant is not None:
+                break
+        else:
+            raise RuntimeError(f"{trouble.name}: no run {number} in 100 attempts")
+        driver = Watched(plant, arm, RATE, SimulatedClock(), start=self.home)
         driver.begin(trouble, at, joint)
-        guard = Guard(driver, arm, cell, clearance).__enter__()
-        seen.bound = max(seen.bound, cleared.verdict.stop_angle)
         try:
+            guard = Guard(driver, arm, self.cell, self.clearance).__enter__()
             guard.run(cleared, trouble.name)
         except MotionStopped as stop:
-            first = answered(driver, cleared)
-            if trouble.twin:
-                sound = without_trouble(trouble, arm, cell, cleared, at, first)
-                driver.visible = first_told(driver.readings, sound, arm, 0.0)
-                told = first_told(driver.readings, sound, arm, SIGMAS)
-                seen.from_visible.append(0 if told is None else first - told)
-            keep(seen, driver, first, len(cleared) + AFTER, stop)
+            return self._stopped(driver, cleared, at, stop)
         except SafetyStop as refusal:
-            seen.missed.append(str(refusal))
-        else:
-            if trouble.twin:
-                sound = without_trouble(trouble, arm, cell, cleared, at, driver.reads)
-                driver.visible = first_told(driver.readings, sound, arm, SIGMAS)
-            if driver.visible is not None:
-                seen.missed.append(f"sample {at}")
-    return seen
+            return Run(missed=f"refused: {refusal}")
+        if trouble.twin:
+            driver.visible = first_told(driver.readings, self._sound(cleared, at, driver.reads), arm, SIGMAS)
+        return Run(
+            missed=f"run {number}: no stop from sample {at} on" if driver.visible is not None and trouble.stops else None
+        )
+
+    def _stopped(self, driver: Watched, cleared: ClearedTrajectory, at: int, stop: MotionStopped) -> Run:
+        """Reaction, true angle and time to standstill of one stop."""
+        planned, first = answered(driver, cleared)
+        from_visible = None
+        if self.trouble.twin:
+            sound = self._sound(cleared, at, first)
+            driver.visible = first_told(driver.readings, sound, self.arm, 0.0)
+            told = first_told(driver.readings, sound, self.arm, SIGMAS)
+            from_visible = 0 if told is None else first - told
+        if driver.visible is None:
+            return Run(missed=f"false stop: {stop}")
+        while driver.true[-1][2] > AT_REST and len(driver.true) < len(cleared) + SETTLE + AFTER:
+            MockDriver.read(driver)  # nobody reads after a lost link; the plant goes on
+            driver.look()
+        begin, end = driver.true[driver.visible - 2], driver.true[-1][1]
+        fast = [t for t, _, speed in driver.true if speed > STANDSTILL]
+        return Run(
+            first - driver.visible,
+            from_visible,
+            float(np.max(np.abs(end - begin[1]))),
+            *self._share(cleared, planned, end, stop.standstill.stop),
+            0.0 if "device" in stop.standstill.stop else beside(driver, cleared, planned, first),
+            max(fast) - driver.true[driver.visible - 1][0],
+        )
+
+    def _share(self, cleared: ClearedTrajectory, planned: int, end: np.ndarray, kind: str) -> tuple[float, float, float]:
+        """The angle from the last planned command to standstill: over stop and room, over the stop alone, and rad beyond it."""
+        proved = np.abs(stop_from(cleared, planned, self.arm).q[-1] - cleared.q[planned])
+        if "device" in kind:
+            fast, device = np.abs(cleared.dq[planned]), cleared.stop
+            proved = np.maximum(proved, fast * (device.reaction + fast / (2 * device.deceleration)))
+        turned = np.abs(end - cleared.q[planned])
+        far = proved > TURNS
+        alone = float(np.max(turned[far] / proved[far], initial=0.0))
+        return float(np.max(turned / (proved + cleared.room[planned]))), alone, float(np.max(turned - proved))
+
+    def _sound(self, cleared: ClearedTrajectory, at: int, count: int) -> list[JointState]:
+        """The first `count` readings of the same motion of a plant with the same noise and without the trouble."""
+        assert self.trouble.twin
+        plant = self.trouble.twin(self.arm, self.cell, cleared, at)
+        driver = MockDriver(plant, self.arm, RATE, SimulatedClock(), start=self.home)
+        connect_and_settle(driver, self.trouble)
+        readings = [driver.read()]
+        for q, dq in zip(cleared.q[: count - 1], cleared.dq, strict=False):
+            readings.append(driver.read())
+            driver.send(q, dq, np.zeros(len(q)))
+        return readings
 
 
-def answered(driver: Watched, cleared: ClearedTrajectory) -> int:
-    """Number of the reading that was answered by the first slower command."""
-    sent = enumerate(driver.sent)
-    return next((reads for k, (reads, q) in sent if not np.array_equal(q, cleared.q[k])), driver.reads)
+def answered(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
+    """The last planned sample that was sent, and the number of the reading that was answered by the first slower command."""
+    for k, (reads, q) in enumerate(driver.sent):
+        if not (k < len(cleared) and np.array_equal(q, cleared.q[k])):
+            return max(k - 1, 0), reads
+    return max(len(driver.sent) - 1, 0), driver.reads
 
 
-def keep(seen: Seen, driver: Watched, first: int, most: int, stop: MotionStopped) -> None:
-    """Reaction, true angle and time to standstill of one stop."""
-    if driver.visible is None:
-        raise RuntimeError(f"a stop before the trouble was visible: {stop}")
-    seen.reactions.append(first - driver.visible)
-    while driver.true[-1][2] > AT_REST and len(driver.true) < most:  # nobody reads after a lost link; the plant goes on
-        MockDriver.read(driver)
-        driver.look()
-    before, end = driver.visible - 2, driver.true[-1][1]
-    angles = np.abs(end - driver.true[before][1])
-    after_told = np.max(np.abs(end - driver.true[first - 2][1]))
-    predicted = np.max(np.abs(stop.standstill.predicted_angle))
-    fast = [t for t, _, speed in driver.true if speed > STANDSTILL]
-    seen.angles.append(float(np.max(angles)))
-    seen.beyond.append(float(after_told / predicted))
-    seen.excess.append(float(after_told - predicted))
-    seen.times.append(max(fast) - driver.true[before + 1][0])
-
-
-def without_trouble(
-    trouble: Trouble, arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int, count: int
-) -> list[JointState]:
-    """The first `count` readings of the same motion of a plant with the same noise and without the trouble."""
-    assert trouble.twin
-    driver = MockDriver(trouble.twin(arm, cell, cleared, at), arm, RATE, SimulatedClock(), start=cell.table.home)
-    connect_and_settle(driver, trouble)
-    readings = [driver.read()]
-    for q, dq in zip(cleared.q[: count - 1], cleared.dq, strict=False):
-        readings.append(driver.read())
-        driver.send(q, dq, np.zeros(len(q)))
-    return readings
+def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int) -> float:
+    """The largest distance, any joint, of the plant from the path that was commanded in the last LATE s, over the room proved there."""
+    room, late = float(cleared.room[planned]), round(LATE * RATE)
+    told = np.array([q for _, q in driver.sent])
+    share = np.linspace(0, 1, 5)[:-1, None, None]
+    dense = (told[:-1] + share * np.diff(told, axis=0)).transpose(1, 0, 2).reshape(-1, told.shape[1])
+    dense = np.vstack((dense, told[-1:]))
+    worst = 0.0
+    for read in range(first - 1, len(driver.true)):
+        behind = np.searchsorted([reads for reads, _ in driver.sent], read + 1, side="left")
+        path = dense[4 * max(0, behind - 1 - late) : 4 * behind + 1]
+        worst = max(worst, float(np.min(np.max(np.abs(driver.true[read][1] - path), axis=1))))
+    return worst / room
 
 
 def first_told(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:

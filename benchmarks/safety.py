@@ -1,7 +1,4 @@
-"""Motion safety: clearing a long plan, a monitor cycle, and for every fault how soon the arm slows down and how far it still travels.
-
-Faults are injected into the mock (MuJoCo plant, simulated clock), so that a busy computer changes no figure but the first two.
-"""
+"""Motion safety: clearing a long plan, a monitor cycle, and the tube looked at again (benchmarks/tube.py); faults: benchmarks/faults.py."""
 
 from __future__ import annotations
 
@@ -10,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.faults import TROUBLES
-from benchmarks.injection import RATE, inject
+from benchmarks import tube
+from benchmarks.injection import RATE
 from benchmarks.sines import sines
 from drivers.mock import MockDriver
 from safety import clear
@@ -68,38 +65,8 @@ def monitoring(arm: Arm, cell: Cell, count: int = 20_000) -> list[dict[str, Any]
     return [row(f"monitor cycle, p50/p99/p99.9 CPU of {count}", f"{p50:.0f}/{p99:.0f}/{p999:.0f}", "us", "< 100", note)]
 
 
-def faults(repeats: int, arm: Arm, cell: Cell) -> list[dict[str, Any]]:
-    """Each trouble: reaction and angle to standstill over the repeats, beside what was predicted."""
-    out = []
-    for trouble in TROUBLES:
-        seen = inject(trouble, repeats, arm, cell)
-        if not trouble.stops:
-            out.append(row(f"{trouble.name}: stops in {repeats}", len(seen.reactions), "", "0", trouble.note))
-            continue
-        if not seen.reactions:
-            out.append(row(f"{trouble.name}: stops in {repeats}", 0, "", str(repeats), f"not seen; {trouble.note}"))
-            continue
-        angles = np.degrees(seen.angles)
-        value = (
-            f"{spread(seen.reactions)} readings; {np.median(angles):.2f}/{angles.max():.2f} deg; "
-            f"{min(seen.beyond):.0%} to {max(seen.beyond):.0%} of predicted; {max(seen.times) * 1e3:.0f} ms"
-        )
-        detail = [f"{len(seen.reactions)} stops, {len(seen.missed)} missed"]
-        if seen.from_visible:
-            detail.append(f"from the first reading that leaves the noise of the sensors: {spread(seen.from_visible)} readings")
-        over = np.degrees(max(seen.excess))
-        detail += [f"at most {over:.2f} deg beyond", f"proved before: {np.degrees(seen.bound):.1f} deg"]
-        what = f"{trouble.name}: reaction p50/p99.9, angle p50/max, time"
-        out.append(row(what, value, "", "<= 2 readings; <= 110 %", "; ".join([*detail, trouble.note])))
-    return out
-
-
-def spread(counts: list[int]) -> str:
-    return f"{np.percentile(counts, 50):.0f}/{np.percentile(counts, 99.9):.0f}"
-
-
-def run(repeats: int = 100) -> list[dict[str, Any]]:
+def run(count: int = 10_000, repeats: int = 12) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
     cell = load_cell(CELL)
     arm = load_arm(cell.table.arm)
-    return [*clearing(arm, cell), *monitoring(arm, cell), *faults(repeats, arm, cell)]
+    return [*clearing(arm, cell), *monitoring(arm, cell), *tube.run(count, repeats)]

@@ -10,13 +10,14 @@ import ast
 import copy
 import hashlib
 import importlib.machinery
-import json
 import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from benchmarks.kept import Kept
 
 ROOT = Path(__file__).resolve().parents[2]
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
@@ -131,25 +132,11 @@ def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
     return os.waitstatus_to_exitcode(status) != 0
 
 
-class Known:
+def known_of(module: str, tests: tuple[str, ...]) -> Kept:
     """What earlier runs found, in the file that MUTANTS names: a run that was cut off goes on where it was. Other sources, other answers."""
-
-    def __init__(self, module: str, tests: tuple[str, ...]) -> None:
-        self._file = Path(os.environ["MUTANTS"]) if "MUTANTS" in os.environ else None
-        sources = [ROOT / "safety" / f"{module}.py", *(ROOT / "tests" / "safety" / f"{test}.py" for test in tests)]
-        self._of = f"{module} {hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()[:16]}"
-        lines = self._file.read_text().splitlines() if self._file and self._file.is_file() else []
-        entries = [json.loads(line) for line in lines]
-        self._found = {entry["what"]: entry["noticed"] for entry in entries if entry["of"] == self._of}
-
-    def asked(self, what: str) -> bool | None:
-        return self._found.get(what)
-
-    def keep(self, what: str, found: bool) -> None:
-        if self._file and what not in self._found:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            with self._file.open("a") as out:
-                out.write(json.dumps({"of": self._of, "what": what, "noticed": found}) + "\n")
+    sources = [ROOT / "safety" / f"{module}.py", *(ROOT / "tests" / "safety" / f"{test}.py" for test in tests)]
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()[:16]
+    return Kept(Path(os.environ["MUTANTS"]) if "MUTANTS" in os.environ else None, f"{module} {digest}")
 
 
 # Nothing that can be observed changes:
@@ -161,12 +148,12 @@ EQUIVALENT: set[str] = set()
 def test_no_change_of_a_predicate_goes_unnoticed(module: str) -> None:
     functions, tests = TARGETS[module]
     tree = ast.parse((ROOT / "safety" / f"{module}.py").read_text())
-    known = Known(module, tests)
-    assert known.asked("as it is") or not noticed(module, tree, tests)
+    known = known_of(module, tests)
+    assert known.found.get("as it is") or not noticed(module, tree, tests)
     known.keep("as it is", True)
     survivors = []
     for what, mutant in mutants(tree, functions):
-        found = known.asked(what)
+        found = known.found.get(what)
         if found is None:
             found = noticed(module, mutant, tests)
             known.keep(what, found)

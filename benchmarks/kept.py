@@ -1,0 +1,38 @@
+"""Work that is done in slices: what earlier runs found stays in a file under build/, and the next run goes on where they ended."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).parents[1] / "build"
+
+
+class Kept:
+    """Findings by name, one JSON line each in `file` (none where file is None), that belong to `of`: code, seed, whatever they hang on.
+
+    Findings of anything else stay in the file and are not returned: other sources, other answers.
+    """
+
+    def __init__(self, file: Path | None, of: str) -> None:
+        self._file, self._of = file, of
+        self.found: dict[str, Any] = {}
+        for line in file.read_text(encoding="utf-8").splitlines() if file and file.is_file() else []:
+            with suppress(json.JSONDecodeError):  # a line that was cut off is no finding
+                entry = json.loads(line)
+                if entry["of"] == of:
+                    self.found[entry["what"]] = entry["found"]
+
+    def keep(self, what: str, found: Any) -> None:
+        """Remember one finding, on the disk at once."""
+        if what in self.found:
+            return
+        self.found[what] = found
+        if self._file:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            with self._file.open("a+b") as out:
+                whole = out.tell() == 0 or (out.seek(-1, 2) and out.read(1) == b"\n")
+                out.write(b"" if whole else b"\n")
+                out.write((json.dumps({"of": self._of, "what": what, "found": found}) + "\n").encode())
