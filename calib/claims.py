@@ -5,6 +5,7 @@ One entry of SENTENCES is one kind of claim; identify, validate and plan state t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -33,6 +34,12 @@ class Claim:
 def told(claims: Sequence[Claim]) -> str:
     """The claims in one sentence."""
     return "; ".join(claim.sentence for claim in claims)
+
+
+def capital(sentence: str) -> str:
+    """The sentence with a capital letter, unless it begins with a name, such as `elbow_joint` or `mcx_2`."""
+    first = sentence.split(" ", 1)[0]
+    return sentence if re.search(r"[^a-z]", first.rstrip(",:;")) else sentence[:1].upper() + sentence[1:]
 
 
 def _some(names: Sequence[str]) -> str:

@@ -68,25 +68,25 @@ def found(run: Run) -> Found:
 
 
 def compare(a: Found, b: Found) -> list[Change]:
-    """Every parameter of either run, those that moved most first; what only one run has comes last."""
+    """Every parameter of either run, the largest changes first; what only one run has comes last."""
     keys = list(dict.fromkeys([*a.numbers, *b.numbers]))
     changes = [Change(name, joint, a.numbers.get((name, joint)), b.numbers.get((name, joint))) for name, joint in keys]
     return sorted(changes, key=lambda c: (not c.sigmas >= 0, -c.sigmas if c.sigmas >= 0 else 0.0))
 
 
 def sentence(a: Found, b: Found, changes: list[Change]) -> str:
-    """The comparison as a person would say it; a number has moved where it differs by more than three standard deviations."""
+    """The comparison in words; a parameter has changed if it differs by more than three standard deviations."""
     moved = [c for c in changes if c.sigmas > 3]
     both = [c for c in changes if c.a is not None and c.b is not None]
     shared = [j for j in a.gap if j in b.gap] if a.unit == b.unit else []
     parts = [
-        f"{len(moved)} of {len(both)} shared parameters moved by more than three standard deviations"
+        f"{len(moved)} of {len(both)} shared parameters changed by more than three standard deviations"
         if both
         else "The runs share no parameter"
     ]
     if shared:
         ratio = np.linalg.norm([b.gap[j] for j in shared]) / max(float(np.linalg.norm([a.gap[j] for j in shared])), 1e-300)
-        parts.append(f"the gap that is left is {ratio:.2f} times that of {Path(a.run.folder).name}")
+        parts.append(f"the residual RMS is {ratio:.2f} times that of {Path(a.run.folder).name}")
     return "; ".join(parts)
 
 

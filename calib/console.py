@@ -25,6 +25,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.text import Text
 
 from calib import text_table
+from calib.claims import capital
 from sim.files import printable
 from sim.resources import config_folders
 
@@ -111,6 +112,13 @@ def run_folders(verb: str) -> Callable[[str], list[str]]:
 def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
     found = {name(p) for folder in config_folders(None, kind) for p in folder.glob(pattern)}
     return sorted(n for n in found if n.startswith(incomplete))
+
+
+def conclusion(first: str, more: Iterable[str]) -> None:
+    """What a run found: `more` sentences as a list, then the one that answers the question, where the eye ends."""
+    for sentence in more:
+        say(f"- {capital(sentence).rstrip('.')}.")
+    say(f"{capital(first)}.")
 
 
 def say(sentence: str) -> None:

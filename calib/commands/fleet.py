@@ -82,7 +82,9 @@ def command(
         }
         console.print_json(answer)
         return code
-    console.table(["arm", "status", "logs", "minutes", "left of torque", "verdict", "farthest from siblings"], arm_rows(found))
+    console.table(
+        ["arm", "status", "logs", "minutes", "residual share", "verdict", "largest deviation from siblings"], arm_rows(found)
+    )
     if deviating:
         console.table(["arm", "what", "joint", "how large", "since"], deviating, "arms that deviate")
     for _, why in found.unassigned:

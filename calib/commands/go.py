@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calib import console
+from calib.claims import capital
 from calib.run_folder import conclude, new_run
 
 if TYPE_CHECKING:
@@ -92,10 +93,10 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
         current, code, sentence = _do(current, step, yes, configs)
         page.write(current)
         if code in step.fine:
-            console.say(f"   {_capital(sentence)}.")
+            console.say(f"   {capital(sentence)}.")
             continue
         if step.name.startswith("plan-") and code == 1:
-            console.say(f"   {_capital(sentence)}. This cannot be decided in this cell.")
+            console.say(f"   {capital(sentence)}. This cannot be decided in this cell.")
             continue
         answer = "" if code == 130 or yes else _again(step)
         if answer == "p":
@@ -109,7 +110,7 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
     conclude(told[0])
     console.say("\nThe session is complete.")
     for sentence in told:
-        console.say(f"- {_capital(sentence)}.")
+        console.say(f"- {capital(sentence)}.")
     console.say("- Use it elsewhere:")
     console.copyable(f"   $ calib export {guided.best_arm(current)}")
     console.say("The page of the session, for a browser:")
@@ -157,7 +158,3 @@ def _again(step: Step) -> str:
         .strip()
         .lower()
     )
-
-
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]

@@ -99,9 +99,8 @@ def command(
             console.table(headers, rows, f"torque residual on the {title}: {', '.join(gap.logs)}")
     headers, rows = parameter_table(result)
     console.table(headers, rows, "friction and reflected inertia")
-    for sentence in result.findings:
-        console.say(f"- {sentence}")
-    console.say(f"{result.outcome}.")
+    first, *more = [claim.sentence for claim in result.claims if claim.sentence not in result.findings]
+    console.conclusion(first, [*result.findings, *more])
     console.say(f"{folder}: arm/, result.json, report.html")
     console.next_step(then)
     return result.verdict.exit_code

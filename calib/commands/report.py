@@ -73,7 +73,7 @@ def command(
         [c.name, c.joint or "whole arm", c.a.value if c.a else None, c.b.value if c.b else None, _unit(c), c.sigmas]
         for c in changes[:15]
     ]
-    console.table(["parameter", "joint", "first", "second", "unit", "moved [std]"], rows_shown)
+    console.table(["parameter", "joint", "first", "second", "unit", "change [std]"], rows_shown)
     console.say(f"{sentence(a, b, changes)}.")
     console.say(str(path))
 

@@ -82,7 +82,8 @@ def command(
         [[j, f"{x:.1%}", f"{limit:.1%}", v.value] for j, x, limit, v in joints],
         "verdict",
     )
-    console.say(f"{found.outcome}.")
+    first, *more = [claim.sentence for claim in found.claims]
+    console.conclusion(first, more)
     console.say(f"{folder}: validation.json, prediction.csv, prediction.mcap, report.html")
     console.next_step(then)
     return verdict.exit_code

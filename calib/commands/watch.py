@@ -107,15 +107,15 @@ def _show(found: Watched) -> None:
          float(p.residual[j]), f.temperature]
         for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
     ]  # fmt: skip
-    console.table(["joint", "motion [s]", "dry [N m]", "", "viscous [N m s/rad]", "", "left [N m]", "[degC]"], rows)
+    console.table(["joint", "motion [s]", "Coulomb [N m]", "", "viscous [N m s/rad]", "", "residual RMS [N m]", "[degC]"], rows)
     com = (
         ""
         if p.com is None
         else ", centre of mass (" + ", ".join(f"{1e3 * c.value:.0f} ± {2e3 * c.std:.0f}" for c in p.com) + ") mm"
     )
-    console.say(f"{p.sentence}{com}.")
+    console.say(f"{p.sentence[0].upper()}{p.sentence[1:]}{com}.")
     console.say(
-        f"{len(found.events)} events in {found.seconds:.1f} s; consistency of the filter (NIS/degrees) {console.cell(p.nis)}."
+        f"{len(found.events)} events in {found.seconds:.1f} s; filter consistency (NIS per degree of freedom, 1 expected): {console.cell(p.nis)}."
     )
     for kind, count in p.faults.items():
         console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")

@@ -105,7 +105,7 @@ def picture(effect: Effect) -> str:
     for key, label in (("time", "t [s]"), ("speed", "speed [rad/s]"), ("position", "position [rad]"), ("load", "load [N m]")):
         name(panel[key], x=label)
         panel[key].axhline(0, color=ROLES["muted"], linewidth=0.6)
-    panel["time"].set_ylabel("left over [N m]")
+    panel["time"].set_ylabel("residual [N m]")
     if not np.max(np.abs(left)) > 1e-3:
         raise ValueError(f"{effect.name} leaves nothing to see with {instance.parameters}; give it values in SHOWN")
     text = str(svg(figure, f"What a model without {effect.name} leaves"))

@@ -26,19 +26,19 @@ def write(path: str | Path, a: Found, b: Found, changes: Sequence[Change]) -> Pa
         ax.set_yticks(range(len(sure)), labels=[f"{c.name} {c.joint}".strip()[:60] for c in sure])
         ax.invert_yaxis()
         name(ax, x="difference / standard deviation of the difference; dashed: 3")
-        page.section("What moved").figure(
-            figure, "The parameters that both runs have, those that moved most first (at most 40)."
+        page.section("What changed").figure(
+            figure, "The parameters that both runs have, the largest changes first (at most 40)."
         )
     rows = [
         [c.name, c.joint, c.a.value if c.a else None, c.a.std if c.a else None, c.b.value if c.b else None, c.b.std if c.b else None, c.sigmas, _unit(c)]
         for c in changes
     ]  # fmt: skip
-    page.section("Parameters").table(["parameter", "joint", "first", "± std", "second", "± std", "moved [std]", "unit"], rows)
+    page.section("Parameters").table(["parameter", "joint", "first", "± std", "second", "± std", "change [std]", "unit"], rows)
     joints = list(dict.fromkeys([*a.gap, *b.gap]))
-    page.section("The gap that is left").table(
+    page.section("Residual").table(
         ["joint", f"first [{a.unit.replace('*', ' ')}]", f"second [{b.unit.replace('*', ' ')}]", "second / first"],
         [[j, a.gap.get(j), b.gap.get(j), _ratio(a.gap.get(j), b.gap.get(j))] for j in joints],
-        "RMS torque on the held-out log of each run; two runs on different logs differ by their motions too",
+        "Residual RMS on the held-out log of each run; runs on different logs also differ by their motions",
     )
     return page.write(path)
 

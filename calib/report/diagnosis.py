@@ -1,4 +1,4 @@
-"""The page of `calib diagnose`: what is missing, where it shows, why it has that name, what naming it gained, what to do next."""
+"""The page of `calib diagnose`: what is missing, where it shows, why that effect, what it explains, what to do next."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
 
 
 def sentence(diagnosis: Mapping[str, Any]) -> str:
-    """The verdict as a person would say it."""
+    """The verdict in words."""
     effects = diagnosis.get("effects", [])
     verdict = diagnosis["verdict"]
     if verdict == "bad_data":
@@ -61,27 +61,27 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
         return "The data cannot be used: " + ("; ".join(failed) if failed else "see the checks below")
     changed = "baseline" in diagnosis
     if verdict == "no_missing_effect" and changed:
-        return f"Nothing has changed on {diagnosis['arm']} since the {len(diagnosis['baseline'])} healthy recordings, beyond how they differ among themselves"
+        return f"Nothing has changed on {diagnosis['arm']} since the {len(diagnosis['baseline'])} healthy recordings, beyond their own variation"
     if verdict == "no_missing_effect":
         return f"No effect is missing: the model of {diagnosis['arm']} agrees with the log within noise and its own uncertainty"
     found = _found(effects[0]) if len(effects) == 1 else _and([words(e["effect"], e.get("joint")) for e in effects])
     if verdict == "unexplained":
         parts = [
-            f"{u['joint']} is off by {u['rms']:.3g} {_unit(u['unit'])}" + _depending(u["depends_on"])
+            f"{u['joint']} has a residual RMS of {u['rms']:.3g} {_unit(u['unit'])}" + _depending(u["depends_on"])
             for u in diagnosis.get("unexplained", [])
         ]
         text = "There is a residual that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
-        return text + (f". Found beside it: {found}" if found else "")
+        return text + (f". Also identified: {found}" if found else "")
     if changed:
-        return f"Since the healthy recordings has changed: {found}"
+        return f"Changed since the healthy recordings: {found}"
     return f"The model is missing {found}" if len(effects) == 1 else f"The model is missing {len(effects)} effects: {found}"
 
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
     """What else was found: friction laws, names that were refused, and numbers of the arm that a refit moves far."""
     out = [
-        f"Not in the catalogue, a fitted friction law at {law['joint']}: {law['formula']}. It removes "
-        f"{1 - law['rms_with'] / law['rms_without']:.0%} of the torque error of recordings left out of its fit."
+        f"A friction law, fitted where no catalogue effect fits, at {law['joint']}: {law['formula']}. It removes "
+        f"{1 - law['rms_with'] / law['rms_without']:.0%} of the residual RMS on recordings left out of its fit."
         for law in diagnosis.get("laws", [])
     ]
     out += [text[0].upper() + text[1:] + "." for text in diagnosis.get("refused", [])]
@@ -105,17 +105,17 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
             names = _and([words(o["effect"], o.get("joint")) for o in others])
             steps.append(f"From this data {words(effect['effect'], effect.get('joint'))} cannot be distinguished from {names}.")
         if effect.get("experiment"):
-            steps.append(f"To be surer: {effect['experiment']}")
+            steps.append(f"To confirm it: {effect['experiment']}")
     verdict = diagnosis["verdict"]
     if verdict == "effects_found":
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
     elif verdict == "no_missing_effect":
-        steps.append("Nothing. The model agrees with these recordings; use the identified arm.")
+        steps.append("Nothing to do: the model agrees with these recordings.")
     elif verdict == "unexplained":
         steps.append(
-            "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether it stays."
+            "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."
         )
     else:
         steps.append("Correct the failed checks, then record again.")
@@ -143,7 +143,7 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
     effects = diagnosis.get("effects", [])
     if effects:
         least = min(float(e["confidence"]) for e in effects)
-        facts.append(("confidence in the name" if len(effects) == 1 else "confidence in the least sure name", f"{least:.0%}"))
+        facts.append(("confidence in the effect" if len(effects) == 1 else "confidence, least certain effect", f"{least:.0%}"))
     gap = diagnosis.get("gap") or {}
     noise = np.asarray(gap.get("noise_floor", []), float)
     if len(noise):
@@ -179,18 +179,18 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
         q, dq = (np.asarray(evidence[key])[:, j] for key in ("q", "dq"))
         page.figure(
             pictures.where(names[j], np.asarray(evidence["t"]), q, dq, predicted["before"][:, j], residuals, unit),
-            f"What the model leaves at {names[j]}, before and after: over time, speed, position and load. A slope, a step or a wave is "
+            f"Residual at {names[j]}, before and after: over time, speed, position and load. A slope, a step or a wave is "
             "structure; a flat band is noise.",
         )
 
 
 def gained(diagnosis: Mapping[str, Any]) -> str:
-    """What naming gained beyond an ordinary refit, at the joint where the refit leaves most."""
+    """What the effects explain beyond a parameter refit, at the joint with the largest residual after it."""
     gap = diagnosis["gap"]
     noise, refit, after = (np.asarray(gap[key], float) for key in ("noise_floor", "refit", "after"))
     j = int(np.argmax(refit / noise))
-    text = f"Refitting only the ordinary parameters leaves {refit[j] / noise[j]:.1f} times the noise at {gap['joints'][j]}"
-    return text + (f"; with the names it is {after[j] / noise[j]:.1f}." if diagnosis.get("effects") else ".")
+    text = f"After parameter refit it is {refit[j] / noise[j]:.1f} times the noise at {gap['joints'][j]}"
+    return text + (f"; with the identified effects {after[j] / noise[j]:.1f}." if diagnosis.get("effects") else ".")
 
 
 def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -200,7 +200,7 @@ def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
         pictures.torques(
             list(evidence["joint_names"]), np.asarray(evidence["t"]), np.asarray(evidence["tau"]), predicted, unit
         ),
-        "Measured torque with the model's prediction before and after (left), and what each leaves (right).",
+        "Measured torque with the model's prediction before and after (left), and the residuals (right).",
     )
 
 
@@ -218,28 +218,28 @@ def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> l
 def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
     effects = diagnosis.get("effects", [])
     if effects:
-        page.section("What was found")
+        page.section("Identified effects")
         rows = [
             [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), _unit(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
             for e in effects
             for k, p in e["parameters"].items()
         ]  # fmt: skip
         page.table(
-            ["effect", "joint", "parameter", "value", "± std", "in the model", "unit", "share of the residual", "confidence"],
+            ["effect", "joint", "parameter", "value", "± std", "nominal", "unit", "share of the residual", "confidence"],
             rows,
         )
     candidates = evidence.get("candidates") or []
     if candidates:
         chosen = {(e["effect"], e.get("joint")) for e in effects}
-        page.section("Why this name, and what else it could be" if effects else "What was looked for").figure(
+        page.section("Why this effect, and what else it could be" if effects else "What was looked for").figure(
             pictures.evidence(
                 [words(effect, joint) for effect, joint, _ in candidates],
                 [float(score) for _, _, score in candidates],
                 [(effect, joint) in chosen for effect, joint, _ in candidates],
                 float(evidence["threshold"]),
             ),
-            "Every effect of the catalogue was tried at every joint; these came nearest, the filled ones were chosen. What stands close "
-            "to a filled one is a runner-up; often it explains the same residual, and falls once the right effect is in the model.",
+            "Every effect of the catalogue was tried at every joint; the best are shown, the chosen ones filled. One close "
+            "to a chosen one often explains the same residual, and drops once the right effect is in the model.",
         )
         page.table(
             ["effect", "joint", "evidence", "chosen"],
@@ -268,14 +268,14 @@ def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) 
         page.section("The residual in numbers").table(
             ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
             [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
-            f"Residual RMS on {gap['log']}; “after parameter refit”: only the ordinary parameters are fitted, without any added effect",
+            f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
         )
     forward = evidence.get("forward") or {}
     if forward:
         page.table(
             ["joint", "before [rad]", "after [rad]"],
             [[joint, *pair] for joint, pair in forward.items()],
-            "RMS error of position in forward simulation: the model is driven by the measured torque for a moment and must go where the arm went",
+            "RMS position error in short forward simulations under the measured torque",
         )
 
 

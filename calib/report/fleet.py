@@ -51,7 +51,7 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
                 _spread(family),
                 "Friction, offset and rotor inertia of every joint: each arm's own estimate (circle), and with the siblings' help (dot).",
             )
-    headers = ["arm", "status", "logs", "minutes", "left of torque", "verdict", "farthest from siblings"]
+    headers = ["arm", "status", "logs", "minutes", "residual share", "verdict", "largest deviation from siblings"]
     page.section("Every arm").table(headers, arm_rows(fleet), "each has a folder of its own below arms/")
     return page.write(path)
 

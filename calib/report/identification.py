@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims import capital
 from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
@@ -23,9 +24,11 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     arm       for the interactive curves and the arm in 3D, which are left out without it
     """
     held_out = result.get("holdout") is not None
-    page = Page(result["arm"], result["outcome"], _VERDICTS.get(result["verdict"], "bad"), _facts(result), "identification")
-    if result.get("findings"):
-        page.aside("What to know about it", list(result["findings"]))
+    findings = list(result.get("findings", []))
+    first, *more = [c["sentence"] for c in result.get("claims", []) if c["sentence"] not in findings] or [result["outcome"]]
+    page = Page(result["arm"], capital(first), _VERDICTS.get(result["verdict"], "bad"), _facts(result), "identification")
+    if more or findings:
+        page.aside("What to know about it", [capital(s) for s in (*more, *findings)])
     names = list(evidence["joint_names"])
     t, tau, q, dq = (np.asarray(evidence[k], float) for k in ("t", "tau", "q", "dq"))
     predicted = {role: np.asarray(evidence[role], float) for role in ("before", "after")}
@@ -50,7 +53,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     _parameters(page, result)
     if result.get("advice"):
         page.section("What to record next").table(
-            ["motion", "would tell"], [[m, ", ".join(names)] for m, names in result["advice"]]
+            ["motion", "would identify"], [[m, ", ".join(names)] for m, names in result["advice"]]
         )
     excluded = result.get("excluded") or []
     if excluded:
@@ -108,7 +111,7 @@ def _parameters(page: Page, result: Mapping[str, Any]) -> None:
         numbers = (np.array([e[k] for e in estimates], float) for k in ("value", "std", "nominal"))
         page.figure(
             pictures.intervals([_label(e) for e in estimates], *numbers),
-            "How far the data moved each number from the arm's own, in its standard deviations, with 95 % intervals.",
+            "Change of each parameter from nominal, in standard deviations, with 95 % intervals.",
         )
     headers = ["parameter", "joint", "estimate", "± std", "95 % from", "to", "nominal", "unit", "from the data", "note"]
     for key, title in (("estimates", "Identified combinations"), ("full", "Physically consistent inertias of every link")):
@@ -141,5 +144,5 @@ def _note(estimate: Mapping[str, Any]) -> str:
     notes = [] if estimate["identifiable"] else ["not identifiable from this data"]
     written, std = estimate.get("written"), estimate["std"]
     if written is not None and std is not None and abs(written - estimate["value"]) > std:
-        notes.append(f"written {written:.4g}, so that the arm can exist")
+        notes.append(f"written {written:.4g}, to be physically consistent")
     return ", ".join([*notes, "at its bound"] if estimate["at_bound"] else notes)

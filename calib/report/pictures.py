@@ -1,4 +1,4 @@
-"""The pictures that several pages share: torques over time, a residual against what it may depend on, gaps in multiples of noise."""
+"""The pictures that several pages share: torques over time, a residual against what it may depend on, residuals in multiples of noise."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def where(
 
 
 def gaps(joint_names: Sequence[str], noise: np.ndarray, levels: Mapping[str, np.ndarray]) -> Figure:
-    """RMS gap of each joint in multiples of its noise floor, on a logarithmic axis; the noise floor is the line at 1.
+    """Residual RMS of each joint in multiples of its noise floor, on a logarithmic axis; the noise floor is the line at 1.
 
     noise (n,) and levels: role -> (n,), in one unit.
     """
@@ -115,7 +115,7 @@ def gaps(joint_names: Sequence[str], noise: np.ndarray, levels: Mapping[str, np.
     ax.set_yticks(rows, labels=list(joint_names))
     ax.invert_yaxis()
     ax.set_ylim(len(joint_names) - 0.5, -0.5)
-    name(ax, x="gap in multiples of the noise floor (1 = as good as can be measured)")
+    name(ax, x="residual RMS / noise floor (1 = as good as can be measured)")
     figure.legend(loc="outside upper center", ncols=3, fontsize=9)
     return figure
 

@@ -23,7 +23,7 @@ FRAMES_PER_SECOND = 25
 MOST_FRAMES = 3000
 LOOKS = 300
 PARAMETERS = {
-    "Ia": "rotor inertia", "coulomb": "dry friction", "viscous": "viscous friction", "offset": "torque offset",
+    "Ia": "reflected inertia", "coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "torque offset",
 }  # fmt: skip
 JOINT_COLOURS = [ROLES[r] for r in ("after", "before", "good", "refit", "accent", "ink")]
 

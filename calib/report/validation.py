@@ -1,4 +1,4 @@
-"""The page of `calib validate`: does the arm's model say what the arm did, by torque and by forward simulation?"""
+"""The page of `calib validate`: does the model predict what the arm did, by torque and by forward simulation?"""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims import capital
 from calib.report import explorer, pictures
 from calib.report.page import Page
 from sim.arm import Arm
@@ -23,7 +24,10 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
     arm       for the interactive curves and the arm in 3D, which are left out without it
     """
     names = list(result["joints"])
-    page = Page(str(result["arm"]), _capital(str(result["outcome"])), None, _facts(result), "validation")
+    first, *more = [str(c["sentence"]) for c in result.get("claims", [])] or [str(result["outcome"])]
+    page = Page(str(result["arm"]), capital(first), None, _facts(result), "validation")
+    if more:
+        page.aside("What to know about it", [capital(s) for s in more])
     if arm is not None:
         page.section("Look at the residual")
         explorer.add(page, arm, [dict(c) | {"after": c["tau_hat"]} for c in evidence], ("after",), _WORDS)
@@ -42,7 +46,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
             rows.append(row + ([_milli(forward["rms"][k]), _milli(bound[k]), _milli(forward["travel"][k])] if forward else []))
         told = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
         if forward and forward.get("bound_from"):
-            told += f"; the bound holds in 95 % of logs, by what {forward['bound_from']}"
+            told += f"; the bound should hold in 95 % of logs, from what {forward['bound_from']}"
         page.table(headers, rows, f"RMS on {entry['log']}{told}")
     left_out = [[entry["log"], *item] for entry in result["logs"] for item in entry["excluded"]]
     if left_out:
@@ -61,7 +65,7 @@ def _curves(page: Page, names: Sequence[str], curves: Mapping[str, Any]) -> None
     worst = int(np.argmax(np.sqrt(np.mean(left**2, axis=0)) / (np.std(tau, axis=0) + 1e-12)))
     page.figure(
         pictures.where(names[worst], t, q[:, worst], dq[:, worst], tau_hat[:, worst], {"after": left[:, worst]}),
-        f"Residual at {names[worst]}, the joint with the largest share; a slope, a step or a wave has a cause that calib diagnose can name.",
+        f"Residual at {names[worst]}, the joint with the largest share; a slope, a step or a wave has a cause that calib diagnose can identify.",
     )
 
 
@@ -88,7 +92,3 @@ def _percent(entry: Mapping[str, Any], k: int) -> str | None:
 
 def _milli(value: float | None) -> float | None:
     return None if value is None else 1000 * value
-
-
-def _capital(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]

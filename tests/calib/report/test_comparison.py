@@ -44,7 +44,7 @@ def test_two_diagnoses(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "runs/a", "runs/b", "--out", "runs/c", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["outcome"] == (
-        "1 of 1 shared parameters moved by more than three standard deviations; the gap that is left is 1.00 times that of a"
+        "1 of 1 shared parameters changed by more than three standard deviations; the residual RMS is 1.00 times that of a"
     )
     assert data["changes"][0]["sigmas"] == pytest.approx(1.0 / (0.041 * 2**0.5))
     assert read_run("runs/c").exit_code == 0

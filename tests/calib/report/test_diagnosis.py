@@ -18,7 +18,10 @@ from tests.calib.report.browser import Visit
             "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the residual)",
         ),
         ("no_missing_effect", "No effect is missing"),
-        ("unexplained", "elbow_joint is off by 1.2 N m depending on position of elbow_joint and speed of wrist_1_joint"),
+        (
+            "unexplained",
+            "elbow_joint has a residual RMS of 1.2 N m depending on position of elbow_joint and speed of wrist_1_joint",
+        ),
         ("bad_data", "The data cannot be used: time runs backwards at sample 812"),
     ],
 )

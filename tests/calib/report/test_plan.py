@@ -101,7 +101,7 @@ def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     assert "ur10e will move for 20 s in mock-ur10e in 2 motions" in html
     assert "nearest to the cell: forearm and table, 350 mm" in html
     assert "2 of 3 parameters improve over their nominal values" in html
-    assert {"dry friction", "mcx*", "Ixx"} <= set(re.findall(r">([^<>]+)</td>", html))
+    assert {"Coulomb friction", "mcx*", "Ixx"} <= set(re.findall(r">([^<>]+)</td>", html))
     assert "2 of 3 parameters" in html
     assert "<script>alert(1)" not in html
     assert len(html) < 1_500_000

@@ -110,7 +110,7 @@ def test_the_payload_that_the_log_declares_is_compared(tmp_path: Path, servo6: A
 
 def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
-    assert "no claim without motion" in capsys.readouterr().out
+    assert "No claim without motion" in capsys.readouterr().out
     assert (tmp_path / "o" / "events.jsonl").read_text() == ""
 
 
