@@ -24,6 +24,7 @@ LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
 NEGLIGIBLE = 1e-3  # of the joint's residual: a term that contributes less is left out
 PARTS = 5  # of a single recording
+HELD = 1e12  # precision of a parameter that must not move
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,12 @@ def fit_friction(
     precision: np.ndarray,
     sets: Sequence[Sequence[int]],
     only: Sequence[int] | None = None,
+    held: int = 0,
 ) -> FrictionFit:
     """The law of every joint (of `only` those) that predicts parts left out at least HELPS better than none.
 
-    mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole.
+    mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole. The last
+    `held` of theta are fitted wherever a part is left out, and are zero in the solution.
     """
     if len(parts) == 1:
         parts = parts[0].cut(PARTS)
@@ -91,6 +94,7 @@ def fit_friction(
     if dropped:
         given = [nothing[j] if j in dropped else given[j] for j in range(n)]
         predicted = problem.left_out(given)
+    problem.hold(held)
     theta, coefficients = problem.solve(given)
     return FrictionFit(theta, problem.covariance, coefficients, _rms(problem, errors[0]), _rms(problem, predicted))
 
@@ -151,6 +155,13 @@ class _Problem:
             end = next((i for i, rho in enumerate(own) if rho < 0.05), len(own))
             out.append(np.clip(1 + 2 * sum(own[:end]), 1.0, MOST_CORRELATED))
         return float(np.exp(np.mean(np.log(out))))
+
+    def hold(self, count: int) -> None:
+        """From now on the last `count` of theta are zero."""
+        last = np.arange(self.p - count, self.p)
+        self.mean, self.precision = self.mean.copy(), self.precision.copy()
+        self.mean[last], self.precision[last, :], self.precision[:, last] = 0.0, 0.0, 0.0
+        self.precision[last, last] = HELD
 
     def left_out(self, given: list[np.ndarray]) -> np.ndarray:
         """(parts, n) sums of squares of every part's error, predicted from the others."""

@@ -13,7 +13,7 @@ import numpy as np
 from calib.diagnosis.acceptance import Key, judge
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import Correction, correction
-from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.fit import Fit, fit, nominal_values
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
@@ -152,12 +152,7 @@ def entry(
 ) -> dict[str, Any]:
     """One effect as diagnosis.json has it."""
     effect = effect_named(item.effect)
-    own = arm.effect(item.effect, item.joint)
-    # what an arm without the effect has: its strengths are zero, and a shape (a rest angle, an exponent) or a stiffness it has none
-    nominal: dict[str, float | None] = dict(own.parameters) if own else {p.name: p.zero for p in effect.parameters}
-    if item.effect == "link_inertia" and item.joint is not None:
-        j = arm.joint_index(item.joint)
-        nominal = dict(zip(("mass", "com_x", "com_y", "com_z"), map(float, (arm.tree.mass[j], *arm.tree.com[j])), strict=True))
+    nominal = nominal_values(arm, item)
     return {
         "effect": item.effect,
         "joint": item.joint,

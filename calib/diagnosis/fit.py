@@ -160,6 +160,15 @@ def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
     return [(i, p) for i, item in enumerate(accepted) for p in effect_named(item.effect).parameters]
 
 
+def nominal_values(arm: Arm, item: ArmEffect) -> dict[str, float | None]:
+    """What the arm has in the place of an effect: its own values, else those at which the effect vanishes, None for a shape."""
+    own = arm.effect(item.effect, item.joint)
+    if item.effect == "link_inertia" and item.joint is not None:
+        j = arm.joint_index(item.joint)
+        return dict(zip(("mass", "com_x", "com_y", "com_z"), map(float, (arm.tree.mass[j], *arm.tree.com[j])), strict=True))
+    return dict(own.parameters) if own else {p.name: p.zero for p in effect_named(item.effect).parameters}
+
+
 def logarithmic(p: Parameter) -> bool:
     """Scales without a zero are fitted as logarithms."""
     return p.zero is None and p.lower > 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.corrected import Correction, correction
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, parameters_of
 from calib.diagnosis.model import LogModel
 from calib.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
@@ -16,6 +16,7 @@ from sim.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
 # which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
 FREE = 10.0  # prior standard deviations
+SHAPE = 0.5
 SETS = tuple(
     tuple(TERMS.index(name) for family in families for name in FAMILIES[family] if name != "power_1")
     for families in (("slip",), ("slip", "speed", "stribeck"), ("slip", "speed", "stribeck", "load"))
@@ -42,24 +43,60 @@ class Law:
         }
 
 
-def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = ()) -> tuple[Correction, tuple[Law, ...]]:
+@dataclass(frozen=True)
+class Refitted:
+    """A fit written with laws: the correction, its laws, and (n,) N m RMS error of recordings left out without laws and with them.
+
+    In these errors everything is fitted to the other recordings, the names' parameters too.
+    """
+
+    change: Correction
+    laws: tuple[Law, ...]
+    plain: np.ndarray
+    predicted: np.ndarray
+
+
+def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = ()) -> Refitted:
     """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
 
     The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
     uses the arm. Friction may move farther than its prior, because a law takes its place.
     """
-    parts, names = [_part(m) for m in written.models], written.models[0].names
+    named, mean, precision = _names(written)
+    parts = [_part(m, [c[k] for c in named]) for k, m in enumerate(written.models)]
+    names = written.models[0].names
     free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
-    found = fit_friction(parts, np.zeros(len(names)), np.diag(free), SETS if only else (), list(only))
+    prior = np.concatenate([np.zeros(len(names)), mean]), np.diag([*free, *precision])
+    found = fit_friction(parts, *prior, SETS if only else (), list(only), len(named))
+    found = replace(found, theta=found.theta[: len(names)])
     change = _corrected(written, found, limits)
-    return change, _laws(change, found, written.hypothesis.start)
+    return Refitted(change, _laws(change, found, written.hypothesis.start), found.plain, found.predicted)
 
 
-def _part(m: LogModel) -> Part:
-    """All rows in motion, reversals too, which show how friction builds up."""
+def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
+    """Columns of the names' parameters per log (R, n), and mean and precision of how far each is from where it stands.
+
+    The prior's middle is that the effect is absent, with the distance to there as its deviation: recordings that do not show an
+    effect do not have it. A shape, which has no such value, may change by a factor.
+    """
+    columns, mean, precision = [], [], []
+    for (i, p), (_, column) in zip(parameters_of(f.accepted), columns_of(f.models, f.hypothesis), strict=True):
+        item = f.accepted[i]
+        absent, value = nominal_values(f.hypothesis.start, item)[p.name], item.parameters[p.name]
+        away = 0.0 if absent is None or logarithmic(p) else value - absent
+        spread = abs(away) if away else SHAPE if logarithmic(p) else max(SHAPE * abs(value), 1e-6)
+        columns.append(column)
+        mean.append(-away)
+        precision.append(spread**-2)
+    return columns, np.array(mean), np.array(precision)
+
+
+def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
+    """All rows in motion, reversals too, which show how friction builds up; the names' columns stand behind the ordinary ones."""
     law, keep = FrictionLaw(), m.measurement.row_moving
     d = [m.rows(law.columns(m.joint_state(j), 0))[keep] for j in range(m.n)]
-    return Part([m.nuisance(j)[keep] for j in range(m.n)], d, [m.residual[keep, j] for j in range(m.n)])
+    x = [np.column_stack([m.nuisance(j), *[c[:, j] for c in named]])[keep] for j in range(m.n)]
+    return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
 
 
 def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect]) -> Correction:

@@ -1,11 +1,15 @@
-"""What may be written into the corrected arm: only names and laws with which the arm, as it is written, predicts better.
+"""What may be written into the corrected arm: only names and laws with which the arm predicts better.
 
-The arm is judged as anyone would use it (sim.prediction.predict, every row in motion, reversals too), because a fit can lean on
-numbers that an arm folder does not hold. It is compared with the arm as it was, and with the arm that has friction laws and no names.
+Two questions are asked of a name. Does it help: with everything fitted to the other recordings, is a recording left out predicted
+better with it than with free friction laws alone, or nearly as well as by these laws without needing one? And is the arm as it is
+written, with what an arm folder can hold (sim.prediction.predict, every row in motion, reversals too), nowhere worse than the arm as it was?
+Worse means significantly: the difference of squared errors is compared with its standard deviation, which counts that neighbouring rows
+say much the same (F. X. Diebold, R. S. Mariano 1995, Comparing Predictive Accuracy, doi:10.1080/07350015.1995.10524599).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +17,8 @@ import numpy as np
 
 from calib.diagnosis.corrected import Correction, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.law import Law, with_laws
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.law import Law, Refitted, with_laws
+from calib.diagnosis.model import CONTACT, DELAY_MEAN
 from calib.diagnosis.selection import joints_of
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
@@ -23,11 +27,15 @@ from sim.prediction import predict
 # relative rise of a joint's RMS torque error within which two arms are alike, and that a name may cost beside a law that bends to anything
 WORSE, WORSE_THAN_LAW = 0.01, 0.05
 WORSE_ELSEWHERE = 0.05  # at a joint that no name concerns, where a refit moves ordinary parameters
+HELPS = 0.02  # share of a joint's error that a name must remove
+SIGNIFICANT = 2.0  # standard deviations
+LONGEST_MEMORY = 60  # rows
+INSTEAD = 0.9  # of the power that a law removes: a name that removes as much is the simpler answer
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A name that was fitted and not kept: joint where the error rose, RMS N m without and with it, on which recordings."""
+    """A name that was fitted and not kept: the joint that decided, RMS N m without and with it, on which recordings."""
 
     effect: ArmEffect
     joint: str
@@ -40,7 +48,7 @@ class Refusal:
         """What was tried and why it was refused."""
         where = f" at {self.effect.joint}" if self.effect.joint else ""
         return (
-            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on the {self.on} recordings the torque "
+            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the torque "
             f"error of {self.joint} is {self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
         )
 
@@ -66,70 +74,130 @@ def promoted(
     Names at a joint whose error is higher than without any name are left out, and the rest is refitted. The errors are of the
     recordings kept apart; without any, of those that were fitted, which refuses less.
     """
-    start, shown, on = baseline.hypothesis.start, apart or measurements, "held-out" if apart else "fitted"
-    bare = torque_rms(start, shown)
-    plain = _ways(as_written(measurements, baseline), shown, limits)[0]
-    most = np.minimum((1 + WORSE) * bare, (1 + WORSE_THAN_LAW) * plain.rms)
+    start, shown, on = (
+        baseline.hypothesis.start,
+        apart or measurements,
+        "the held-out recordings" if apart else "the recordings",
+    )
+    bare = _Written.of(Correction({}, ()), (), start, shown)
+    ways, alone = _ways(as_written(measurements, baseline), shown, limits)
+    plain = ways[0]
+    good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     f = as_written(measurements, named)
     refused: list[Refusal] = []
-    while True:  # every round leaves out at least one name
+    while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one name
         own = [e for e in f.accepted if e.effect != CONTACT]
-        if not own:
-            break
-        concerned = {j for e in own for j in joints_of(e, f.hypothesis.arm)}
-        limit = np.array([most[j] if j in concerned else (1 + WORSE_ELSEWHERE) * bare[j] for j in range(start.n)])
-        ways = _ways(f, shown, limits)
-        good = next((way for way in ways if np.all(way.rms <= limit)), None)
-        if good is not None:
-            return Promotion(good.change, good.laws, tuple(refused))
-        found = ways[0]
-        worse = {j for j in range(start.n) if found.rms[j] > limit[j]}
-        harmful = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
-        for e in harmful:
-            j = max(set(joints_of(e, f.hypothesis.arm)) & worse or worse, key=lambda j: found.rms[j] / limit[j])
-            without = float(min(bare[j], plain.rms[j]))
-            refused.append(Refusal(e, start.joint_names[j], without, float(found.rms[j]), on))
-        rest = tuple(e for e in f.accepted if e not in harmful)
+        ways, beside = _ways(f, shown, limits)
+        harmful = [r for e in own if (r := _no_help(e, f, alone, beside)) is not None]
+        if not harmful:
+            together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
+            concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
+            least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
+            worse = [way.worse(bare, least) | way.worse(plain, good, together) for way in ways]
+            accepted = next((way for way, bad in zip(ways, worse, strict=True) if not bad.any()), None)
+            if accepted is not None:
+                return Promotion(accepted.change, accepted.laws, tuple(refused))
+            harmful = _harmful(own, f, ways[0].rms, worse[0], np.minimum(bare.rms, plain.rms), on)
+        refused += harmful
+        gone = [r.effect for r in harmful]
+        rest = tuple(e for e in f.accepted if e not in gone)
         event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
         f = fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models)
-    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare):
+    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms):
         return Promotion(plain.change, plain.laws, tuple(refused))
     return Promotion(Correction({}, tuple(limits)) if limits else None, (), tuple(refused))
 
 
+def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:
+    """(n,) the error up to which a name is as good an answer as a law that brings the error from `before` down to `law`."""
+    removed = INSTEAD * np.maximum(before**2 - law**2, 0.0)
+    return np.maximum((1 + WORSE_THAN_LAW) * law, np.sqrt(before**2 - removed))
+
+
+def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal | None:
+    """Why a name does not help at any joint that it concerns: `beside` has the fit's names, `alone` none."""
+    joints = joints_of(e, f.hypothesis.arm)
+    instead = (beside.plain < (1 - HELPS) * alone.plain) & (beside.plain <= _as_good(alone.plain, alone.predicted))
+    helps = instead | (beside.predicted < (1 - HELPS) * alone.predicted)
+    if helps[joints].any():
+        return None
+    j = min(joints, key=lambda j: beside.predicted[j] / max(alone.predicted[j], 1e-12))
+    names = f.hypothesis.start.joint_names
+    return Refusal(e, names[j], float(alone.predicted[j]), float(beside.predicted[j]), "recordings left out in turn")
+
+
+def _harmful(
+    own: Sequence[ArmEffect], f: Fit, found: np.ndarray, bad: np.ndarray, without: np.ndarray, on: str
+) -> list[Refusal]:
+    """The names at the joints that are worse; all of them where none is at one."""
+    start, worse, out = f.hypothesis.start, {int(j) for j in np.flatnonzero(bad)}, []
+    at_fault = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
+    for e in at_fault:
+        j = max(set(joints_of(e, f.hypothesis.arm)) & worse or worse, key=lambda j: found[j] / max(without[j], 1e-12))
+        out.append(Refusal(e, start.joint_names[j], float(without[j]), float(found[j]), on))
+    return out
+
+
 @dataclass(frozen=True)
 class _Written:
+    """A changed arm, its laws, its torque errors on the recordings shown (R, n) and their RMS (n,) N m."""
+
     change: Correction
     laws: tuple[Law, ...]
+    errors: np.ndarray
     rms: np.ndarray
 
     @staticmethod
     def of(change: Correction, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> _Written:
-        return _Written(change, laws, torque_rms(change.of(start), shown))
+        errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
+        return _Written(change, laws, errors, np.sqrt(np.mean(errors**2, axis=0)))
+
+    def worse(self, other: _Written, factor: np.ndarray, together: Sequence[list[int]] | None = None) -> np.ndarray:
+        """(n,) whether the squared error is significantly above that of `other` times factor (n,).
+
+        together: groups of joints that are asked as one, each by its share of the other's squared error; None asks each by itself.
+        """
+        n = self.errors.shape[1]
+        share = (self.errors**2 - (factor * other.errors) ** 2) / np.maximum(other.rms**2, 1e-300)
+        out = np.zeros(n, dtype=bool)
+        for joints in [[j] for j in range(n)] if together is None else together:
+            series = share[:, joints].sum(axis=1)
+            out[joints] |= bool(series.mean() > SIGNIFICANT * _deviation(series))
+        return out
 
 
-def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> list[_Written]:
-    """A fit as an arm in several ways, the one that predicts the recordings `shown` best first.
+def _deviation(x: np.ndarray) -> float:
+    """Standard deviation of the mean of a correlated series: Bartlett's sum of its autocovariance up to LONGEST_MEMORY."""
+    x = x - x.mean()
+    most = min(LONGEST_MEMORY, len(x) // 4)
+    covariance = [float(x[k:] @ x[: len(x) - k]) / len(x) for k in range(most + 1)]
+    total = covariance[0] + 2 * sum((1 - k / (most + 1)) * c for k, c in enumerate(covariance) if k)
+    return float(np.sqrt(max(total, covariance[0]) / len(x)))
+
+
+def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> tuple[list[_Written], Refitted]:
+    """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
 
     Tried are the names alone, the refit under the measured noise, the refit without whitening, and that with laws where they help.
     """
     start = f.hypothesis.start
-    plain, _ = with_laws(f, (), limits)
-    ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), plain)]
-    rms = ways[-1].rms
+    refit = with_laws(f, (), limits)
+    ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), refit.change)]
+    rms, lawful = ways[-1].rms, refit
     only: Sequence[int] = range(start.n)
     while only:
-        more, laws = with_laws(f, only, limits)
-        if not laws:
+        refit = with_laws(f, only, limits)
+        if not refit.laws:
             break
-        found = _Written.of(more, laws, start, shown)
+        found = _Written.of(refit.change, refit.laws, start, shown)
         spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j]]
         if not spoilt:
             ways.append(found)
+            lawful = refit
             break
-        have = [start.joint_index(str(x.effect.joint)) for x in laws]
+        have = [start.joint_index(str(x.effect.joint)) for x in refit.laws]
         only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
-    return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12)))))
+    return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
@@ -140,10 +208,20 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
 
 
 def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m RMS torque error of an arm between the first and the last motion, filtered as the fit's rows are."""
-    squares, count = np.zeros(arm.n), 0
+    """(n,) N m RMS of `torque_errors`."""
+    return np.asarray(np.sqrt(np.mean(torque_errors(arm, measurements) ** 2, axis=0)))
+
+
+def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0.0) -> np.ndarray:
+    """(R, n) N m torque error of an arm between the first and the last motion, filtered as the fit's rows are.
+
+    lead: s by which every reading of torque is early, because a drive holds its torque between control instants.
+    """
+    out = []
     for m in measurements:
-        error = m.rows(m.tau - predict(arm, m.trajectory))[m.row_moving]
-        squares += np.sum(error**2, axis=0)
-        count += len(error)
-    return np.sqrt(squares / max(count, 1))
+        tau = predict(arm, m.trajectory)
+        if lead:
+            pairs = itertools.pairwise(m.starts)
+            tau = tau + lead * np.concatenate([np.gradient(tau[a:b], m.trajectory.t[a:b], axis=0) for a, b in pairs])
+        out.append(m.rows(m.tau - tau)[m.row_moving])
+    return np.concatenate(out)
