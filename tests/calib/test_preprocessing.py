@@ -114,3 +114,30 @@ def test_filters_pass_what_is_slow_and_stop_what_is_fast() -> None:
     s = SavitzkyGolay.of_bandwidth(500.0, 20.0)
     response = np.abs(np.sum(s.coefficients(0) * np.exp(2j * np.pi * 20.0 / 500 * np.arange(s.window))))
     assert response == pytest.approx(1 / np.sqrt(2), abs=0.05)
+
+
+@pytest.mark.parametrize(("lost", "stretches"), [(8, 1), (9, 1), (11, 2), (40, 2)])
+def test_gaps_of_up_to_ten_milliseconds_are_bridged_and_longer_ones_cut(lost: int, stretches: int) -> None:
+    """At 1 kHz `lost` samples in a row are missing: the motion between its neighbours is known as well as a reading, up to 10 ms."""
+    t, q = sine(6.0, rate=1000.0)
+    keep = np.ones(len(t), dtype=bool)
+    keep[3000 : 3000 + lost] = False
+    m = prepare(log_of(t[keep], q[keep], q[keep]), ARM)
+    assert len(m.starts) - 1 == stretches
+    bridged = np.searchsorted(m.trajectory.t, t[3000 + lost // 2])
+    true = np.sin(2 * np.pi * 0.5 * m.trajectory.t[bridged] + np.arange(6))
+    if stretches == 1:
+        np.testing.assert_allclose(m.trajectory.q[bridged], true, atol=1e-5)
+        assert not any("gaps" in e.reason for e in m.excluded)
+    else:
+        assert abs(m.trajectory.t[bridged] - t[3000 + lost // 2]) > 4e-3
+        assert sum(e.seconds for e in m.excluded if "gaps" in e.reason) == pytest.approx((lost + 1) * 1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0])
+def test_at_a_slow_rate_a_gap_counts_in_samples(rate: float) -> None:
+    t, q = sine(8.0, rate=rate)
+    for lost, stretches in ((2, 1), (4, 2)):
+        keep = np.ones(len(t), dtype=bool)
+        keep[400 : 400 + lost] = False
+        assert len(prepare(log_of(t[keep], q[keep], q[keep]), ARM).starts) - 1 == stretches

@@ -68,6 +68,20 @@ def test_bridged_samples_are_marked_and_as_wrong_as_stated() -> None:
     np.testing.assert_array_equal(found.channels["q"][~new], q[found.source[~new]])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_stamps_that_wander_together_move_no_sample(seed: int) -> None:
+    """A busy host: for a second its stamps are late together, by two periods. The motion between samples is what counts them."""
+    n, stamps, q, dq, tau = recording(seed, lost=0.01, twice=0.0)
+    rng = np.random.default_rng(100 + seed)
+    delay = np.zeros(len(n))
+    for start in rng.integers(0, len(n) - 1000, 3):
+        delay[start : start + 1000] += 2e-3 * np.hanning(1000)
+    found = examine(np.sort(stamps + delay), q, dq, {"tau": tau}, bridging=False)
+    assert found.rebuilt
+    off = found.t - n[found.source] * PERIOD
+    assert np.abs(off - np.median(off)).max() < 0.1 * PERIOD
+
+
 def test_a_clean_recording_stays_as_it_is() -> None:
     rng = np.random.default_rng(2)
     t = 100 + 2e-3 * np.arange(4000)

@@ -245,6 +245,26 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
         taken(file, missing)
 
 
+@pytest.mark.parametrize(
+    ("reader", "words"),
+    [
+        ("import os; os.abort()", "its reader ended without a word"),
+        ("import sys; sys.exit('unknown type 77')", "unknown type 77"),
+        ("raise MemoryError('Unable to allocate 8 EiB')", "Unable to allocate 8 EiB"),
+        ("import time; time.sleep(60)", "not within 0.5 s"),
+    ],
+)
+def test_a_mat_file_that_ends_its_reader_ends_only_the_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str, words: str
+) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"t": T, "q": Q})
+    assert len(read_table(tmp_path / "a.mat", FORMATS, Damage(tmp_path / "a.mat")).columns) == 1 + N
+    monkeypatch.setattr("logs.tables.matlab_table.CHILD", reader)
+    monkeypatch.setattr("logs.tables.matlab_table.SECONDS", 0.5 if "sleep" in reader else 60.0)
+    with pytest.raises(BadLog, match=words):
+        read_table(tmp_path / "a.mat", FORMATS, Damage(tmp_path / "a.mat"))
+
+
 @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_bytes_changed_at_random_never_crash(tmp_path: Path, data: st.DataObject) -> None:

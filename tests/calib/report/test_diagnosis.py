@@ -40,6 +40,26 @@ def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
     assert "record the elbow at two loads" in steps
 
 
+def test_what_else_was_found_is_said() -> None:
+    """Fitted laws with what they remove, refused effects, and parameters that a refit moves far; small moves are left out."""
+    moves = [
+        {"parameter": "mass", "joint": "elbow_joint", "change": 0.31, "unit": "kg", "prior_deviations": 6.2},
+        {"parameter": "viscous friction", "joint": "elbow_joint", "change": 0.1, "unit": "N*m*s/rad", "prior_deviations": -2.9},
+        {"parameter": "base tilt", "joint": None, "change": -0.02, "unit": "rad", "prior_deviations": -4.0},
+    ]
+    law = {"joint": "wrist_1_joint", "formula": "3.1 z(0.003)", "rms_without": 2.0, "rms_with": 1.5}
+    data = examples.diagnosis()[0] | {
+        "laws": [law], "refused": ["backlash at elbow_joint raises its residual from 1 to 2 N m"], "calibration": moves
+    }  # fmt: skip
+    law_said, refused, moved = diagnosis.remarks(data)
+    assert "wrist_1_joint: 3.1 z(0.003). It removes 25%" in law_said
+    assert refused == "Backlash at elbow_joint raises its residual from 1 to 2 N m."
+    assert "mass at elbow_joint +0.31 kg (6 times its tolerance) and base tilt -0.02 rad (4 times" in moved
+    assert "viscous" not in moved
+    assert diagnosis.next_steps(data)[:3] == [law_said, refused, moved]
+    assert diagnosis.remarks(examples.diagnosis()[0] | {"laws": [], "refused": [], "calibration": moves[1:2]}) == []
+
+
 @pytest.mark.parametrize(
     ("value", "std", "text"),
     [

@@ -1,0 +1,78 @@
+"""Speed against position: columns, signs and units are told apart, a filtered speed is none of them; laws are no mark of a wrong column."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.known_truth import fourier_motion, recorded
+from benchmarks.wrong_data import _within
+from calib.gate import gate
+from calib.gate.motion import speed
+from calib.gate.signals import signals
+from logs.log import Log
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import effect_named, with_effect
+
+
+@pytest.fixture(scope="module")
+def servo6() -> Arm:
+    return load_arm("servo6")
+
+
+def log_of(arm: Arm, seed: int, seconds: float = 12.0) -> Log:
+    return recorded(arm, _within(arm, fourier_motion(arm, seed, seconds, 100.0)), seed)
+
+
+def words(arm: Arm, log: Log) -> list[str]:
+    """What the check of speed against position would correct, best first; none where it passes."""
+    check, _ = speed(arm, signals([log], [log.tau]), massive=True)
+    assert check.ok == (not check.causes)
+    return [c.word(arm.joint_names) for cause in check.causes for c in cause.corrections]
+
+
+def test_speeds_of_two_joints_in_each_others_columns(servo6: Arm) -> None:
+    log = log_of(servo6, 41)
+    dq = log.dq[:, [0, 1, 3, 2, 4, 5]]
+    found = words(servo6, replace(log, dq=dq))
+    both = f"{servo6.joint_names[2]},{servo6.joint_names[3]}"
+    assert {f"swap:dq:{both}", f"swap:q:{both}"} <= set(found)
+
+
+@pytest.mark.parametrize("factors", [(3.0, 3.0), (0.35, 3.0), (4.0, 0.3)])
+def test_a_speed_that_is_scaled_is_in_its_own_column(servo6: Arm, factors: tuple[float, float]) -> None:
+    """Two joints that move alike: the speed of each goes with the position of the other, too, and yet nothing is exchanged."""
+    log = log_of(servo6, 42)
+    q, dq = log.q.copy(), log.dq.copy()
+    q[:, 3], dq[:, 3] = 0.2 + 0.5 * (q[:, 2] - 1.0), 0.5 * dq[:, 2]
+    dq[:, [2, 3]] *= factors
+    found = words(servo6, replace(log, q=q, dq=dq))
+    assert not [word for word in found if word.startswith("swap")]
+
+
+def test_units_and_signs_of_a_speed(servo6: Arm) -> None:
+    log = log_of(servo6, 43)
+    assert words(servo6, log) == []
+    assert words(servo6, replace(log, dq=np.degrees(log.dq)))[0] == "dq=deg/s"
+    turned = log.dq * np.array([1, 1, 1, -1, 1, 1])
+    assert set(words(servo6, replace(log, dq=turned))) == {f"sign:{part}:{servo6.joint_names[3]}" for part in ("q", "dq")}
+
+
+def with_laws(arm: Arm) -> Arm:
+    """Friction that a fit has found: with memory, and of the sign that drives with friction compensation report."""
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters}
+    for j, slip in {3: -3.0, 4: -6.0, 5: 6.0}.items():
+        arm = with_effect(arm, ArmEffect("friction_law", arm.joint_names[j], law | {"slip_1e-1": slip}))
+    return arm
+
+
+def test_laws_of_the_arm_are_taken_away_from_several_logs(servo6: Arm) -> None:
+    fitted = with_laws(servo6)
+    logs = [log_of(fitted, seed, 8.0) for seed in (44, 45, 46)]
+    found = gate(fitted, logs)
+    assert found.refusal is None, found.refusal
+    assert "wrong sign" in (gate(servo6, logs).refusal or ""), "without its laws the arm would not explain these signs"
+    wrong = [replace(log, tau=log.tau * np.array([1, -1, 1, 1, 1, 1])) for log in logs]
+    assert f"sign:tau:{servo6.joint_names[1]}" in (gate(fitted, wrong).refusal or "")

@@ -1,0 +1,70 @@
+"""Friction with memory is found where it is hidden and nowhere else; the reading of the speed is the one that goes with the torque."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.known_truth import fourier_motion, recorded, varied
+from calib.identification.law import fitted_laws, speed_reading
+from calib.identification.model import TorqueModel
+from calib.identification.prior import nominal_prior
+from calib.preprocessing import prepare
+from logs.log import Log
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import effect_named, with_effect
+from sim.friction_law import FAMILIES
+
+JOINT = 2
+CUTOFF = 12.0
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load_arm("ur5e")
+
+
+def with_hysteresis(arm: Arm, level: float) -> Arm:
+    """Dry friction of the elbow that builds up over 0.03 rad."""
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"slip_3e-2": level}
+    return with_effect(arm, ArmEffect("friction_law", arm.joint_names[JOINT], law))
+
+
+def logs_of(truth: Arm, nominal: Arm) -> list[Log]:
+    return [recorded(truth, fourier_motion(nominal, 60 + k, seconds=8.0), k) for k in range(2)]
+
+
+def laws(arm: Arm, truth: Arm) -> dict[str, dict[str, float]]:
+    model = TorqueModel.of_arm(arm)
+    found = fitted_laws(model, [prepare(log, arm, CUTOFF) for log in logs_of(truth, arm)], nominal_prior(arm, model))
+    return {str(e.joint): e.parameters for e in found.effects}
+
+
+def test_hidden_hysteresis_is_found_at_its_joint(arm: Arm) -> None:
+    level = 8.0
+    found = laws(arm, with_hysteresis(varied(arm, 5, 0.03), level))
+    assert set(found) == {arm.joint_names[JOINT]}
+    terms = found[arm.joint_names[JOINT]]
+    wide = sum(terms[name] for name in FAMILIES["slip"][4:])  # 0.01, 0.03 and 0.1 rad
+    assert wide == pytest.approx(level, rel=0.25)
+    assert all(terms[name] == 0.0 for family in ("stribeck", "load") for name in FAMILIES[family])
+
+
+def test_an_arm_without_memory_gets_no_law(arm: Arm) -> None:
+    assert laws(arm, varied(arm, 5, 0.03)) == {}
+
+
+@pytest.mark.parametrize("better", ["measured", "position"])
+def test_the_speed_reading_that_goes_with_the_torque(arm: Arm, better: str) -> None:
+    """Coarse encoders spoil differences of the position; a drive's speed that lags by 40 ms spoils the reading."""
+    model = TorqueModel.of_arm(arm)
+    logs = logs_of(varied(arm, 6, 0.03), arm)
+    if better == "measured":
+        logs = [replace(log, q=np.round(log.q / 4e-3) * 4e-3) for log in logs]
+    else:
+        late = [np.column_stack([np.interp(log.t - 0.04, log.t, x) for x in log.dq.T]) for log in logs]
+        logs = [replace(log, dq=dq) for log, dq in zip(logs, late, strict=True)]
+    readings = {key: [prepare(log, replace(arm, speed_from=key), CUTOFF) for log in logs] for key in ("position", "measured")}
+    assert speed_reading(model, readings, nominal_prior(arm, model)) == better
