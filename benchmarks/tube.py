@@ -100,7 +100,10 @@ def braking(repeats: int) -> list[dict[str, Any]]:
     rows, every = [], []
     for name, (kind, fault) in product(CARRIERS, kinds.items()):
         trouble = replace(next(t for t in TROUBLES if t.name == fault), payload=HEAVY, plant=at_corner)
-        what = f"10 kg, corners of the box, {name}, {kind}: stop angle / proved, / commanded; beside the path / proved room"
+        keys = {"share": "angle / proved", "alone": "/ commanded"} | (
+            {"beside": "beside the path / room"} if kind == "our stop" else {}
+        )
+        what = f"10 kg, corners of the box, {name}, {kind}: {', '.join(keys.values())}"
         try:
             injection = Injection(trouble, load_arm(name), loaded(load_cell("mock-ur10e"), HEAVY), SIZES)
         except SafetyStop as refused:
@@ -109,9 +112,7 @@ def braking(repeats: int) -> list[dict[str, Any]]:
         runs = [injection.run(number) for number in range(repeats)]
         stops, missed = [r for r in runs if r.reaction is not None], [r.missed for r in runs if r.missed]
         every += runs
-        value = ", ".join(
-            f"{max((getattr(r, key) for r in stops), default=np.inf):.2f}" for key in ("share", "alone", "beside")
-        )
+        value = ", ".join(f"{max((getattr(r, key) for r in stops), default=np.inf):.2f}" for key in keys)
         note = f"{len(stops)} stops of {len(runs)}, motions of {injection.size:g} rad, stops up to {np.degrees(max((r.angle for r in stops), default=0.0)):.1f} deg"
         rows.append(row(what, value, "", "<= 1", "; ".join([note, *(m[:200] for m in missed[:1])])))
     stops = [r for r in every if r.reaction is not None]

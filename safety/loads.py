@@ -17,7 +17,7 @@ from safety.reach import joint_reach, outline, point_speeds
 from safety.shapes import equipped
 from safety.sheets import Boxes, Sheet
 from safety.slopes import Slopes
-from safety.torque import POWER_MAX, friction_of, parameter_box
+from safety.torque import POWER_MAX, friction_of, missing_facts, parameter_box
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -160,7 +160,7 @@ class Loads:
             raise NotEnough(
                 f"{self.arm.joint_names[worst]}: torque up to {torque[0, worst]:.4g} N m in {where}, over the whole box of parameters, "
                 f"leaves no room for a following error below {self.arm.tau_max[worst]:.4g} N m; plan a slower motion, declare the real payload in "
-                "the cell file, or state better known masses in [prior] of arm.toml"
+                f"the cell file, or state better known masses in [prior] of arm.toml{missing_facts(self.arm, worst)}"
             )
         if worst == n:
             raise NotEnough(

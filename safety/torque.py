@@ -14,6 +14,7 @@ import numpy as np
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
+from sim.prior import EFFECT, spread, torque_scale, unstated
 from sim.rigid_body import RigidBody, link_parameters
 from sim.trajectory import Trajectory
 
@@ -60,11 +61,28 @@ class Friction:
 
 
 def friction_of(arm: Arm) -> Friction:
-    """What the arm's own effects say, with the doubt of what was fitted, or else of its prior."""
-    return Friction(
-        *_rows(arm, "rotor_inertia", "inertia", arm.prior.rotor),
-        *_rows(arm, "coulomb_friction", "coulomb", arm.prior.coulomb),
-        *_rows(arm, "viscous_friction", "viscous", arm.prior.viscous),
+    """What the arm's own effects say, with the doubt of what was fitted, or else of its prior (`sim.prior.spread`).
+
+    What nobody stated is not none: it may be as much as an ordinary drive has. A rotor takes no more than tau_max at ddq_max, or the arm
+    could not reach that acceleration.
+    """
+    wide = spread(arm)
+    inertia, inertia_doubt = _rows(arm, "rotor", wide["rotor"])
+    inertia_doubt = np.minimum(inertia_doubt, np.maximum(inertia, torque_scale(arm) / arm.ddq_max))
+    return Friction(inertia, inertia_doubt, *_rows(arm, "coulomb", wide["coulomb"]), *_rows(arm, "viscous", wide["viscous"]))
+
+
+WORDS = {"coulomb": "dry friction", "viscous": "viscous friction", "rotor": "rotor inertia"}
+
+
+def missing_facts(arm: Arm, joint: int) -> str:
+    """What nobody stated of a joint and the proof therefore takes as large, as the end of a refusal; "" where all is stated."""
+    missing = [WORDS[key] for key, rows in unstated(arm).items() if rows[joint]]
+    if not missing:
+        return ""
+    return (
+        f". Nobody stated {' and '.join(missing)} of {arm.joint_names[joint]}, so they count as much as an ordinary drive has: state "
+        f"them in arm.toml, or identify the arm on a slower motion first"
     )
 
 
@@ -98,7 +116,7 @@ def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, floa
         raise SafetyStop(
             f"{arm.joint_names[j]}: torque up to {worst[k, j]:.4g} N m (expected {torque.tau_hat[k, j]:.4g}, doubt "
             f"{torque.doubt[k, j]:.4g}) exceeds {arm.tau_max[j]:.4g} N m at t={motion.t[k]:.4f} s; plan a slower motion, declare the "
-            "real payload in the cell file, or state better known masses in [prior] of arm.toml"
+            f"real payload in the cell file, or state better known masses in [prior] of arm.toml{missing_facts(arm, j)}"
         )
     power = np.sum(worst * (np.abs(motion.dq) + _half_steps(motion.dq)), axis=1)
     inside = np.isfinite(power) & (power <= POWER_MAX)
@@ -122,12 +140,15 @@ def _half_steps(x: np.ndarray) -> np.ndarray:
     return np.maximum(np.vstack((step, np.zeros((1, x.shape[1])))), np.vstack((np.zeros((1, x.shape[1])), step)))
 
 
-def _rows(arm: Arm, effect: str, parameter: str, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """A parameter of every joint, zero where the arm has none, and its doubt: the fitted std, or the prior's share."""
-    value, doubt = np.zeros(arm.n), np.zeros(arm.n)
+def _rows(arm: Arm, key: str, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A parameter of every joint, zero where the arm has none, and its doubt: the fitted std, or that of the prior."""
+    value, doubt = np.zeros(arm.n), SIGMAS * std
+    effect, parameter = EFFECT[key]
+    missing = unstated(arm)[key]
     for j, joint in enumerate(arm.joint_names):
         known = arm.effect(effect, joint)
         if known is not None:
             value[j] = known.parameters[parameter]
-            doubt[j] = SIGMAS * known.std.get(parameter, share * abs(value[j]))
+            if not missing[j]:
+                doubt[j] = SIGMAS * known.std.get(parameter, std[j])
     return value, doubt

@@ -72,21 +72,35 @@ def spread(arm: Arm) -> dict[str, np.ndarray]:
         "rotor": np.where(np.isfinite(arm.ddq_max), scale / np.where(np.isfinite(arm.ddq_max), arm.ddq_max, 1.0), carried),
         "offset": FRICTION_SHARE * scale,
     }
-    effects = {
-        "coulomb": ("coulomb_friction", "coulomb", prior.coulomb),
-        "viscous": ("viscous_friction", "viscous", prior.viscous),
-        "rotor": ("rotor_inertia", "inertia", prior.rotor),
-    }
-    for key, (effect, parameter, relative) in effects.items():
-        if key in prior.unknown:
-            continue
-        for j, joint in enumerate(arm.joint_names):
-            own = arm.effect(effect, joint)
-            if own and own.parameters[parameter] != 0:
-                wide[key][j] = relative * abs(own.parameters[parameter])
-            elif own and own.std.get(parameter):
-                wide[key][j] = own.std[parameter]
+    relative = {"coulomb": prior.coulomb, "viscous": prior.viscous, "rotor": prior.rotor}
+    for key, missing in unstated(arm).items():
+        for j in np.flatnonzero(~missing):
+            effect, parameter = EFFECT[key]
+            own = arm.effect(effect, arm.joint_names[j])
+            assert own
+            value = abs(own.parameters[parameter])
+            wide[key][j] = relative[key] * value if value else own.std[parameter]
     return wide
+
+
+EFFECT = {
+    "coulomb": ("coulomb_friction", "coulomb"),
+    "viscous": ("viscous_friction", "viscous"),
+    "rotor": ("rotor_inertia", "inertia"),
+}
+
+
+def unstated(arm: Arm) -> dict[str, np.ndarray]:
+    """For coulomb, viscous and rotor (n,) bool: the joints of which nobody stated it.
+
+    That is what prior.unknown lists, and a zero without a standard deviation of its own.
+    """
+    out = {}
+    for key, (effect, parameter) in EFFECT.items():
+        own = [arm.effect(effect, joint) for joint in arm.joint_names]
+        silent = [e is None or not (e.parameters[parameter] or e.std.get(parameter)) for e in own]
+        out[key] = np.array(silent) | (key in arm.prior.unknown)
+    return out
 
 
 def _behind(tree: KinematicTree, joint: int) -> list[int]:

@@ -12,7 +12,7 @@ import numpy as np
 from calib.excitation.fourier import Fourier
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
 from calib.identification.model import FRICTION, TorqueModel
-from safety.torque import parameter_box
+from safety.torque import friction_of, parameter_box
 
 STEP = 1e-5
 CONDITION_AIM = 36.0
@@ -51,13 +51,10 @@ class Objective:
         arm = model.arm
         self._sign_width = 0.02 * arm.dq_max
         pi, delta = parameter_box(arm, room.cell)
-        effects = {k: [arm.effect(e, j) for j in arm.joint_names] for k, e in _OWN.items()}
-        own = {k: np.array([e.parameters[_PARAMETER[k]] if e else 0.0 for e in items]) for k, items in effects.items()}
-        self._pi = np.concatenate([pi, own["rotor"]])
-        self._viscous, self._coulomb = own["viscous"], own["coulomb"]
-        self._delta = delta
-        self._doubt = 2 * arm.prior.coulomb * own["coulomb"]
-        self._doubt_rotor, self._doubt_viscous = 2 * arm.prior.rotor * own["rotor"], 2 * arm.prior.viscous * own["viscous"]
+        known = friction_of(arm)
+        self._pi = np.concatenate([pi, known.inertia])
+        self._viscous, self._coulomb = known.viscous, known.coulomb
+        self._delta, self._friction = delta, known
         self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
         self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
         self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
@@ -134,12 +131,9 @@ class Objective:
         n = self.model.arm.n
         smooth = np.tanh(dq / self._sign_width)
         tau = full @ self._pi + self._viscous * dq + self._coulomb * smooth
-        doubt = (
-            np.abs(full[:, :, : 10 * n]) @ self._delta
-            + self._doubt
-            + self._doubt_rotor * np.abs(ddq)
-            + self._doubt_viscous * np.abs(dq)
-        )
+        f = self._friction
+        doubt = np.abs(full[:, :, : 10 * n]) @ self._delta + f.coulomb_doubt
+        doubt += f.inertia_doubt * np.abs(ddq) + f.viscous_doubt * np.abs(dq)
         limit = TIGHTER * MARGIN["torque"] * self.room.arm.tau_max
         over = np.maximum((np.abs(tau) + doubt) / limit - 1, 0.0)
         return self.weight * float(np.sum(over**2)), 2 * self.weight * over * np.sign(tau) / limit
@@ -169,7 +163,8 @@ class Objective:
         at, candidates = b + len(FRICTION) * j, b + len(FRICTION) * n
         bend = (1 - np.tanh(dq / self._sign_width) ** 2) / self._sign_width
         slopes[1] += z[:, j, at] + z[:, j, at + 1] * bend + z[:, j, candidates + n + j] * 2 * np.abs(dq)
-        slopes[1] += w * (self._viscous + self._coulomb * bend)
+        slopes[1] += w * (self._viscous + self._coulomb * bend) + np.abs(w) * self._friction.viscous_doubt * np.sign(dq)
+        slopes[2] += np.abs(w) * self._friction.inertia_doubt * np.sign(ddq)
         slopes[0] += z[:, j, candidates + j]
         return slopes
 
@@ -192,7 +187,3 @@ class Objective:
         slope += np.roll(pull, 1, axis=0) - pull
         by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
         return value, room.onto_joints(slope, ends, rotation, origin) + by_q, by_dq
-
-
-_OWN = {"rotor": "rotor_inertia", "viscous": "viscous_friction", "coulomb": "coulomb_friction"}
-_PARAMETER = {"rotor": "inertia", "viscous": "viscous", "coulomb": "coulomb"}

@@ -60,6 +60,17 @@ torque_noise = [0.5, 0.5, 0.5, 0.1, 0.1, 0.1]
 [provenance]
 all = "made for the tests of the package safety"
 """
+# a zero with a standard deviation states that there is none
+FRICTIONLESS = "".join(
+    f"""[[effects]]
+effect = "{effect}_friction"
+joint = "j{j}"
+parameters = {{ {effect} = 0.0 }}
+std = {{ {effect} = 1e-9 }}
+"""
+    for effect in ("coulomb", "viscous")
+    for j in range(1, 7)
+)
 
 CELL = """schema = "cell/1"
 name = "test-cell"
@@ -86,7 +97,7 @@ def arm_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("arms") / "test6"
     folder.mkdir()
     (folder / "model.xml").write_text(MODEL)
-    (folder / "arm.toml").write_text(ARM)
+    (folder / "arm.toml").write_text(ARM + FRICTIONLESS)
     return folder
 
 

@@ -29,7 +29,7 @@ from safety.trip import MotionStopped
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.errors import DeviceError, SafetyStop
-from tests.safety.conftest import ARM, CELL, sine
+from tests.safety.conftest import ARM, CELL, FRICTIONLESS, sine
 from tests.safety.perfect import broken, in_real_time
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,7 +59,7 @@ if __name__ == "__main__":
 def place(tmp_path: Path, arm_folder: Path) -> Path:
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "model.xml").write_bytes((arm_folder / "model.xml").read_bytes())
-    (tmp_path / "arm" / "arm.toml").write_text(ARM.replace("rate = 500.0", "rate = 50.0"))
+    (tmp_path / "arm" / "arm.toml").write_text((ARM + FRICTIONLESS).replace("rate = 500.0", "rate = 50.0"))
     motion_rule = "[motion]\nfollowing_error_max = 0.3\n[[obstacles]]"
     text = CELL.replace('driver = "mock"', 'driver = "mock"\noptions = {realtime = true}').replace(
         "[[obstacles]]", motion_rule, 1

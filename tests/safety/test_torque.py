@@ -1,24 +1,77 @@
-"""What an arm states of its friction is expected of it, with its doubt; what it does not state is not."""
+"""What an arm states of its friction is expected of it, with its doubt; what nobody stated is not taken for none."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from safety.torque import SIGMAS, friction_of
+from safety.clear import clear
+from safety.torque import SIGMAS, check_torque, friction_of, torque_interval
 from sim.arm import Arm, ArmEffect
+from sim.cell import Cell
+from sim.effects import with_effect
+from sim.errors import SafetyStop
+from sim.prior import FRICTION_SHARE
+from tests.safety.conftest import sine
 
 
-def test_an_arm_that_states_no_friction_is_expected_to_have_none(arm: Arm) -> None:
+def test_an_arm_that_states_that_it_has_no_friction_is_expected_to_have_none(arm: Arm) -> None:
+    friction = friction_of(arm)
+    for name in ("coulomb", "coulomb_doubt", "viscous", "viscous_doubt"):
+        np.testing.assert_allclose(getattr(friction, name), np.zeros(arm.n), atol=1e-8)
+
+
+def test_friction_and_rotor_that_nobody_stated_may_be_as_large_as_in_an_ordinary_drive(arm: Arm) -> None:
     friction = friction_of(replace(arm, effects=()))
-    for name in ("inertia", "inertia_doubt", "coulomb", "coulomb_doubt", "viscous", "viscous_doubt"):
-        np.testing.assert_array_equal(getattr(friction, name), np.zeros(arm.n))
+    np.testing.assert_allclose(friction.coulomb_doubt, SIGMAS * FRICTION_SHARE * arm.tau_max)
+    np.testing.assert_allclose(friction.viscous_doubt * arm.dq_max, SIGMAS * FRICTION_SHARE * arm.tau_max)
+    np.testing.assert_allclose(friction.inertia_doubt * arm.ddq_max, arm.tau_max)
+
+
+def test_what_the_prior_lists_as_unknown_is_not_certain_because_the_model_has_a_number(arm: Arm) -> None:
+    stated = with_effect(arm, ArmEffect("coulomb_friction", "j3", {"coulomb": 5.0}))
+    unknown = replace(stated, prior=stated.prior.model_copy(update={"unknown": ["coulomb"]}))
+    assert friction_of(unknown).coulomb_doubt[2] == pytest.approx(SIGMAS * FRICTION_SHARE * arm.tau_max[2])
+
+
+@pytest.mark.parametrize(
+    ("effect", "key", "word"),
+    [
+        ("coulomb_friction", "coulomb", "dry friction"), ("viscous_friction", "viscous", "viscous friction"),
+        ("rotor_inertia", "rotor", "rotor inertia"),
+    ],
+)  # fmt: skip
+def test_a_motion_that_an_unknown_could_make_too_heavy_is_refused_and_the_unknown_is_named(
+    arm: Arm, cell: Cell, effect: str, key: str, word: str
+) -> None:
+    motion = sine(amplitude=0.2, duration=3.0, step=0.002)
+    clear(motion, arm, cell)
+    # torque limits at which what is known of the arm just suffices
+    known = torque_interval(motion, arm, cell)
+    tight = replace(arm, tau_max=1.01 * (np.abs(known.tau_hat) + known.doubt).max(axis=0) + 0.05)
+    check_torque(motion, torque_interval(motion, tight, cell), tight)
+    without = replace(tight, effects=tuple(e for e in tight.effects if e.effect != effect))
+    listed = replace(tight, prior=tight.prior.model_copy(update={"unknown": [key]}))
+    for unknown in (without, listed):
+        with pytest.raises(SafetyStop, match=f"Nobody stated {word} of j"):
+            check_torque(motion, torque_interval(motion, unknown, cell), unknown)
+        with pytest.raises(SafetyStop):
+            clear(motion, unknown, cell)
+
+
+def test_no_fact_is_called_missing_where_all_are_stated(arm: Arm, cell: Cell) -> None:
+    motion = sine(amplitude=0.2, duration=3.0, step=0.002)
+    weak = replace(arm, tau_max=np.full(arm.n, 1.0), prior=arm.prior)
+    with pytest.raises(SafetyStop) as refused:
+        check_torque(motion, torque_interval(motion, weak, cell), weak)
+    assert "Nobody stated" not in str(refused.value)
 
 
 def test_what_was_fitted_is_doubted_by_its_own_deviation_and_what_was_not_by_the_prior(arm: Arm) -> None:
     fitted = ArmEffect("coulomb_friction", "j2", {"coulomb": 10.0}, {"coulomb": 0.3})
     stated = ArmEffect("coulomb_friction", "j3", {"coulomb": 5.0})
-    friction = friction_of(replace(arm, effects=(fitted, stated)))
+    friction = friction_of(with_effect(with_effect(arm, fitted), stated))
     np.testing.assert_array_equal(friction.coulomb, [0, 10.0, 5.0, 0, 0, 0])
-    np.testing.assert_allclose(friction.coulomb_doubt, [0, SIGMAS * 0.3, SIGMAS * arm.prior.coulomb * 5.0, 0, 0, 0])
+    np.testing.assert_allclose(friction.coulomb_doubt, [0, SIGMAS * 0.3, SIGMAS * arm.prior.coulomb * 5.0, 0, 0, 0], atol=1e-8)
