@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: real figures mutants faults arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: real figures mutants faults kills wrong hostile arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -30,6 +30,15 @@ mutants: $(VENV)/ready  ## every predicate of safety/ mutated, one after another
 
 faults: $(VENV)/ready  ## every fault injected 200 times, ten minutes of them at a time; the next run goes on where this one ends
 	$(BIN)/python -m benchmarks faults
+
+kills: $(VENV)/ready  ## 300 kills of the recording and the control process, ten minutes of them at a time; the next run goes on
+	$(BIN)/python -m benchmarks kills
+
+wrong: $(VENV)/ready  ## 500 wrong recordings through every command, ten minutes of them at a time; the next run goes on
+	$(BIN)/python -m benchmarks wrong_commands
+
+hostile: $(VENV)/ready  ## 10,000 mutated files through the commands that read them, ten minutes of them at a time; the next run goes on
+	$(BIN)/python -m benchmarks hostile_commands
 
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase

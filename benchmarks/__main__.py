@@ -29,7 +29,8 @@ TOPICS: dict[str, dict[str, Any]] = {
     "derivatives": {},
     "excitation": {},
     "peers.compare": {},
-    "logs": {"kill_count": 20, "hours": 0.1},
+    "logs": {"hours": 0.1},
+    "kills": {"minutes": 0.5, "count": 20},
     "hostile": {"count": 900, "names": 100},
     "clocks": {"repeats": 10, "delays": 2},
     "safety": {"count": 1_000, "repeats": 1},
@@ -41,10 +42,12 @@ TOPICS: dict[str, dict[str, Any]] = {
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named
-SLOW = ("coverage", "clean_mock", "guided", "faults")
+SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
+    "kills": ("logs",),
+    "wrong_commands": ("calib/gate", "calib/commands", "calib/fleet", "logs"),
     "clocks": ("logs",),
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),

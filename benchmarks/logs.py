@@ -1,14 +1,10 @@
-"""Recording and reading: what a kill costs, what a sample costs, how long an hour takes to read, how late a control loop runs."""
+"""Recording and reading: what a sample costs, how long an hour takes to read, how late a control loop runs."""
 
 from __future__ import annotations
 
 import math
-import mmap
 import multiprocessing
 import os
-import random
-import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -20,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from logs import Recorder, RecorderProcess, Recording, read_log
-from logs.recover import is_recording
 from logs.ur_rtde_csv import UR_JOINTS
 from sim.joint_state import JointState
 
@@ -50,73 +45,6 @@ def motion(count: int) -> np.ndarray:
 
 def sample(k: int, q: np.ndarray, rate: float = 500.0) -> JointState:
     return JointState(10 + k / rate, k / rate, q, q, q, q, WARM)
-
-
-def victim(path: Path, board: Path, rate: float) -> int:
-    """A forked control program that records until it is killed: in bursts of hundreds (rate 0) or at a steady rate.
-
-    On the board it writes the recording process's number, and how many samples it has handed over.
-    """
-    child = os.fork()
-    if child:
-        return child
-    try:
-        with board.open("r+b") as file, mmap.mmap(file.fileno(), 16) as view:
-            recorder, q, k = RecorderProcess(path, UR_JOINTS), motion(10_000), 0
-            struct.pack_into("<q", view, 8, recorder._process.pid)
-            while True:
-                x = q[k % len(q)]
-                recorder.write(sample(k, x), x, x, x)
-                k += 1
-                struct.pack_into("<q", view, 0, k)
-                if rate or k % 300 == 0:
-                    time.sleep(1 / rate if rate else 0.02)
-    finally:
-        os._exit(1)
-
-
-def kills(count: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Samples that a control program had handed over and that the file does not hold after kill -9 of either process or of both."""
-    rng = random.Random(seed)
-    lost: list[int] = []
-    told: list[bool] = []
-    worst: list[str] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for k in range(count):
-            board, path = Path(folder) / "board", Path(folder) / f"{k}.mcap"
-            board.write_bytes(bytes(16))
-            victims, rate = ("recorder", "control", "both")[k % 3], (0.0, 500.0)[k // 3 % 2]
-            child = victim(path, board, rate)
-            with board.open("rb") as file, mmap.mmap(file.fileno(), 16, prot=mmap.PROT_READ) as view:
-                while not struct.unpack_from("<q", view)[0]:
-                    if os.waitpid(child, os.WNOHANG)[0]:
-                        raise RuntimeError("the process that records has ended by itself")
-                    time.sleep(0.002)
-                time.sleep(rng.uniform(0, 0.3))
-                if victims != "control":
-                    os.kill(struct.unpack_from("<q", view, 8)[0], signal.SIGKILL)
-                if victims != "recorder":
-                    os.kill(child, signal.SIGKILL)
-                os.waitpid(child, 0)  # one whose recorder is gone finds that out and ends
-                while is_recording(path):
-                    time.sleep(0.01)
-                handed_over = struct.unpack_from("<q", view)[0]
-            log = read_log(path)
-            lost.append(handed_over - len(log))
-            told.append(log.metadata["end_reason"].endswith(f"{len(log):,} samples, at most 1 lost"))
-            if lost[-1] > 1:
-                worst.append(f"{lost[-1]} of {handed_over} ({victims} killed, {log.metadata['end_reason']})")
-            path.unlink()
-    return [
-        row(
-            f"samples lost in {count} kills -9 of either or both processes, half of them in bursts, most",
-            max(max(lost), 0),
-            "",
-            "<= 1",
-            f"{sum(x > 0 for x in lost)} kills lost any; {sum(told)} recordings say how many samples they hold"
-            + "".join(f"; lost {x}" for x in worst),
-        )
-    ]
 
 
 def write_cost(count: int = 50_000) -> list[dict[str, Any]]:
@@ -268,6 +196,6 @@ def _loop(rate: float, seconds: float, priority: int) -> tuple[np.ndarray, float
     return late, achieved
 
 
-def run(kill_count: int = 300, hours: float = 1.0, seconds: float = 5.0) -> list[dict[str, Any]]:
+def run(hours: float = 1.0, seconds: float = 5.0) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
-    return [*kills(kill_count), *write_cost(), *hour(hours), *csv(), *lateness(seconds)]
+    return [*write_cost(), *hour(hours), *csv(), *lateness(seconds)]

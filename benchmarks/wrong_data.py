@@ -2,16 +2,12 @@
 
 python -m benchmarks.wrong_data            500 of them through the gate: how many pass as good, how many causes are named first
 python -m benchmarks.wrong_data --show 17  one of them
-python -m benchmarks.wrong_data --command identify  as files, through a command: identify, validate, diagnose or watch
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,10 +19,7 @@ import numpy as np
 
 from benchmarks.known_truth import fourier_motion, recorded, varied
 from calib.gate import Gate, gate
-from calib.gate.check import LIKELIEST, OTHERS
-from calib.main import main as program
 from logs import read_log
-from logs.convert import write_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.trajectory import Trajectory
@@ -220,44 +213,8 @@ def named_first(case: Case, found: Gate) -> bool:
     return any(word in text for text in said for word in case.right)
 
 
-def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
-    """Exit code of `calib COMMAND` for the case's recordings as files, and what it said of their likeliest cause."""
-    files = []
-    for k, log in enumerate(case.logs):
-        files.append(folder / f"log-{k}.mcap")
-        write_log(log, files[-1], "clean", {})
-    words = [*map(str, files), "--arm", case.arm.name] if command == "watch" else [case.arm.name, *map(str, files)]
-    extra = {"validate": ["--no-forward"], "watch": ["--database", str(folder / "trend.sqlite")]}.get(command, [])
-    heard = io.StringIO()
-    with contextlib.redirect_stderr(heard), contextlib.redirect_stdout(heard):
-        code = program([command, *words, *extra, "--out", str(folder / "out")])
-    said = " ".join(heard.getvalue().split())
-    at = said.find(LIKELIEST)
-    return code, said[at:].split(OTHERS)[0] if at >= 0 else f"no cause: {said[-300:]}"
-
-
-def all_through(command: str) -> None:
-    """The corpus through one command; a gripper's column is left out by whoever reads a log for an arm, so it is no wrong recording there."""
-    everything = [case for case in cases() if case.done != ("a gripper's joint",)]
-    passed = named = 0
-    for k, case in enumerate(everything):
-        if command == "watch" and len(case.logs) > 1:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            code, said = through(command, case, Path(folder))
-        right = code == 2 and any(word in said for word in case.right)
-        passed, named = passed + (code != 2), named + right
-        if not right:
-            print("accepted as good:" if code != 2 else "another cause first:", k, case.name, "|", said, flush=True)
-    n = len(everything)
-    print(f"{command}: {passed} of {n} accepted as good; cause named first in {named} ({named / n:.1%})")
-
-
 def main() -> None:
     """The figures of the whole corpus."""
-    if "--command" in sys.argv:
-        all_through(sys.argv[sys.argv.index("--command") + 1])
-        return
     if "--show" in sys.argv:
         case = cases()[int(sys.argv[sys.argv.index("--show") + 1])]
         print(case.name, case.right, gate(case.arm, case.logs, family=family), sep="\n")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from calib.gate.correction import Correction
 
 MOST_CAUSES = 3  # in a sentence
-LIKELIEST, OTHERS = "Most likely cause: ", "Other possible causes: "
+LIKELIEST, OTHERS, CONVERT = "Most likely cause: ", "Other possible causes: ", "convert it with "
 
 
 @dataclass(frozen=True)
@@ -44,5 +44,5 @@ class Check:
         if not self.ok and causes:
             detail += f". {LIKELIEST}{causes[0]}"
             if self.causes[0].corrections:
-                detail += f"; convert it with {options(self.causes[0], self.joints)}"
+                detail += f"; {CONVERT}{options(self.causes[0], self.joints)}"
         return {"check": self.check, "ok": bool(self.ok), "detail": detail, "causes": causes}

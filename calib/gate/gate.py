@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.gate import motion, readings, scale
-from calib.gate.check import LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
+from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import Fit, fitted, model_torque
 from calib.gate.search import Step, ranked, steps
@@ -102,7 +102,7 @@ def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[s
         others = [cause.sentence for cause in causes[1:MOST_CAUSES]]
         parts += [f"{OTHERS}{'; '.join(others)}"] if others else []
         if causes[0].corrections:
-            parts.append(f"Correct the recording, or convert it with {options(causes[0], names)}")
+            parts.append(f"Correct the recording, or {CONVERT}{options(causes[0], names)}")
     return ". ".join(parts)
 
 

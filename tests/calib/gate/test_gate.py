@@ -295,7 +295,8 @@ def test_seconds_of_motion_are_counted() -> None:
 def test_every_command_refuses_with_the_cause_first(
     command: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from benchmarks.wrong_data import Case, through
+    from benchmarks.wrong_commands import through
+    from benchmarks.wrong_data import Case
 
     monkeypatch.chdir(tmp_path)
     of, log = base("servo6 2")

@@ -1,0 +1,104 @@
+"""kill -9 during recording, of the control program, of the recording process, or of both, half of them in bursts: what is lost.
+
+A run goes on where the last one ended (build/kills.jsonl), for `minutes` at a time, until `count` kills were done: `make kills`. A busy
+computer changes when a kill comes, and nothing else.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import random
+import signal
+import struct
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.logs import motion, row, sample
+from benchmarks.results import digest
+from logs import RecorderProcess, read_log
+from logs.recover import is_recording
+from logs.ur_rtde_csv import UR_JOINTS
+
+VICTIMS = ("recorder", "control", "both")
+STEADY = 500.0  # Hz
+
+
+def victim(path: Path, board: Path, rate: float) -> int:
+    """A forked control program that records until it is killed: in bursts of hundreds (rate 0) or at a steady rate.
+
+    On the board it writes the recording process's number, and how many samples it has handed over.
+    """
+    child = os.fork()
+    if child:
+        return child
+    try:
+        with board.open("r+b") as file, mmap.mmap(file.fileno(), 16) as view:
+            recorder, q, k = RecorderProcess(path, UR_JOINTS), motion(10_000), 0
+            struct.pack_into("<q", view, 8, recorder._process.pid)
+            while True:
+                x = q[k % len(q)]
+                recorder.write(sample(k, x), x, x, x)
+                k += 1
+                struct.pack_into("<q", view, 0, k)
+                if rate or k % 300 == 0:
+                    time.sleep(1 / rate if rate else 0.02)
+    finally:
+        os._exit(1)
+
+
+def kill(number: int) -> dict[str, Any]:
+    """One kill: who, how many samples were handed over, how many of them the file does not hold, and whether it says how many it holds."""
+    victims, rate = VICTIMS[number % 3], (0.0, STEADY)[number // 3 % 2]
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        board, path = Path(folder) / "board", Path(folder) / "a.mcap"
+        board.write_bytes(bytes(16))
+        child = victim(path, board, rate)
+        with board.open("rb") as file, mmap.mmap(file.fileno(), 16, prot=mmap.PROT_READ) as view:
+            while not struct.unpack_from("<q", view)[0]:
+                if os.waitpid(child, os.WNOHANG)[0]:
+                    raise RuntimeError("the process that records has ended by itself")
+                time.sleep(0.002)
+            time.sleep(random.Random(number).uniform(0, 0.3))
+            if victims != "control":
+                os.kill(struct.unpack_from("<q", view, 8)[0], signal.SIGKILL)
+            if victims != "recorder":
+                os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)  # one whose recorder is gone finds that out and ends
+            while is_recording(path):
+                time.sleep(0.01)
+            handed_over = struct.unpack_from("<q", view)[0]
+        log = read_log(path)
+    end = log.metadata["end_reason"]
+    says = end.endswith(f"{len(log):,} samples, at most 1 lost")
+    return {
+        "victims": victims,
+        "rate": rate,
+        "handed_over": handed_over,
+        "lost": handed_over - len(log),
+        "says": says,
+        "end": end,
+    }
+
+
+def run(minutes: float = 10.0, count: int = 300) -> list[dict[str, Any]]:
+    """A slice of the kills, then the rows of all that were done so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "kills.jsonl", " ".join(digest(path) for path in ("logs", "benchmarks/kills.py")))
+    for number in range(count):
+        if str(number) not in kept.found and time.monotonic() < end:
+            kept.keep(str(number), kill(number))
+    found = list(kept.found.values())
+    if not found:
+        return [row("kills done", 0, bar=str(count))]
+    lost = [f["lost"] for f in found]
+    worst = [f"{f['lost']} of {f['handed_over']} ({f['victims']} killed: {f['end']})" for f in found if f["lost"] > 1]
+    return [
+        row("kills done", len(found), bar=str(count), note="of the recorder, the control program, or both; half in bursts"),
+        row("samples lost by one of them, most", max(*lost, 0), bar="<= 1", note="; ".join(worst[:3])),
+        row("kills that lost any", sum(x > 0 for x in lost)),
+        row("recordings that can be read and say how many samples they hold", sum(f["says"] for f in found), bar=str(len(found))),
+    ]  # fmt: skip

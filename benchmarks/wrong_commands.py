@@ -1,0 +1,110 @@
+"""The corpus of wrong recordings as files, through the commands: none may take one for good, and each should name its cause first.
+
+A run goes on where the last one ended (build/wrong_commands.jsonl), for `minutes` at a time: `make wrong`. A gripper's column is left
+out by whoever reads a log for an arm, so it is no wrong recording here; the same recording twice is none for a command that takes one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import digest
+from benchmarks.wrong_data import COUNT, Case, cases
+from calib.gate.check import CONVERT, LIKELIEST, OTHERS
+from calib.main import main as program
+from logs.convert import write_log
+
+COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
+ONE_LOG = ("watch", "import")
+HANGS_ON = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
+AT_ONCE = 25  # cases of a fleet
+
+
+def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
+    """Exit code of `calib COMMAND` for the case's recordings as files, and what it said of their likeliest cause."""
+    files = []
+    for k, log in enumerate(case.logs):
+        files.append(folder / f"log-{k}.mcap")
+        write_log(log, files[-1], "clean", {})
+    words = [case.arm.name, *map(str, files)]
+    if command in ONE_LOG:
+        words = [*map(str, files), "--arm", case.arm.name]
+    extra = {"validate": ["--no-forward"], "watch": ["--database", str(folder / "trend.sqlite")]}.get(command, [])
+    code, said = _called([command, *words, *extra, "--out", str(folder / "out")])
+    return code, _cause(said)
+
+
+def fleet(some: Sequence[Case], folder: Path) -> list[tuple[int, str]]:
+    """The same for a fleet of which every case is an arm: 2 where the arm's recordings cannot be used."""
+    for number, case in enumerate(some):
+        for k, log in enumerate(case.logs):
+            place = folder / "plant" / f"{number}-{k}.mcap"
+            place.parent.mkdir(exist_ok=True)
+            write_log(log, place, "clean", {"arm": case.arm.name, "serial": str(number), "motion": "excitation"})
+    _, said = _called(
+        ["fleet", str(folder / "plant"), "--workers", "0", "--no-diagnose", "--json", "--out", str(folder / "out")]
+    )
+    rows = {str(row["serial"]): row for row in json.loads(said[said.index("{") :])["arms"]}
+    return [(2 if rows[str(k)]["status"] == "bad_logs" else 0, _cause(str(rows[str(k)]["sentence"]))) for k in range(len(some))]
+
+
+def _called(words: Sequence[str]) -> tuple[int, str]:
+    heard = io.StringIO()
+    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(io.StringIO() if "--json" in words else heard):
+        code = program(list(words))
+    return code, " ".join(heard.getvalue().split())
+
+
+def _cause(said: str) -> str:
+    """The likeliest cause with the options that undo it, without the others."""
+    at = said.find(LIKELIEST)
+    remedy = said[at:].partition(CONVERT)
+    return said[at:].split(OTHERS)[0] + remedy[1] + remedy[2] if at >= 0 else f"no cause: {said[-300:]}"
+
+
+def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COMMANDS) -> list[dict[str, Any]]:
+    """A slice of the corpus through every command, then the rows of all that was tried so far: what, value, unit, bar, note."""
+    kept = Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    everything = [case for case in cases(count) if case.done != ("a gripper's joint",)]
+    rows = []
+    for command in commands:
+        end = time.monotonic() + 60 * minutes / len(commands)
+        mine = [(k, case) for k, case in enumerate(everything) if command not in ONE_LOG or len(case.logs) == 1]
+        todo = [(k, case) for k, case in mine if f"{command} {k}" not in kept.found]
+        size = AT_ONCE if command == "fleet" else 1
+        for some in (todo[at : at + size] for at in range(0, len(todo), size)):
+            if time.monotonic() > end:
+                break
+            with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+                found = (
+                    fleet([c for _, c in some], Path(folder))
+                    if command == "fleet"
+                    else [through(command, some[0][1], Path(folder))]
+                )
+            for (k, case), (code, said) in zip(some, found, strict=True):
+                kept.keep(f"{command} {k}", {"code": code, "named": any(w in said for w in case.right), "said": said[:300]})
+        rows += _rows(
+            command, [(case, kept.found[f"{command} {k}"]) for k, case in mine if f"{command} {k}" in kept.found], len(mine)
+        )
+    return rows
+
+
+def _rows(command: str, tried: Sequence[tuple[Case, dict[str, Any]]], wanted: int) -> list[dict[str, Any]]:
+    if not tried:
+        return []
+    good = [case.name for case, f in tried if f["code"] != 2]
+    named = sum(f["code"] == 2 and f["named"] for _, f in tried)
+    other = next((f"{case.name}: {f['said'][:120]}" for case, f in tried if not f["named"]), "")
+    of = f"{len(tried)} of {wanted} tried"
+    return [
+        {"what": f"{command}: wrong recordings not refused", "value": len(good), "bar": "0", "note": "; ".join([of, *good[:3]])},
+        {"what": f"{command}: cause named first", "value": round(100 * named / len(tried), 1), "unit": "%", "bar": ">= 90", "note": other},
+    ]  # fmt: skip
