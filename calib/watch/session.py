@@ -18,10 +18,12 @@ import numpy as np
 
 from calib.console import plain
 from calib.watch.events import CONCERNS, WatchEvent
+from calib.watch.live_gate import LiveGate
 from calib.watch.source import Source, until
 from calib.watch.trend import RunRecord, TrendTable
 from calib.watch.watcher import Picture, Watcher, rehearse
-from logs.recorder import COMPLETED, INFO, Recorder
+from logs.recorder import COMPLETED, ERROR, INFO, Recorder
+from sim.errors import BadLog
 
 DECLARED_EVERY = 0.2  # s between two questions about the declared payload
 
@@ -71,10 +73,15 @@ def watch(
     asked_to_end: Callable[[], bool] = lambda: False,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
 ) -> Watched:
-    """Watch to the end of the log, for `seconds` of the device's clock, or until `asked_to_end`; on_picture gets the share done."""
+    """Watch to the end of the log, for `seconds` of the device's clock, or until `asked_to_end`; on_picture gets the share done.
+
+    BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
+    """
     started = now()
     rehearse(source.arm, source.rate)
     watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
+    gate = LiveGate(source.arm, source.name, source.rate, source.gravity) if source.gated else None
+    refusal: str | None = None
     events: list[WatchEvent] = []
     metadata = {
         "arm": source.arm.name,
@@ -104,11 +111,16 @@ def watch(
                     lines.flush()
                     on_event(event)
                 on_picture((last - first) / source.duration if source.duration else 0.0, watcher)
-                if asked_to_end():
+                refusal = gate.add(state) if gate is not None else None
+                if asked_to_end() or refusal is not None:
                     break
         except KeyboardInterrupt:
             recorder.event(INFO, "watch", "ended by the operator", source.t_origin + (last if np.isfinite(last) else 0.0))
+        if gate is not None and (refusal := refusal or gate.end()) is not None:
+            recorder.event(ERROR, "gate", refusal, source.t_origin + (last if np.isfinite(last) else 0.0))
         recorder.close(COMPLETED)
+    if refusal is not None:
+        raise BadLog(refusal)
     picture = watcher.picture()
     kept = bool(picture.fits) and picture.settled and database is not None
     if kept and database is not None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from calib.gate.commands import read_as, require
+from calib.gate.correction import AS_RECORDED
 from calib.recordings import recorded_arm
 from calib.watch.watcher import Declared
 from drivers import open_driver
@@ -29,7 +30,7 @@ class Source:
     """Readings of an arm: `states` gives each once, in order; `declared_now` what is said to be mounted, asked at any time.
 
     duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s on the
-    device clock is where the readings' own time is zero; facts go into the record.
+    device clock is where the readings' own time is zero; facts go into the record; gated: nobody has examined the readings before.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Source:
     gravity: np.ndarray | None = None
     duration: float | None = None
     live: bool = False
+    gated: bool = False
     t_origin: float = 0.0
     findings: tuple[str, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
@@ -61,13 +63,17 @@ def open_source(
 ) -> Iterator[Source]:
     """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should.
 
-    assume: words of `calib.gate.correction` that say how a log is to be read; ConfigError for a cell, whose driver knows.
+    assume: words of `calib.gate.correction` that say how a log is to be read; for a cell, whose driver knows, only `as-recorded`.
     """
     if is_log(reference):
         yield from_log(Path(reference), arm, configs, accept_partial, assume)
         return
-    if assume:
-        raise ConfigError(f"--assume {assume[0]}: is for recordings; {reference} is read by its driver, whose units are known")
+    foreign = [word for word in assume if word != AS_RECORDED]
+    if foreign:
+        raise ConfigError(
+            f"--assume {foreign[0]}: is for recordings; {reference} is read by its driver: correct the cell file or the arm; "
+            f"--assume {AS_RECORDED} watches it unchecked"
+        )
     cell = load_cell(reference, configs)
     model = load_arm(arm or cell.table.arm, configs)
     driver = open_driver(cell, model)
@@ -86,7 +92,7 @@ def open_source(
                 yield driver.read()
 
         yield Source(
-            cell.name, model, driver.rate, states(), declared_now, None if info.gravity is None else np.array(info.gravity), live=True,
+            cell.name, model, driver.rate, states(), declared_now, None if info.gravity is None else np.array(info.gravity), live=True, gated=not assume,
             facts={"cell": cell.name, "device": info.model, "serial": info.serial, "firmware": info.firmware,
                    "assumed": ", ".join(cell.assumed)},
             findings=tuple(f"assumes {name}: {sentence}" for name, sentence in cell.assumed.items()),

@@ -1,0 +1,75 @@
+"""The gate of physics on the first motion that a live watch sees: until then nobody knows whose readings they are, or in which units.
+
+It is asked once, when enough motion was seen or at the end, in a thread of its own so that no reading is missed. What happens to the arm
+later is for the watch itself to report: a contact or a load is no wrong recording.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.gate.commands import examined
+from logs.log import Log
+from sim.arm import Arm
+from sim.joint_state import JointState
+
+ENOUGH = 10.0  # s with a joint in motion
+LONGEST = 60.0  # s of readings that are kept for it
+RATE_MOST = 125.0  # Hz of them
+STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves
+FEWEST = 32  # readings
+
+
+class LiveGate:
+    """`add` every reading; it returns why they cannot be the arm's, as soon as that is known. `end` waits for the answer."""
+
+    def __init__(self, arm: Arm, name: str, rate: float, gravity: np.ndarray | None = None) -> None:
+        self._arm = arm if gravity is None else replace(arm, tree=replace(arm.tree, gravity=gravity))
+        self._name, self._period = name, 1 / min(rate, RATE_MOST)
+        self._kept: deque[JointState] = deque(maxlen=round(LONGEST / self._period))
+        self._stretch: list[JointState] = []
+        self._moved = 0.0
+        self._pool = ThreadPoolExecutor(1, "calib-gate")
+        self._asked: Future[str | None] | None = None
+
+    def add(self, state: JointState) -> str | None:
+        """One reading, in the order of time."""
+        if self._asked is not None:
+            return self._asked.result() if self._asked.done() else None
+        if np.isfinite(state.t_device) and not (self._kept and state.t_device - self._kept[-1].t_device < 0.9 * self._period):
+            self._kept.append(state)
+            self._count(state)
+            if self._moved >= ENOUGH:
+                self._asked = self._pool.submit(_refusal, self._arm, self._name, list(self._kept))
+        return None
+
+    def end(self) -> str | None:
+        """The answer about all that was read, however little it was."""
+        self._pool.shutdown()
+        return self._asked.result() if self._asked is not None else _refusal(self._arm, self._name, list(self._kept))
+
+    def _count(self, state: JointState) -> None:
+        self._stretch.append(state)
+        passed = state.t_device - self._stretch[0].t_device
+        if passed >= STRETCH:
+            reach = np.ptp(np.array([s.q for s in self._stretch]), axis=0)
+            self._moved += passed if np.any(reach > STROKE) else 0.0
+            self._stretch = [state]
+
+
+def _refusal(arm: Arm, name: str, states: Sequence[JointState]) -> str | None:
+    if len(states) < FEWEST:
+        return None
+    t = np.array([s.t_device for s in states])
+    q, dq, tau, current, temperature = (
+        np.array([getattr(s, key) for s in states]) for key in ("q", "dq", "tau", "current", "temperature")
+    )
+    nothing = np.full(q.shape, np.nan)
+    log = Log(arm.joint_names, t, t, q, dq, tau, current, temperature, nothing, nothing, nothing, path=Path(name))
+    return examined(arm, [log])[1]

@@ -1,0 +1,84 @@
+"""A live watch refuses readings that cannot be the arm's, as soon as it has seen enough motion, and keeps nothing of them in the trend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.wrong_data import base
+from calib.main import main
+from calib.watch import live_gate
+from calib.watch.live_gate import LiveGate
+from calib.watch.session import watch
+from calib.watch.source import Source, _states
+from logs import read_log
+from logs.log import Log
+from sim.errors import BadLog
+from sim.joint_state import JointState
+
+WRONG = np.array([1, 1, -1, 1, 1, 1])
+SEEN = "the torque \\(or current\\) of elbow_joint has the wrong sign"
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return base("servo6 2")[1]
+
+
+def live(states: Iterator[JointState]) -> Source:
+    return Source("a-cell", base("servo6 2")[0], 100.0, states, lambda: None, live=True, gated=True)
+
+
+def test_a_reversed_torque_ends_the_watch_with_its_cause(tmp_path: Path, log: Log) -> None:
+    wrong = replace(log, tau=log.tau * WRONG)
+    with pytest.raises(BadLog, match=f"a-cell: .*{SEEN}"):
+        watch(live(_states(wrong)), tmp_path, database=tmp_path / "trend.sqlite")
+    events = read_log(tmp_path / "watch.mcap").events
+    assert [e.name for e in events][-1] == "gate"
+    assert "wrong sign" in events[-1].message
+    assert not (tmp_path / "trend.sqlite").exists()
+    assert not (tmp_path / "watch.json").exists()
+
+
+def test_a_short_watch_is_examined_at_its_end(tmp_path: Path, log: Log) -> None:
+    few = [state for state, _ in zip(_states(replace(log, tau=log.tau * WRONG)), range(600), strict=False)]
+    with pytest.raises(BadLog, match=SEEN):
+        watch(live(iter(few)), tmp_path)
+
+
+def test_the_arms_own_readings_pass_and_nothing_is_examined_again(
+    tmp_path: Path, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    examined = live_gate.examined
+    monkeypatch.setattr(live_gate, "examined", lambda arm, logs: (asked.append(len(logs[0])), examined(arm, logs))[1])
+    found = watch(live(_states(log)), tmp_path)
+    assert found.seconds == pytest.approx(log.t[-1] - log.t[0])
+    assert len(asked) == 1
+    # the watch went on while it was examined: not all of the log is in it
+    assert asked[0] < len(log)
+
+
+def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:
+    gate = LiveGate(base("servo6 2")[0], "a-cell", 100.0)
+    standing = JointState(0.0, 0.0, log.q[0], 0 * log.q[0], log.tau[0], log.current[0], log.temperature[0])
+    assert all(gate.add(replace(standing, t=0.01 * k, t_device=0.01 * k)) is None for k in range(3000))
+    assert gate._asked is None
+    assert gate.end() is None
+
+
+def test_readings_without_a_time_or_none_at_all_are_no_reason_to_refuse(log: Log) -> None:
+    gate = LiveGate(base("servo6 2")[0], "a-cell", 100.0)
+    assert gate.add(replace(next(_states(log)), t_device=float("nan"))) is None
+    assert gate.end() is None
+
+
+def test_a_live_watch_can_be_left_unchecked_and_not_converted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = ["--seconds", "0.2", "--database", str(tmp_path / "t")]
+    assert main(["watch", "mock-ur10e", "--assume", "as-recorded", "--out", str(tmp_path / "a"), *out]) == 0
+    assert main(["watch", "mock-ur10e", "--assume", "q=deg", "--out", str(tmp_path / "b"), *out]) == 2
+    assert "--assume q=deg: is for recordings" in capsys.readouterr().err
