@@ -100,7 +100,7 @@ def braking(repeats: int) -> list[dict[str, Any]]:
     rows, every = [], []
     for name, (kind, fault) in product(CARRIERS, kinds.items()):
         trouble = replace(next(t for t in TROUBLES if t.name == fault), payload=HEAVY, plant=at_corner)
-        keys = {"share": "angle / proved", "alone": "/ commanded"} | (
+        keys = {"share": "angle / verified", "alone": "/ commanded"} | (
             {"beside": "beside the path / room"} if kind == "our stop" else {}
         )
         what = f"10 kg, corners of the box, {name}, {kind}: {', '.join(keys.values())}"
@@ -117,13 +117,11 @@ def braking(repeats: int) -> list[dict[str, Any]]:
         rows.append(row(what, value, "", "<= 1", "; ".join([note, *(m[:200] for m in missed[:1])])))
     stops = [r for r in every if r.reaction is not None]
     worst = max((r.share for r in stops), default=np.inf)
-    note = (
-        f"{len(stops)} stops of {len(every)} runs with {len(CARRIERS)} arms; proved is the stop's angle and the room beside it"
-    )
+    note = f"{len(stops)} stops of {len(every)} runs with {len(CARRIERS)} arms; verified is the stop's angle and the room beside it"
     alone = max((r.alone for r in stops), default=np.inf)
     beyond = np.degrees(max((r.beyond for r in stops), default=np.inf))
     return [
-        row("stop angle / proved angle, 10 kg at corners of the parameter box", f"{worst:.2f}", "", "<= 1.0", note),
+        row("stop angle / verified angle, 10 kg at corners of the parameter box", f"{worst:.2f}", "", "<= 1.0", note),
         row(
             "stop angle / commanded stop angle alone, 10 kg at corners",
             f"{alone:.2f}",
