@@ -33,6 +33,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "velocity_noise": (0.0, 0.2),
     "torque_noise": (0.0, 30.0),
     "torque_constant": (1e-2, 500.0),
+    "torque_continuous": (1e-2, 2000.0),
     "prior": (1e-3, 2.0),
 }
 ROUNDING = 1e-6
@@ -89,6 +90,8 @@ def _settings(arm: Arm, cell: Cell) -> Iterator[tuple[str, str, np.ndarray]]:
     yield "torque_noise", f"{arm.name}: sensors.torque_noise", np.array(sensors.torque_noise)
     if arm.torque_constant is not None:
         yield "torque_constant", f"{arm.name}: torque_constant", np.asarray(arm.torque_constant, dtype=float)
+    if arm.torque_continuous is not None:
+        yield "torque_continuous", f"{arm.name}: torque_continuous", np.asarray(arm.torque_continuous, dtype=float)
     for key, value in arm.prior.model_dump().items():
         if isinstance(value, float | int):
             yield "prior", f"{arm.name}: prior.{key}", np.array([float(value)])

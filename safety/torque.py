@@ -23,6 +23,9 @@ SIGMAS = 2.0
 CHUNK = 20_000
 # Universal Robots' safety presets allow up to 1000 W of mechanical power ("least restricted"), the usual preset 300 W
 POWER_MAX = 1000.0
+# s: windings of servo drives take about a minute and more to warm up (thermal time constants of catalogue servo motors, 30 s to 60 min),
+# so that a shorter peak above the continuous torque does no harm
+WARMING = 30.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, float]:
-    """Refuse a motion whose torque or power interval leaves the limits; returns the largest share of each that is used."""
+    """Refuse a motion whose torque, RMS torque or power interval leaves the limits; returns the largest share of each that is used."""
     worst = np.abs(torque.tau_hat) + torque.doubt + _half_steps(torque.tau_hat)
     inside = np.isfinite(worst) & (worst <= arm.tau_max)
     if not inside.all():
@@ -125,13 +128,35 @@ def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, floa
         raise SafetyStop(
             f"{arm.name}: mechanical power up to {power[k]:.4g} W exceeds {POWER_MAX:g} W at t={motion.t[k]:.4f} s; plan a slower motion"
         )
-    return {"tau": float(np.max(worst / arm.tau_max)), "power": float(np.max(power) / POWER_MAX)}
+    rms, rated = _largest_rms(motion.t, worst), arm.tau_max if arm.torque_continuous is None else arm.torque_continuous
+    inside = np.isfinite(rms) & (rms <= rated)
+    if not inside.all():
+        j = int(np.argmin(inside))
+        raise SafetyStop(
+            f"{arm.joint_names[j]}: RMS torque up to {rms[j]:.4g} N m over {min(WARMING, motion.duration):.3g} s exceeds the {rated[j]:.4g} N m "
+            f"that its drive holds for any time (torque_continuous); plan a slower motion, or one about a posture that needs less to hold"
+            f"{missing_facts(arm, j)}"
+        )
+    return {
+        "tau": float(np.max(worst / arm.tau_max)), "rms torque": float(np.max(rms / rated)), "power": float(np.max(power) / POWER_MAX),
+    }  # fmt: skip
 
 
 def suffices(motion: Trajectory, arm: Arm, cell: Cell) -> bool:
     """Whether the torque of every sample is within the limits, over the whole box of parameters."""
     torque = torque_interval(motion, arm, cell)
     return bool(np.all(np.abs(torque.tau_hat) + torque.doubt <= arm.tau_max))
+
+
+def _largest_rms(t: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """(n,) the largest RMS over any WARMING s of torque (N, n) at t (N,), or over all of it where it is shorter."""
+    energy = np.vstack(
+        (np.zeros((1, torque.shape[1])), np.cumsum(np.diff(t)[:, None] * np.maximum(torque[1:], torque[:-1]) ** 2, axis=0))
+    )
+    window = min(WARMING, float(t[-1] - t[0]))
+    begin = t[t <= t[-1] - window * (1 - 1e-9)]
+    end = np.clip(np.searchsorted(t, begin + window, side="left"), 1, len(t) - 1)
+    return np.asarray(np.sqrt(np.max(energy[end] - energy[: len(begin)], axis=0) / window))
 
 
 def _half_steps(x: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ class Arm:
     """Everything that is known of an arm; SI units, joint side of the gear, arrays read-only in the order of `joint_names`.
 
     q_min q_max (n,) rad, dq_max (n,) rad/s, ddq_max (n,) rad/s^2, jerk_max (n,) rad/s^3, tau_max (n,) N m
-    torque_constant (n,) N m/A at the joint, or None; torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position", or "measured"; gravity (3,) m/s^2 in the base frame
+    torque_constant (n,) N m/A at the joint, or None; torque_continuous (n,) N m that the drives hold for any time, or None; torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position", or "measured"; gravity (3,) m/s^2 in the base frame
     effects are those beyond the rigid bodies; coulomb_friction, viscous_friction and rotor_inertia of the model file stand there too.
     incomplete names the limits (and "sensors", "shapes") that nobody has stated of an arm that came from a bare model file.
     """
@@ -66,6 +66,7 @@ class Arm:
     incomplete: tuple[str, ...] = ()
     torque_at: TorqueAt = "motor"
     speed_from: SpeedFrom = "position"
+    torque_continuous: np.ndarray | None = None
 
     @property
     def n(self) -> int:
@@ -145,13 +146,22 @@ def _folder(folder: Path) -> Arm:
     sensors = table.sensors or unknown_sensors(tree.n)
     for key in ("velocity_noise", "torque_noise"):
         _row(getattr(sensors, key), table.joints, f"{file}: sensors.{key}")
-    constant = table.torque_constant
+    constant, rated = table.torque_constant, table.torque_continuous
+    if rated is not None and len(
+        over := np.flatnonzero(_row(rated, table.joints, f"{file}: torque_continuous") > limits["tau_max"])
+    ):
+        j = int(over[0])
+        raise ConfigError(
+            f"{file}: torque_continuous of {table.joints[j]} is {rated[j]:g} N m, above its tau_max of {limits['tau_max'][j]:g} N m; "
+            "tau_max is the drive's peak, torque_continuous what it holds for any time: correct one"
+        )
     return Arm(
         name=table.name, joint_names=tree.joint_names, **limits,
         torque_constant=None if constant is None else _row(constant, table.joints, f"{file}: torque_constant"),
         effects=_all_effects(table.effects, tree, file), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
         model_path=model_path, model_text=text, sha256=hashlib.sha256(raw + text.encode()).hexdigest(),
         incomplete=tuple(table.incomplete), torque_at=table.torque_at, speed_from=table.speed_from,
+        torque_continuous=None if rated is None else _row(rated, table.joints, f"{file}: torque_continuous"),
     )  # fmt: skip
 
 

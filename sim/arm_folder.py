@@ -167,6 +167,7 @@ def _table(arm: Arm, name: str, provenance: dict[str, str]) -> ArmTable:
         ],
         "limits": given, **sensors, "prior": arm.prior, "effects": listed, "provenance": {**arm.provenance, **provenance},
         "torque_constant": None if arm.torque_constant is None else arm.torque_constant.tolist(),
+        "torque_continuous": None if arm.torque_continuous is None else arm.torque_continuous.tolist(),
         "torque_at": arm.torque_at, "speed_from": arm.speed_from,
     }  # fmt: skip
     return ArmTable.model_validate(data)

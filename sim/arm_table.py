@@ -70,6 +70,7 @@ Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max
 class ArmTable(StrictTable):
     """The schema of arm.toml.
 
+    torque_continuous: N m that the joint's drive holds for any time (its rated torque), where tau_max is its peak.
     torque_at: where the torque is measured: at the motor (its current, before the gear), or by a sensor at the joint, behind the gear.
     speed_from: which reading gives speed and acceleration: differences of the position, or the speed that the drive reports.
     incomplete: what nobody has stated of this arm, because it was written from a bare model file. Such a limit is read from the
@@ -85,6 +86,7 @@ class ArmTable(StrictTable):
     limits: LimitsTable = LimitsTable()
     sensors: SensorsTable | None = None
     torque_constant: list[Positive] | None = None
+    torque_continuous: list[Positive] | None = None
     torque_at: TorqueAt = "motor"
     speed_from: SpeedFrom = "position"
     prior: PriorTable = PriorTable()

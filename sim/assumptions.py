@@ -9,7 +9,7 @@ from __future__ import annotations
 UNUSUAL = (
     "following_error", "following_error_max", "point_speed_max", "clearance_self", "clearance_obstacle", "payload_mass", "payload_com",
     "dq_max", "ddq_max", "jerk_max", "tau_max", "limits_of_model", "rate", "encoder_resolution", "velocity_noise", "torque_noise",
-    "torque_constant", "prior",
+    "torque_constant", "torque_continuous", "prior",
 )  # fmt: skip
 
 ASSUMPTIONS: dict[str, str] = {

@@ -24,7 +24,7 @@ def test_a_cleared_motion_is_the_samples_that_will_be_sent(arm: Arm, cell: Cell,
     assert len(cleared) == 501
     np.testing.assert_allclose(np.diff(cleared.t), 1 / 125)
     np.testing.assert_array_equal(cleared.q[-1], motion.q[-1])
-    assert set(cleared.verdict.used) == {"q", "dq", "ddq", "jerk", "point speed", "tau", "power"}
+    assert set(cleared.verdict.used) == {"q", "dq", "ddq", "jerk", "point speed", "tau", "rms torque", "power"}
     assert all(0 < share <= 1 for share in cleared.verdict.used.values())
     assert set(cleared.verdict.near) == {"the cell", "itself"}
     assert 0.01 <= cleared.verdict.room <= 0.1

@@ -45,8 +45,8 @@ def changed(arm: Arm, cell: Cell, name: str, value: float) -> tuple[Arm, Cell]:
         return replace(arm, sensors=arm.sensors.model_copy(update={name: value})), cell
     if name in ("velocity_noise", "torque_noise"):
         return replace(arm, sensors=arm.sensors.model_copy(update={name: [value] * 6})), cell
-    if name == "torque_constant":
-        return replace(arm, torque_constant=np.full(6, value)), cell
+    if name in ("torque_constant", "torque_continuous"):
+        return replace(arm, **{name: np.full(6, value)}), cell  # type: ignore[arg-type]
     if name == "prior":
         return replace(arm, prior=arm.prior.model_copy(update={"com": value})), cell
     if name == "payload_mass":

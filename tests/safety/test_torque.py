@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safety.clear import clear
-from safety.torque import SIGMAS, check_torque, friction_of, torque_interval
+from safety.torque import SIGMAS, WARMING, _largest_rms, check_torque, friction_of, torque_interval
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.effects import with_effect
@@ -75,3 +75,34 @@ def test_what_was_fitted_is_doubted_by_its_own_deviation_and_what_was_not_by_the
     friction = friction_of(with_effect(with_effect(arm, fitted), stated))
     np.testing.assert_array_equal(friction.coulomb, [0, 10.0, 5.0, 0, 0, 0])
     np.testing.assert_allclose(friction.coulomb_doubt, [0, SIGMAS * 0.3, SIGMAS * arm.prior.coulomb * 5.0, 0, 0, 0], atol=1e-8)
+
+
+def test_rms_torque_counts_only_where_it_lasts(arm: Arm, cell: Cell) -> None:
+    """A peak of a second above what a drive holds for any time is no harm, a motion of a minute is."""
+    short, long = sine(amplitude=0.2, duration=3.0, step=0.002), sine(amplitude=0.2, duration=60.0, step=0.01)
+    torque = torque_interval(long, arm, cell)
+    used = check_torque(long, torque, arm)
+    assert 0 < used["rms torque"] <= used["tau"]  # of tau_max where nothing else is stated
+    worst = np.abs(torque.tau_hat) + torque.doubt
+    held = np.sqrt((worst**2).mean(axis=0))
+    fits = replace(arm, torque_continuous=np.maximum(1.05 * held, 5.0))
+    assert check_torque(long, torque, fits)["rms torque"] == pytest.approx(1 / 1.05, abs=0.02)
+    with pytest.raises(SafetyStop, match=r"RMS torque up to .* over 30 s exceeds the .* holds for any time"):
+        check_torque(long, torque, replace(arm, torque_continuous=np.maximum(0.95 * held, 5.0)))
+    with pytest.raises(SafetyStop, match="RMS torque"):
+        clear(short, replace(arm, torque_continuous=np.full(arm.n, 0.5)), cell)
+
+
+def test_rms_torque_is_the_largest_of_any_window(arm: Arm, cell: Cell) -> None:
+    t = np.linspace(0, 120.0, 12001)
+    torque = np.where((t >= 40) & (t < 40 + WARMING), 10.0, 1.0)[:, None]
+    assert _largest_rms(t, torque)[0] == pytest.approx(10.0, rel=1e-3)
+    assert _largest_rms(t[:1501], torque[:1501])[0] == pytest.approx(1.0)
+    short_peak = np.where((t >= 40) & (t < 43), 10.0, 0.0)[:, None]
+    assert _largest_rms(t, short_peak)[0] == pytest.approx(10 * np.sqrt(3 / WARMING), rel=2e-3)
+
+
+def test_rms_torque_that_is_not_a_number_is_refused(arm: Arm, cell: Cell) -> None:
+    motion = sine(amplitude=0.2, duration=3.0, step=0.002)
+    with pytest.raises(SafetyStop, match="RMS torque"):
+        check_torque(motion, torque_interval(motion, arm, cell), replace(arm, torque_continuous=np.full(arm.n, np.nan)))

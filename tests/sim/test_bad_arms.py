@@ -35,6 +35,11 @@ TOML = {
     "negative": (r"^ddq_max = \[", "ddq_max = [-", "limits.ddq_max.0 = -20.0"),
     "too short": (r"^dq_max = \[[^,]*, ", "dq_max = [", "limits.dq_max has 5 numbers for 6 joints"),
     "swapped": (r"^q_max = \[[^,]*", "q_max = [-9.0", "q_min .* is not below q_max"),
+    "continuous above peak": (
+        r"^name = ",
+        "torque_continuous = [9, 9, 29, 3, 3, 3]\nname = ",
+        "torque_continuous of elbow_joint is 29 N m, above its tau_max of 28",
+    ),
     "text for a number": (r"^rate = [^\n]*", 'rate = "fast"', "sensors.rate = 'fast'"),
     "other joints": ("elbow_joint", "knee_joint", "list the joints of the model in its order"),
     "not TOML": (r"^name = ", "name == ", "not valid TOML"),
