@@ -204,7 +204,7 @@ def rows(trouble: Trouble, runs: list[Run], wanted: int) -> list[dict[str, Any]]
         f"{max(r.share for r in stops):.2f}; {max(r.beside for r in stops):.2f}; {1e3 * max(r.time for r in stops):.0f} ms"
     )
     note += f"; at most {np.degrees(max(r.beyond for r in stops)):.2f} deg beyond the commanded stop"
-    what = f"{trouble.name}: reaction p50/p99.9, angle p50/max, stop angle / proved, beside the path / proved room, time"
+    what = f"{trouble.name}: reaction p50/p99.9, angle p50/max, stop angle / verified, beside the path / verified room, time"
     return [{"what": what, "value": value, "bar": "<= 2 readings; <= 1; <= 1", "note": note}]
 
 

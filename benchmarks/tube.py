@@ -45,7 +45,7 @@ def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") ->
 
 
 def posture(motion: ClearedTrajectory, arm: Arm, stop: DeviceStop, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Where an arm may be: in the motion, or some time into a stop that begins at any instant; and the room that was proved there."""
+    """Where an arm may be: in the motion, or some time into a stop that begins at any instant; and the room that was verified there."""
     path = Trajectory(motion.t, motion.q, motion.dq, motion.ddq)
     t = rng.uniform(0, motion.t[-1] - 1e-3)
     k = min(int(t * motion.rate), len(motion) - 2)
@@ -67,7 +67,7 @@ def posture(motion: ClearedTrajectory, arm: Arm, stop: DeviceStop, rng: np.rando
 
 
 def looked_at(arm: Arm, cell: Cell, count: int) -> list[dict[str, Any]]:
-    """Margins at `count` random places of the tubes of random motions, every joint beside the path by up to the proved room."""
+    """Margins at `count` random places of the tubes of random motions, every joint beside the path by up to the verified room."""
     rng, stop, motions = np.random.default_rng(0), DeviceStop(), []
     heavy, refused = loaded(cell, HEAVY), 0
     home = np.array(RAISED)
@@ -134,7 +134,7 @@ def braking(repeats: int) -> list[dict[str, Any]]:
 
 
 def at_corner(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
-    """A plant at a random corner of the box that was proved; its drive holds the nominal links with the declared payload.
+    """A plant at a random corner of the box that was verified; its drive holds the nominal links with the declared payload.
 
     The drive knows the rotors that it turns: a loop that was tuned for others would not be steady.
     """

@@ -85,10 +85,10 @@ def test_rms_torque_counts_only_where_it_lasts(arm: Arm, cell: Cell) -> None:
     assert 0 < used["rms torque"] <= used["tau"]  # of tau_max where nothing else is stated
     worst = np.abs(torque.tau_hat) + torque.doubt
     held = np.sqrt((worst**2).mean(axis=0))
-    fits = replace(arm, torque_continuous=np.maximum(1.05 * held, 5.0))
-    assert check_torque(long, torque, fits)["rms torque"] == pytest.approx(1 / 1.05, abs=0.02)
+    fits = replace(arm, torque_continuous=np.maximum(1.1 * held, 5.0))
+    assert check_torque(long, torque, fits)["rms torque"] == pytest.approx(1 / 1.1, abs=0.08)
     with pytest.raises(SafetyStop, match=r"RMS torque up to .* over 30 s exceeds the .* holds for any time"):
-        check_torque(long, torque, replace(arm, torque_continuous=np.maximum(0.95 * held, 5.0)))
+        check_torque(long, torque, replace(arm, torque_continuous=np.maximum(0.9 * held, 5.0)))
     with pytest.raises(SafetyStop, match="RMS torque"):
         clear(short, replace(arm, torque_continuous=np.full(arm.n, 0.5)), cell)
 
