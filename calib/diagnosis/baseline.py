@@ -30,7 +30,9 @@ from sim.effects import effect_named
 LAW_SPREAD = 0.3
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
 THRESHOLD, PER_PARAMETER = 8.0, 2.0
-APART, ALIKE = 8.0, 0.03  # two candidates nearer than this, or than this share, are not told apart
+APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are not told apart
+DOMINATES = 2.0
+LATE = 10.0  # prior standard deviations: an arm's own delay is learnt, not supposed
 NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
 NULL_DIAGONAL = 0.3
 MOST_CHANGES = 4
@@ -119,6 +121,14 @@ class Healthy:
             first = next((s for s in worth if _holds(s, kept, self.noise, held)), None)
             if first is None:
                 break
+            first = next(
+                (
+                    s
+                    for s in scored
+                    if _dominates(s, first) and not _left_over(s, accepted) and _holds(s, kept, self.noise, held)
+                ),
+                first,
+            )
             near = [s.key for s in scored if s is not first and s.brings > first.brings - max(APART, ALIKE * first.brings)]
             accepted.append(first)
             first.rivals = tuple(near[:2])
@@ -159,6 +169,14 @@ def _left_over(s: _Scored, accepted: list[_Scored]) -> bool:
     return any(a.key[1] == s.key[1] is not None and s.gain < LEFT_OVER * a.gain for a in accepted)
 
 
+def _dominates(s: _Scored, named: _Scored) -> bool:
+    """Whether a candidate at the same joint explains far more than one that stands out of the healthy logs.
+
+    That something has changed there is then settled; what it is, the evidence decides, though the candidate's size varies more by itself.
+    """
+    return s.key[1] in (named.key[1], None) and s.brings > DOMINATES * named.brings and s.worth > 0.0
+
+
 def _formed(odd: tuple[int, str, float, float], accepted: list[_Scored], arm: Arm) -> bool:
     """Whether structure at a joint may be what the form of a change named there leaves."""
     joint, excess = arm.joint_names[odd[0]], odd[3]
@@ -180,7 +198,7 @@ class _Folds:
         # prior of the nuisance as it is, of the law by what friction leaves
         self.prior = np.concatenate(
             [
-                np.ones(p),
+                np.where(np.array(models[0].names) == "delay", LATE**-2, 1.0),
                 np.concatenate(
                     [np.full(len(s), 1 / (LAW_SPREAD * v) ** 2) for s, v in zip(self.scale, self.size, strict=True)]
                 ),
@@ -217,7 +235,7 @@ class _Folds:
         return Law(self.scale, root @ (root.T @ g), root)
 
 
-CORRELATED = 10.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
+CORRELATED = 3.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
 
 
 def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
@@ -245,8 +263,16 @@ def _columns(rows: Rows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
         yield out
 
 
-def _null(folds: _Folds) -> dict[tuple[Key, int], np.ndarray]:
-    """(candidate, probe) -> second moment (k, k) of its coefficients in healthy logs that the law has not seen."""
+@dataclass(frozen=True)
+class Null:
+    """Of a candidate's coefficients where nothing has changed: mean (k,) and the covariance (k, k) of another recording's about it."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def _null(folds: _Folds) -> dict[tuple[Key, int], Null]:
+    """(candidate, probe) -> its coefficients in healthy logs that the law has not seen."""
     found: dict[tuple[Key, int], list[np.ndarray]] = {}
     for rows, m in zip(folds.left_out, folds.models, strict=True):
         solved = solve(rows, folds.noise)
@@ -257,8 +283,9 @@ def _null(folds: _Folds) -> dict[tuple[Key, int], np.ndarray]:
             found.setdefault((c.key, number), []).append(coefficients)
     out = {}
     for key, each in found.items():
-        moment = np.mean([np.outer(c, c) for c in each], axis=0)
-        out[key] = NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment)))
+        mean, count = np.mean(each, axis=0), len(each)
+        moment = np.sum([np.outer(c - mean, c - mean) for c in each], axis=0) / max(count - 1, 1) * (1 + 1 / count)
+        out[key] = Null(mean, NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment))))
     return out
 
 
@@ -275,7 +302,7 @@ def _white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:
 
 
 def _scored(
-    solved: Solved, models: list[LogModel], null: dict[tuple[Key, int], np.ndarray], skip: set[Key], arm: Arm
+    solved: Solved, models: list[LogModel], null: dict[tuple[Key, int], Null], skip: set[Key], arm: Arm
 ) -> list[_Scored]:
     """Every candidate beside what is accepted, most worth first, one entry per effect and joint."""
     best: dict[Key, _Scored] = {}
@@ -285,8 +312,9 @@ def _scored(
             continue
         s = _white(c, solved)
         fall, coefficients, covariance = solved.gain(s, c.spread, left=left)
-        wide = covariance + null.get((c.key, number), np.zeros_like(covariance))
-        gain = float(coefficients @ np.linalg.lstsq(wide, coefficients, rcond=1e-12)[0])
+        usual = null.get((c.key, number), Null(np.zeros_like(coefficients), np.zeros_like(covariance)))
+        wide, beyond = covariance + usual.covariance, coefficients - usual.mean
+        gain = float(beyond @ np.linalg.lstsq(wide, beyond, rcond=1e-12)[0])
         price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(EXTRA.get(c.effect, 0.0), 0.0)
         worth, brings = gain - price, fall - price
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.model import CONTACT, DELAY_SPREAD, MOST_COLUMNS, LogModel
+from calib.diagnosis.model import CONTACT, MOST_COLUMNS, LogModel
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Effect, Stage
 from sim.effects.effect import Probe
@@ -222,11 +223,26 @@ def _force(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
     yield Candidate("tool_force", None, columns, _named("force_x", "force_y", "force_z"))
 
 
+DELAYS = (1e-3, 5e-3, 10e-3, 20e-3)  # s: beyond a few milliseconds the change of the torque is not its slope times the delay
+
+
 def _delay(models: list[LogModel], arm: Arm) -> Iterator[Candidate]:
-    columns = [{j: m.joints[j].nuisance[:, -1:] * (1e-3 / DELAY_SPREAD) for j in range(m.n)} for m in models]
+    """The predicted torque later by each of DELAYS, less the torque itself."""
     own = arm.effect("time_delay")
     before = own.parameters["delay"] if own else 0.0
-    yield Candidate("time_delay", None, columns, lambda c: {"delay": before + 1e-3 * float(c[0])})
+    for late in DELAYS:
+        columns = [{j: _late(m, j, late) for j in range(m.n)} for m in models]
+        yield Candidate("time_delay", None, columns, lambda c, late=late: {"delay": before + late * float(c[0])})  # type: ignore[misc]
+
+
+def _late(m: LogModel, j: int, late: float) -> np.ndarray:
+    def rows() -> np.ndarray:
+        t, tau = m.link.t, m.tau_hat[:, j]
+        pairs = itertools.pairwise(m.measurement.starts)
+        then = np.concatenate([np.interp(t[a:b] - late, t[a:b], tau[a:b]) for a, b in pairs])
+        return m.rows((then - tau)[:, None])
+
+    return _kept(m, ("late", late, m.joint_key(j)), rows)
 
 
 # Every gear has a mesh of forty and more teeth, whose weak ripple is in every log; a ripple that is worth a name is slower.
