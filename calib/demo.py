@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from calib.report.diagnosis import quantity
+from calib.claims.diagnosis_sentences import quantity
 from drivers.preflight import GRAVITY_TOLERANCE
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell

@@ -44,6 +44,7 @@ def command(
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
     from calib import evidence
+    from calib.claims.diagnosis_sentences import quantity
     from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
     from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
@@ -74,7 +75,7 @@ def command(
         console.print_json(answer)
         return code
     rows = [
-        [e["effect"], e["joint"] or "whole arm", name, page.quantity(p), page.quantity(p | {"value": p["nominal"], "std": None})
+        [e["effect"], e["joint"] or "whole arm", name, quantity(p), quantity(p | {"value": p["nominal"], "std": None})
          if p["nominal"] is not None else None, f"{e['confidence']:.0%}"]
         for e in answer["effects"]
         for name, p in e["parameters"].items()
@@ -89,8 +90,6 @@ def command(
     for check in answer["data_checks"]:
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")
-    console.say(f"{page.sentence(answer)}.")
-    for step in page.next_steps(answer):
-        console.say(f"- {step}")
+    console.conclusion(page.sentence(answer), page.next_steps(answer))
     console.say(f"{folder}: diagnosis.json, arm/, report.html")
     return code

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims.of_diagnosis import claims
 from calib.diagnosis.acceptance import Key, judge
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import Correction, correction
@@ -41,6 +42,9 @@ class Diagnosis:
     found: Found | None
     correction: Correction | None = None
     limits: tuple[ArmEffect, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
 
     def write(self, folder: Path, arm: Arm) -> None:
         """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""

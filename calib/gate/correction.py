@@ -65,7 +65,14 @@ class Correction:
     def sentence(self, names: Sequence[str]) -> str:
         """What would be wrong with the recording."""
         at = [names[j] for j in self.joints]
-        reading = {"q": "position", "dq": "speed", "motion": "motion", "tau": "torque (or current)", "all": "readings"}
+        readings = {
+            "q": "the position",
+            "dq": "the speed",
+            "motion": "the motion",
+            "tau": "the torque (or current)",
+            "all": "every reading",
+        }
+        reading = readings.get(self.part, "")
         match self.kind:
             case "unit" if self.part == "t":
                 return f"the instants are in {self.unit}, not in s"
@@ -76,12 +83,13 @@ class Correction:
             case "current":
                 return "the recorded torque is motor current in A"
             case "sign":
-                return f"the {reading[self.part]} of {at[0]} has the wrong sign"
+                return f"{reading} of {at[0]} has the wrong sign"
             case "swap":
-                return f"the {reading[self.part]} columns of {' and '.join(at)} are swapped"
+                columns = "the columns" if self.part == "all" else f"{reading} columns"
+                return f"{columns} of {' and '.join(at)} are swapped"
             case "scale":
                 whose = f"of {at[0]} " if at else "of every joint "
-                return f"the {reading[self.part]} {whose}is {self.factor:.3g} times too large (gear ratio or unit)"
+                return f"{reading} {whose}is {self.factor:.3g} times too large (gear ratio or unit)"
         return f"the torque (or current) lags the positions by {self.factor:+.2f} s: another clock"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from calib.gate import motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
-from calib.gate.fit import Fit, fitted, model_torque
+from calib.gate.fit import Fit, fitted, model_torque, mounting_torque
 from calib.gate.search import Step, ranked, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
@@ -129,6 +129,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         ]
     before = s
     found, s = steps(arm, s, SHIFTS)
+    if found:  # what a load or a tilted base explains is no wrong column
+        mounted = mounting_torque(arm, before, fitted(before, model_torque(arm, before)))
+        if not steps(arm, replace(before, load=before.load - mounted, late=before.late - mounted), SHIFTS)[0]:
+            found, s = [], before
     ties = [step for step in ranked(arm, before, SHIFTS)[:MOST_CAUSES] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
@@ -182,6 +186,8 @@ def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Calla
     ):
         return None
     shape, size = _merit(fit, told - (np.nanmedian(told) if sizes else 0.0))
+    loaded = fitted(replace(s, load=s.load - mounting_torque(arm, s, fit, tilt=False)), model_torque(arm, s))
+    shape = max(shape, _merit(replace(loaded, size=fit.size), told)[0])
     best: Cause | None = None
     for candidate in family():
         if candidate.n != arm.n or candidate.name == arm.name:

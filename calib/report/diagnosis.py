@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.quantity import rounded
+from calib.claims.diagnosis_sentences import listed, variable, words
+from calib.claims.diagnosis_sentences import unit as unit_of
+from calib.claims.of_diagnosis import REMARKS, claims, verdict
 from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
@@ -54,56 +56,19 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
 
 def sentence(diagnosis: Mapping[str, Any]) -> str:
     """The verdict in words."""
-    effects = diagnosis.get("effects", [])
-    verdict = diagnosis["verdict"]
-    if verdict == "bad_data":
-        failed = [c["detail"] for c in diagnosis.get("data_checks", []) if not c["ok"]]
-        return "The data cannot be used: " + ("; ".join(failed) if failed else "see the checks below")
-    changed = "baseline" in diagnosis
-    if verdict == "no_missing_effect" and changed:
-        return f"Nothing has changed on {diagnosis['arm']} since the {len(diagnosis['baseline'])} healthy recordings, beyond their own variation"
-    if verdict == "no_missing_effect":
-        return f"No effect is missing: the model of {diagnosis['arm']} agrees with the log within noise and its own uncertainty"
-    found = _found(effects[0]) if len(effects) == 1 else _and([words(e["effect"], e.get("joint")) for e in effects])
-    if verdict == "unexplained":
-        parts = [
-            f"{u['joint']} has a residual RMS of {u['rms']:.3g} {_unit(u['unit'])}" + _depending(u["depends_on"])
-            for u in diagnosis.get("unexplained", [])
-        ]
-        text = "There is a residual that no effect in the catalogue explains: " + ("; ".join(parts) or "see below")
-        return text + (f". Also identified: {found}" if found else "")
-    if changed:
-        return f"Changed since the healthy recordings: {found}"
-    return f"The model is missing {found}" if len(effects) == 1 else f"The model is missing {len(effects)} effects: {found}"
+    return verdict(diagnosis).sentence
 
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What else was found: friction laws, names that were refused, and numbers of the arm that a refit moves far."""
-    out = [
-        f"A friction law, fitted where no catalogue effect fits, at {law['joint']}: {law['formula']}. It removes "
-        f"{1 - law['rms_with'] / law['rms_without']:.0%} of the residual RMS on recordings left out of its fit."
-        for law in diagnosis.get("laws", [])
-    ]
-    out += [text[0].upper() + text[1:] + "." for text in diagnosis.get("refused", [])]
-    far = [m for m in diagnosis.get("calibration", []) if abs(m["prior_deviations"]) > 3.0]
-    if far:
-        moved = [
-            f"{m['parameter']}{' at ' + m['joint'] if m['joint'] else ''} {m['change']:+.3g} {_unit(m['unit'])} "
-            f"({abs(m['prior_deviations']):.0f} times its tolerance)"
-            for m in far[:4]
-        ]
-        out.append(f"A parameter refit without any effect moves {_and(moved)}.")
-    return out
+    """What the corrected arm gains, friction laws, effects that were refused, and parameters that a refit moves far."""
+    return [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name in REMARKS]
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
     """What a person standing at the robot should do with this answer."""
     steps = remarks(diagnosis)
+    steps += [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     for effect in diagnosis.get("effects", []):
-        others = effect.get("indistinguishable_from") or []
-        if others:
-            names = _and([words(o["effect"], o.get("joint")) for o in others])
-            steps.append(f"From this data {words(effect['effect'], effect.get('joint'))} cannot be distinguished from {names}.")
         if effect.get("experiment"):
             steps.append(f"To confirm it: {effect['experiment']}")
     verdict = diagnosis["verdict"]
@@ -120,22 +85,6 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
     else:
         steps.append("Correct the failed checks, then record again.")
     return steps
-
-
-def words(effect: str, joint: str | None) -> str:
-    """An effect's name in words, with its joint."""
-    text = effect.replace("_", " ")
-    return f"{text} at {joint}" if joint else text
-
-
-def _found(effect: Mapping[str, Any]) -> str:
-    values = ", ".join(f"{_symbol(k)} {quantity(p)}" for k, p in effect["parameters"].items())
-    return f"{words(effect['effect'], effect.get('joint'))} ({values}; {effect['gap_share']:.0%} of the residual)"
-
-
-def quantity(parameter: Mapping[str, Any]) -> str:
-    """value ± std unit, with as many digits as the standard deviation allows."""
-    return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
 
 
 def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
@@ -162,7 +111,7 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
     names = list(evidence["joint_names"])
-    unit = _unit(diagnosis.get("gap", {}).get("unit", "N*m"))
+    unit = unit_of(diagnosis.get("gap", {}).get("unit", "N*m"))
     tau = np.asarray(evidence["tau"])
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
     page.section("Where the residual is")
@@ -195,7 +144,7 @@ def gained(diagnosis: Mapping[str, Any]) -> str:
 
 def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
-    unit = _unit(diagnosis["gap"]["unit"])
+    unit = unit_of(diagnosis["gap"]["unit"])
     page.section("Every joint").figure(
         pictures.torques(
             list(evidence["joint_names"]), np.asarray(evidence["t"]), np.asarray(evidence["tau"]), predicted, unit
@@ -220,7 +169,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
     if effects:
         page.section("Identified effects")
         rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), _unit(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
             for e in effects
             for k, p in e["parameters"].items()
         ]  # fmt: skip
@@ -254,7 +203,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
         page.section("What no effect explains").table(
             ["joint", "depends on", "RMS", "unit"],
             [
-                [u["joint"], _and([_variable(v) for v in u["depends_on"]]), u["rms"], _unit(u["unit"])]
+                [u["joint"], listed([variable(v) for v in u["depends_on"]]), u["rms"], unit_of(u["unit"])]
                 for u in diagnosis["unexplained"]
             ],
         )
@@ -263,7 +212,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
 def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
     gap = diagnosis.get("gap") or {}
     if gap.get("before"):
-        unit = _unit(gap["unit"])
+        unit = unit_of(gap["unit"])
         columns = ["noise_floor", "before", "refit", "after"]
         page.section("The residual in numbers").table(
             ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
@@ -279,24 +228,5 @@ def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) 
         )
 
 
-def _depending(variables: Sequence[str]) -> str:
-    return f" depending on {_and([_variable(v) for v in variables])}" if variables else ""
-
-
-def _variable(text: str) -> str:
-    kind, _, joint = text.partition(":")
-    return f"{ {'q': 'position', 'dq': 'speed', 'ddq': 'acceleration', 'tau': 'load', 't': 'time'}.get(kind, kind) }" + (
-        f" of {joint}" if joint else ""
-    )
-
-
 def _symbol(parameter: str) -> str:
     return parameter.replace("_", " ")
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit.replace("*", " ")
-
-
-def _and(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else "nothing seen"

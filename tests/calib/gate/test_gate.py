@@ -117,6 +117,31 @@ def test_a_payload_is_no_wrong_recording() -> None:
         assert gate(of, [log], family=family).refusal is None
 
 
+@pytest.mark.parametrize(
+    ("name", "effect", "parameters"),
+    [
+        ("servo6", "payload", {"mass": 0.4, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05}),
+        ("ur3e", "payload", {"mass": 2.0, "com_x": 0.03, "com_y": 0.0, "com_z": 0.06}),
+        ("servo6", "base_tilt", {"roll": 0.15, "pitch": -0.1}),
+        ("ur3e", "base_tilt", {"roll": 0.15, "pitch": -0.1}),
+    ],
+)
+def test_a_load_or_a_tilted_base_is_neither_another_arm_nor_another_column(
+    name: str, effect: str, parameters: dict[str, float]
+) -> None:
+    """Asked against every arm that ships: a light arm with a load resembles a heavier one, a tilted base a reversed first joint."""
+    from benchmarks.known_truth import fourier_motion, recorded, varied
+    from benchmarks.wrong_data import _within
+    from calib.gate.commands import family as shipped
+    from sim.arm import ArmEffect
+    from sim.effects import with_effect
+
+    of = arm(name)
+    truth = with_effect(varied(of, 0, 0.08), ArmEffect(effect, None, parameters))
+    log = recorded(truth, _within(of, fourier_motion(of, 90, 16.0, 100.0)), 0)
+    assert gate(of, [log], family=lambda: shipped(None)).refusal is None
+
+
 def test_a_standing_or_short_or_empty_recording_is_no_reason_to_refuse_by_the_model() -> None:
     of, log = base("servo6 sample")
     still = np.tile(log.q[:1], (len(log), 1))

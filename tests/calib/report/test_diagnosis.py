@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from calib.claims.diagnosis_sentences import quantity
 from calib.report import diagnosis
 from tests.calib.report import examples
 from tests.calib.report.browser import Visit
@@ -51,13 +52,14 @@ def test_what_else_was_found_is_said() -> None:
     data = examples.diagnosis()[0] | {
         "laws": [law], "refused": ["backlash at elbow_joint raises its residual from 1 to 2 N m"], "calibration": moves
     }  # fmt: skip
-    law_said, refused, moved = diagnosis.remarks(data)
+    gain, law_said, refused, moved = diagnosis.remarks(data)
+    assert gain.startswith("On validation.mcap the corrected arm has a residual RMS of ")
     assert "wrist_1_joint: 3.1 z(0.003). It removes 25%" in law_said
     assert refused == "Backlash at elbow_joint raises its residual from 1 to 2 N m."
     assert "mass at elbow_joint +0.31 kg (6 times its tolerance) and base tilt -0.02 rad (4 times" in moved
     assert "viscous" not in moved
-    assert diagnosis.next_steps(data)[:3] == [law_said, refused, moved]
-    assert diagnosis.remarks(examples.diagnosis()[0] | {"laws": [], "refused": [], "calibration": moves[1:2]}) == []
+    assert diagnosis.next_steps(data)[:4] == [gain, law_said, refused, moved]
+    assert diagnosis.remarks(examples.diagnosis()[0] | {"laws": [], "refused": [], "calibration": moves[1:2]}) == [gain]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +72,7 @@ def test_what_else_was_found_is_said() -> None:
     ],
 )
 def test_digits_follow_the_uncertainty(value: float, std: float, text: str) -> None:
-    assert diagnosis.quantity({"value": value, "std": std, "unit": "kg"}) == text
+    assert quantity({"value": value, "std": std, "unit": "kg"}) == text
 
 
 @pytest.mark.parametrize("dark", [False, True])

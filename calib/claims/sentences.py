@@ -1,45 +1,14 @@
-"""A conclusion is a claim: its name, its numbers, and the sentence made of them. Tests check each kind of claim against what was written.
-
-One entry of SENTENCES is one kind of claim; identify, validate and plan state their conclusions in no other way.
-"""
+"""The sentence of every kind of claim, made from its numbers."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
+
+from calib.claims import diagnosis_sentences as diagnosis
 
 MOST_NAMES = 4
 Numbers = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """name: a key of SENTENCES, or `sentence` raises KeyError; numbers: plain values in SI units, which the JSON holds beside the sentence."""
-
-    name: str
-    numbers: Numbers
-
-    @property
-    def sentence(self) -> str:
-        """The claim in words."""
-        return SENTENCES[self.name](self.numbers)
-
-    def as_dict(self) -> dict[str, Any]:
-        """One entry of `claims` in the JSON."""
-        return {"claim": self.name, "sentence": self.sentence, **self.numbers}
-
-
-def told(claims: Sequence[Claim]) -> str:
-    """The claims in one sentence."""
-    return "; ".join(claim.sentence for claim in claims)
-
-
-def capital(sentence: str) -> str:
-    """The sentence with a capital letter, unless it begins with a name, such as `elbow_joint` or `mcx_2`."""
-    first = sentence.split(" ", 1)[0]
-    return sentence if re.search(r"[^a-z]", first.rstrip(",:;")) else sentence[:1].upper() + sentence[1:]
 
 
 def _some(names: Sequence[str]) -> str:
@@ -117,4 +86,15 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "duration": lambda n: f"{n['seconds'] / 60:.1f} minutes of motion at full speed",
     "known": lambda n: f"{len(n['names'])} of {n['of']} parameters improve over their nominal values",
     "separation": _separation,
+    "bad_data": diagnosis.bad_data,
+    "complete": diagnosis.complete,
+    "unchanged": diagnosis.unchanged,
+    "missing": diagnosis.missing,
+    "changed": diagnosis.changed,
+    "unexplained": diagnosis.unexplained,
+    "law": diagnosis.law,
+    "refused": diagnosis.refused,
+    "refit": diagnosis.refit,
+    "alike": diagnosis.alike,
+    "removed": diagnosis.removed,
 }

@@ -1,0 +1,112 @@
+"""What a diagnosis claims, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calib.quantity import rounded
+
+Numbers = Mapping[str, Any]
+VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration", "tau": "load", "t": "time"}
+
+
+def bad_data(n: Numbers) -> str:
+    return f"The data cannot be used: {'; '.join(n['failed']) or 'see the checks below'}"
+
+
+def complete(n: Numbers) -> str:
+    return f"No effect is missing: the model of {n['arm']} agrees with the log within noise and its own uncertainty"
+
+
+def unchanged(n: Numbers) -> str:
+    return f"Nothing has changed on {n['arm']} since the {n['healthy']} healthy recordings, beyond their own variation"
+
+
+def missing(n: Numbers) -> str:
+    several = f"{len(n['effects'])} effects: " if len(n["effects"]) > 1 else ""
+    return f"The model is missing {several}{_found(n['effects'])}"
+
+
+def changed(n: Numbers) -> str:
+    return f"Changed since the healthy recordings: {_found(n['effects'])}"
+
+
+def unexplained(n: Numbers) -> str:
+    parts = [
+        f"{u['joint']} has a residual RMS of {u['rms']:.3g} {unit(u['unit'])}{_depending(u['depends_on'])}" for u in n["joints"]
+    ]
+    beside = f". Also identified: {_found(n['effects'])}" if n["effects"] else ""
+    return f"There is a residual that no effect in the catalogue explains: {'; '.join(parts) or 'see below'}{beside}"
+
+
+def law(n: Numbers) -> str:
+    removed = 1 - n["rms_with"] / n["rms_without"]
+    return (
+        f"A friction law, fitted where no catalogue effect fits, at {n['joint']}: {n['formula']}. It removes {removed:.0%} of the "
+        "residual RMS on recordings left out of its fit"
+    )
+
+
+def refused(n: Numbers) -> str:
+    return f"{n['text'][0].upper()}{n['text'][1:]}"
+
+
+def refit(n: Numbers) -> str:
+    moves = [
+        f"{m['parameter']}{' at ' + m['joint'] if m['joint'] else ''} {m['change']:+.3g} {unit(m['unit'])} "
+        f"({abs(m['prior_deviations']):.0f} times its tolerance)"
+        for m in n["parameters"][:4]
+    ]
+    return f"A parameter refit without any effect moves {listed(moves)}"
+
+
+def alike(n: Numbers) -> str:
+    others = listed([words(o["effect"], o.get("joint")) for o in n["others"]])
+    return f"From this data {words(n['effect'], n.get('joint'))} cannot be distinguished from {others}"
+
+
+def removed(n: Numbers) -> str:
+    return (
+        f"On {n['log']} the corrected arm has a residual RMS of {n['after']:.3g} {unit(n['unit'])} at {n['joint']}, the nominal arm "
+        f"{n['before']:.3g}"
+    )
+
+
+def words(effect: str, joint: str | None) -> str:
+    """An effect's name in words, with its joint."""
+    text = effect.replace("_", " ")
+    return f"{text} at {joint}" if joint else text
+
+
+def quantity(parameter: Numbers) -> str:
+    """value +- std unit, with as many digits as the standard deviation allows."""
+    return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
+
+
+def unit(text: str) -> str:
+    """A unit as it is printed; none for a number without one."""
+    return "" if text == "1" else text.replace("*", " ")
+
+
+def variable(text: str) -> str:
+    """`dq:elbow_joint` in words."""
+    kind, _, joint = text.partition(":")
+    return VARIABLES.get(kind, kind) + (f" of {joint}" if joint else "")
+
+
+def listed(names: Sequence[str]) -> str:
+    """a, b and c."""
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else "nothing seen"
+
+
+def _found(effects: Sequence[Numbers]) -> str:
+    if len(effects) != 1:
+        return listed([words(e["effect"], e.get("joint")) for e in effects])
+    (e,) = effects
+    values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
+    return f"{words(e['effect'], e.get('joint'))} ({values}; {e['gap_share']:.0%} of the residual)"
+
+
+def _depending(variables: Sequence[str]) -> str:
+    return f" depending on {listed([variable(v) for v in variables])}" if variables else ""

@@ -1,0 +1,58 @@
+"""What a diagnosis claims, from its answer (diagnosis.json)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.claims.claim import Claim
+
+FAR = 3.0  # of a parameter's tolerance
+VERDICT = ("bad_data", "complete", "unchanged", "missing", "changed", "unexplained")
+REMARKS = ("removed", "law", "refused", "refit")
+
+
+def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
+    """The verdict first; then what it gains, what cannot be told apart, laws, refused effects, and what a refit alone would move."""
+    out = [verdict(answer)]
+    if answer.get("effects") and "baseline" not in answer and (gain := _removed(answer)):
+        out.append(gain)
+    out += [
+        Claim("alike", {"effect": e["effect"], "joint": e["joint"], "others": e["indistinguishable_from"]})
+        for e in answer.get("effects", [])
+        if e.get("indistinguishable_from")
+    ]
+    keys = ("joint", "formula", "rms_without", "rms_with")
+    out += [Claim("law", {key: law[key] for key in keys}) for law in answer.get("laws", [])]
+    out += [Claim("refused", {"text": text}) for text in answer.get("refused", [])]
+    far = [m for m in answer.get("calibration", []) if abs(m["prior_deviations"]) > FAR]
+    return (*out, Claim("refit", {"parameters": far})) if far else tuple(out)
+
+
+def verdict(answer: Mapping[str, Any]) -> Claim:
+    """The answer to what was asked."""
+    kind, healthy = answer["verdict"], answer.get("baseline")
+    keys = ("effect", "joint", "parameters", "gap_share")
+    effects = [{key: e[key] for key in keys} for e in answer.get("effects", [])]
+    if kind == "bad_data":
+        return Claim("bad_data", {"failed": [c["detail"] for c in answer.get("data_checks", []) if not c["ok"]]})
+    if kind == "unexplained":
+        return Claim("unexplained", {"joints": answer.get("unexplained", []), "effects": effects})
+    if kind == "effects_found":
+        return Claim("missing" if healthy is None else "changed", {"effects": effects})
+    if healthy is not None:
+        return Claim("unchanged", {"arm": answer["arm"], "healthy": len(healthy)})
+    return Claim("complete", {"arm": answer["arm"]})
+
+
+def _removed(answer: Mapping[str, Any]) -> Claim | None:
+    """The joint that gains most from what was written; None where nothing was compared."""
+    gap = answer.get("gap") or {}
+    before, after = (np.array(gap.get(key, []), dtype=float) for key in ("before", "after"))
+    if not len(before) or len(before) != len(after):
+        return None
+    k = int(np.argmin(after / np.maximum(before, 1e-300)))
+    numbers = {"joint": gap["joints"][k], "before": float(before[k]), "after": float(after[k])}
+    return Claim("removed", {"log": gap["log"], "unit": gap["unit"], **numbers})

@@ -1,0 +1,160 @@
+"""Each sentence of a diagnosis is a claim, checked here on diagnosis.json, on the arm that was written, and on the recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.claims import SENTENCES
+from calib.claims.of_diagnosis import FAR, VERDICT, claims, verdict
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.motion import measured
+from calib.diagnosis.promotion import torque_rms
+from calib.report.diagnosis import next_steps, remarks, sentence
+from logs.log import Log
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
+from sim.friction_law import formula
+from tests.calib.conftest import fourier_motion, recorded
+from tests.calib.report import examples
+
+SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 3.0, "rest_angle": 0.3})
+MISREAD = -np.eye(6)[3] * 2 + 1
+
+
+@dataclass(frozen=True)
+class Written:
+    """A diagnosis as it stands on the disk: the answer, the arm folder, and the recordings that it is of."""
+
+    nominal: Arm
+    answer: dict[str, Any]
+    arm: Arm
+    logs: list[Log]
+
+    def claim(self, name: str) -> dict[str, Any] | None:
+        return next((c for c in self.answer["claims"] if c["claim"] == name), None)
+
+
+def written(folder: Path, nominal: Arm, logs: list[Log]) -> Written:
+    diagnose(nominal, logs[:1], logs[1:]).write(folder, nominal)
+    answer = json.loads((folder / "diagnosis.json").read_text())
+    return Written(nominal, answer, load_arm(str(folder / "arm")), logs)
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Arm:
+    return load_arm("servo6")
+
+
+@pytest.fixture(scope="module")
+def logs(nominal: Arm) -> list[Log]:
+    truth = with_effect(nominal, SPRING)
+    return [recorded(truth, fourier_motion(nominal, 81 + k, 10.0, 100.0), k, memory=0.0) for k in range(2)]
+
+
+@pytest.fixture(scope="module")
+def spring(tmp_path_factory: pytest.TempPathFactory, nominal: Arm, logs: list[Log]) -> Written:
+    return written(tmp_path_factory.mktemp("spring"), nominal, logs)
+
+
+def test_every_sentence_is_a_claim_and_follows_from_its_numbers(spring: Written) -> None:
+    made = claims(spring.answer)
+    assert [c.as_dict() for c in made] == spring.answer["claims"]
+    assert made[0].name in VERDICT
+    assert sum(c.name in VERDICT for c in made) == 1
+    said = " ".join([sentence(spring.answer), *next_steps(spring.answer)])
+    assert [c.sentence for c in made if c.sentence not in said] == []
+
+
+def test_what_is_missing_is_in_the_arm_that_was_written(spring: Written) -> None:
+    claim = spring.claim("missing") or spring.claim("unexplained")
+    assert claim is not None
+    assert ("joint_spring", "elbow_joint") in {(e["effect"], e["joint"]) for e in claim["effects"]}
+    for e in claim["effects"]:
+        own = spring.arm.effect(e["effect"], e["joint"])
+        assert own is not None
+        for name, p in e["parameters"].items():
+            assert abs(own.parameters[name] - p["value"]) < 3 * p["std"] + 1e-9
+        assert spring.nominal.effect(e["effect"], e["joint"]) is None
+        assert 0 < e["gap_share"] <= 1
+
+
+def test_the_residual_that_was_removed_is_that_of_the_arms_on_the_recording(spring: Written) -> None:
+    claim = spring.claim("removed")
+    assert claim is not None
+    j = spring.nominal.joint_index(claim["joint"])
+    held_out = [measured(spring.logs[1], spring.nominal)]
+    assert claim["after"] == pytest.approx(torque_rms(spring.arm, held_out)[j], rel=1e-6)
+    assert claim["before"] == pytest.approx(torque_rms(spring.nominal, held_out)[j], rel=1e-6)
+    shares = np.array(spring.answer["gap"]["after"]) / np.array(spring.answer["gap"]["before"])
+    assert claim["after"] / claim["before"] == pytest.approx(shares.min())
+
+
+def test_what_is_refused_is_not_in_the_arm_and_laws_are(spring: Written) -> None:
+    for c in spring.answer["claims"]:
+        if c["claim"] == "refused":
+            effect, _, joint = c["text"].partition(" was fitted")[0].partition(" at ")
+            assert spring.arm.effect(effect, joint or None) is None
+        if c["claim"] == "law":
+            own = spring.arm.effect("friction_law", c["joint"])
+            assert own is not None
+            assert formula(own.parameters) == c["formula"]
+    held = {e.joint for e in spring.arm.effects if e.effect == "friction_law"}
+    assert held == {c["joint"] for c in spring.answer["claims"] if c["claim"] == "law"}
+
+
+def test_recordings_that_cannot_be_used_claim_their_causes_and_nothing_else(
+    tmp_path: Path, nominal: Arm, logs: list[Log]
+) -> None:
+    wrong = [replace(log, tau=log.tau * MISREAD) for log in logs]
+    found = written(tmp_path, nominal, wrong)
+    (claim,) = found.answer["claims"]
+    failed = [c["detail"] for c in found.answer["data_checks"] if not c["ok"]]
+    assert claim["claim"] == "bad_data"
+    assert claim["failed"] == failed
+    assert failed
+    assert all(text in claim["sentence"] for text in failed)
+    assert {(e.effect, e.joint): e.parameters for e in found.arm.effects} == {
+        (e.effect, e.joint): e.parameters for e in nominal.effects
+    }
+
+
+MOVES = [{"parameter": "mass", "joint": "elbow_joint", "change": 0.3, "unit": "kg", "prior_deviations": d} for d in (9.0, -2.0)]
+LAW = {"joint": "elbow_joint", "formula": "3.1 z(0.003)", "rms_without": 2.0, "rms_with": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"verdict": "effects_found"}, "missing"),
+        ({"verdict": "effects_found", "baseline": ["a", "b", "c"]}, "changed"),
+        ({"verdict": "no_missing_effect", "effects": []}, "complete"),
+        ({"verdict": "no_missing_effect", "effects": [], "baseline": ["a", "b", "c"]}, "unchanged"),
+        ({"verdict": "unexplained"}, "unexplained"),
+        ({"verdict": "bad_data", "effects": []}, "bad_data"),
+    ],
+)
+def test_one_verdict_for_every_answer(change: dict[str, Any], name: str) -> None:
+    answer = examples.diagnosis()[0] | change
+    assert verdict(answer).name == name
+    assert sentence(answer) == verdict(answer).sentence
+    # what has changed since healthy recordings is beside their law: it is no arm's error
+    gained = any(c.name == "removed" for c in claims(answer))
+    assert gained == (bool(answer["effects"]) and "baseline" not in answer)
+
+
+def test_what_else_is_claimed() -> None:
+    answer = examples.diagnosis()[0] | {"laws": [LAW], "refused": ["backlash at elbow_joint was fitted"], "calibration": MOVES}
+    answer["effects"][0]["indistinguishable_from"] = [{"effect": "payload", "joint": None}]
+    made = {c.name: c for c in claims(answer)}
+    assert set(made) == {"missing", "removed", "alike", "law", "refused", "refit"}
+    assert "25%" in made["law"].sentence
+    assert [abs(m["prior_deviations"]) > FAR for m in made["refit"].numbers["parameters"]] == [True]
+    assert made["alike"].sentence.endswith("cannot be distinguished from payload")
+    assert len(remarks(answer)) == 4
+    assert set(made) <= set(SENTENCES)
