@@ -39,6 +39,12 @@ class About:
     urdf: str = ""
     files: Mapping[str, bytes] = field(default_factory=dict)
 
+    @property
+    def frame(self) -> str:
+        """The arm's base link, which is the first of `sim.urdf`; "" without a URDF. It is the `frame_id` of the messages."""
+        found = re.search(r'<link name="([^"<>&]+)"', self.urdf)
+        return found[1] if found else ""
+
     def attached(self, now: int) -> list[Attachment]:
         """The files as MCAP attachments of the instant `now` (ns since 1970)."""
         return [

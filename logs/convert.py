@@ -19,9 +19,22 @@ from logs.log import Log, State
 from logs.mcap_records import is_journal
 from logs.read import read_log
 from logs.sampling import Sampling, examine
-from logs.schemas import COMMANDS, DEVICE_CLOCK, DIAGNOSTICS, EVENTS, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, TOPICS, UNITS
+from logs.schemas import (
+    COMMANDS,
+    DEVICE_CLOCK,
+    DIAGNOSTICS,
+    EVENTS,
+    FRAME,
+    NO_HOST_CLOCK,
+    RECORDING,
+    SCHEMAS,
+    STATES,
+    TOPICS,
+    UNITS,
+)
 from logs.tables import FORMATS, Table, read_table
 from sim.errors import DeviceError
+from sim.files import is_name
 from sim.version import software_version
 
 ARRAYS = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
@@ -136,7 +149,8 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     hosts = log.t_host_origin + np.rint(log.t_host * 1e9).astype(np.int64) if has_host else stamps
     offset = int(hosts[0] - stamps[0])
     stamps = stamps + offset
-    encoder = JointEncoder(log.joint_names)
+    frame = log.metadata.get(FRAME, "")
+    encoder = JointEncoder(log.joint_names, frame if is_name(frame) else "")
     slow = bool(np.isfinite(log.current).any() or np.isfinite(log.temperature).any())
     commanded = bool(np.isfinite(log.q_cmd).any() or np.isfinite(log.tau_cmd).any())
     sources: list[tuple[str, tuple[np.ndarray, ...]]] = [(STATES, (log.q, log.dq, log.tau))]

@@ -24,10 +24,10 @@ def message_record(channel: int, sequence: int, log_ns: int, stamp_ns: int, body
 
 
 class JointEncoder:
-    """Bodies of `Header header, string[] name, float64[] ...` for one set of joint names."""
+    """Bodies of `Header header, string[] name, float64[] ...` for one set of joint names; frame: the header's frame_id."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self.names = tuple(names)
+    def __init__(self, names: Sequence[str], frame: str = "") -> None:
+        self.names, self.frame = tuple(names), frame
         self._stretches: dict[tuple[bool, ...], list[bytes]] = {}
 
     def body(self, stamp_ns: int, arrays: Sequence[np.ndarray]) -> bytes:
@@ -45,7 +45,7 @@ class JointEncoder:
     def _constant(self, present: tuple[bool, ...]) -> list[bytes]:
         """What stands before, between and after the arrays that are there."""
         out, at = [], 8  # bytes of the body after its encapsulation; the stamp takes 8
-        piece = bytearray(_string("", at))
+        piece = bytearray(_string(self.frame, at))
         piece += bytes(-(at + len(piece)) % 4) + struct.pack("<I", len(self.names))
         for name in self.names:
             piece += _string(name, at + len(piece))

@@ -50,7 +50,7 @@ def write_prediction(
     stamps (N,) ns since 1970; q dq tau tau_hat (N, n) rad, rad/s, N m; frames (F) pairs (parent, child) and poses (N, F, 7): position m
     and quaternion x y z w of the child in the parent.
     """
-    encoder = JointEncoder(joint_names)
+    encoder = JointEncoder(joint_names, frames[0][0] if frames else "")
     nothing = np.full(len(joint_names), np.nan)
     step = max(1, round(1e9 / TF_RATE / float(np.median(np.diff(stamps))))) if len(stamps) > 1 else 1
     transforms = TransformEncoder(frames)

@@ -21,7 +21,7 @@ from logs.boot import boot
 from logs.encode import JointEncoder, log_body, message_record, text_body
 from logs.finish import finish, killed_sentence
 from logs.journal import AHEAD, Disk, Journal, record_bytes
-from logs.schemas import DEVICE_CLOCK, STATES, TOPICS
+from logs.schemas import DEVICE_CLOCK, FRAME, STATES, TOPICS
 from sim.errors import CalibError, DeviceError
 from sim.joint_state import JointState, Status
 from sim.version import software_version
@@ -105,7 +105,8 @@ class Recorder(Recording):
         self._host_last = math.nan
         self._offset: int | None = None  # ns from the device clock to the stamps
         self._counts = [0] * (len(TOPICS) + 1)
-        self._encoder = JointEncoder(self.joint_names)
+        about = about or About()
+        self._encoder = JointEncoder(self.joint_names, about.frame)
         self._temperature = b""
         self._status = Status.RUNNING
         self._closed = False
@@ -114,8 +115,8 @@ class Recorder(Recording):
             "joint_names": json.dumps(self.joint_names),
             "wall_clock_start_ns": str(self._wall_start),
             "boot": boot(),
+            FRAME: about.frame,
         }
-        about = about or About()
         first = self._record(_DESCRIPTION, self._wall_start, self._wall_start, text_body(about.urdf)) if about.urdf else b""
         # all in one write: one seal for the head and one for each message is what a recovery counts on
         self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start), first)
@@ -142,7 +143,7 @@ class Recorder(Recording):
         recorder._wall_clock, recorder._wall_start = time.time_ns, int(metadata["wall_clock_start_ns"])
         recorder._host_start, recorder._host_last, recorder._offset = host_start, math.nan, offset
         recorder._counts = [0, *(counts.get(topic, 0) for topic in TOPICS)]
-        recorder._encoder = JointEncoder(recorder.joint_names)
+        recorder._encoder = JointEncoder(recorder.joint_names, metadata.get(FRAME, ""))
         recorder._temperature, recorder._status, recorder._closed = b"", Status.RUNNING, False
         recorder._journal, recorder._lock = journal, journal.lock()
         return recorder

@@ -9,6 +9,7 @@ COMMANDS = "/joint_commands"
 DIAGNOSTICS = "/joint_diagnostics"
 DESCRIPTION = "/robot_description"
 EVENTS = "/events"
+FRAME = "base_frame"  # in the record `recording`: the link that the joints stand on, the frame_id of the messages
 RECORDING = "recording"  # metadata record with what the recording says of itself
 FAILURE = "failure"  # metadata record of a recording that could not be written to its end
 DEVICE_CLOCK = "device_clock"  # metadata record: what was added to the device clock to make the stamps wall time

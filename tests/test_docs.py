@@ -151,7 +151,7 @@ def test_every_page_is_in_the_site() -> None:
 def test_an_effect_has_a_picture_of_what_it_leaves() -> None:
     drawing = catalogue.picture(EFFECTS[0])
     assert drawing.startswith("<svg")
-    assert "left over [N m]" in drawing
+    assert "residual [N m]" in drawing
 
 
 def test_the_site_builds(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from sim.cell import load_cell
 from sim.errors import BadLog, ConfigError, EmptyLog
 from sim.joint_state import JointState
 from sim.resources import shipped_configs
+from sim.urdf import base_name
 
 
 @pytest.fixture
@@ -66,6 +67,7 @@ def test_a_recording_brings_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     Path("mine/arm.toml").write_text(table.replace('name = "servo6"', 'name = "nobody-has-it"'))
     arm = load_arm("mine")
     about = about_recording(arm, load_cell("mock-ur10e"))
+    assert about.frame == base_name(arm)
     assert "<robot" in about.urdf
     assert ".stl" not in about.urdf
     file = recorded(tmp_path / "a.mcap", arm, dict(about.files))

@@ -1,6 +1,7 @@
 """What we record, other people's readers read: the reference MCAP reader, mcap-ros2-support and rosbags."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs import Recorder, read_log
 from logs.about import About
-from logs.schemas import SCHEMAS, TOPICS, UNITS
+from logs.convert import write_log
+from logs.recover import recovered
+from logs.schemas import FRAME, SCHEMAS, TOPICS, UNITS
 from sim.joint_state import JointState
 
 NAMES = ("shoulder", "elbow", "wrist_with_a_long_name")
@@ -66,6 +69,34 @@ def test_the_reference_reader_and_ros2_decoder(recording):
     assert states[5].header.stamp.sec == 1_700_000_000  # the device's own clock says 100: the stamps are put on wall time
     assert read_log(path).t_origin == 100 * 10**9
     assert states[5].header.stamp.nanosec == 10_000_000
+
+
+@pytest.mark.parametrize("base", ["base", ""])
+def test_messages_name_the_link_that_the_joints_stand_on(tmp_path, base):
+    """In the recording, in a killed one that was ended later, and in what an import makes of it; a frame that is no name is left out."""
+    about = About(f'<robot name="a"><link name="{base}"/><link name="upper"/></robot>' if base else "")
+    x = np.zeros(3)
+    for name in ("ended.mcap", "killed.mcap"):
+        recorder = Recorder(tmp_path / name, NAMES, {"arm": "servo3"}, about)
+        for k in range(50):
+            recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x), x, x, x)
+        journal = (tmp_path / name).read_bytes()
+        recorder.close()
+        if name == "killed.mcap":
+            (tmp_path / name).write_bytes(journal)
+    assert recovered(tmp_path / "killed.mcap") is not None
+    log = read_log(tmp_path / "ended.mcap")
+    write_log(log, tmp_path / "imported.mcap", "clean", {})
+    write_log(replace(log, metadata=log.metadata | {FRAME: "no name" * 100}), tmp_path / "odd.mcap", "clean", {})
+    for name, frame in (("ended.mcap", base), ("killed.mcap", base), ("imported.mcap", base), ("odd.mcap", "")):
+        with (tmp_path / name).open("rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            seen = {
+                decoded.header.frame_id
+                for *_, decoded in reader.iter_decoded_messages(topics=["/joint_states", "/joint_commands"])
+            }
+        assert seen == {frame}
+        assert len(read_log(tmp_path / name)) == 50
 
 
 def test_rosbags_reads_it_as_a_bag(recording):
