@@ -129,10 +129,8 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         ]
     before = s
     found, s = steps(arm, s, SHIFTS)
-    if found:  # what a load or a tilted base explains is no wrong column
-        mounted = mounting_torque(arm, before, fitted(before, model_torque(arm, before)))
-        if not steps(arm, replace(before, load=before.load - mounted, late=before.late - mounted), SHIFTS)[0]:
-            found, s = [], before
+    if found and _is_mounting(arm, before, found[0].gain):
+        found, s = [], before
     ties = [step for step in ranked(arm, before, SHIFTS)[:MOST_CAUSES] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
@@ -152,6 +150,15 @@ def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray,
         from_current |= silent
         out.append(np.where(silent, log.current * (1.0 if constant is None else constant), log.tau))
     return out, from_current, constant is not None or not from_current.any()
+
+
+def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
+    """Whether a load or a tilted base explains more than a correction of that gain does, and leaves nothing to correct."""
+    plain = fitted(s, model_torque(arm, s))
+    mounted = mounting_torque(arm, s, plain)
+    beside = replace(s, load=s.load - mounted, late=s.late - mounted)
+    ratio = np.log(plain.left / fitted(beside, model_torque(arm, s)).left)
+    return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
 
 
 def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:

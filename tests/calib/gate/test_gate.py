@@ -142,6 +142,16 @@ def test_a_load_or_a_tilted_base_is_neither_another_arm_nor_another_column(
     assert gate(of, [log], family=lambda: shipped(None)).refusal is None
 
 
+@pytest.mark.parametrize("name", ["servo6 sample", "ur5e 1"])
+def test_exchanged_wrists_are_no_load(name: str) -> None:
+    """Light joints whose readings are exchanged gain little: a load that fits about as badly must not excuse them."""
+    of, log = base(name)
+    what = "joints exchanged, wrist_2_joint,wrist_3_joint"
+    wrong, words = changes(of)[what](log, of, np.random.default_rng(0))
+    found = gate(of, [wrong], family=family)
+    assert any(word in (found.refusal or "") for word in words)
+
+
 def test_a_standing_or_short_or_empty_recording_is_no_reason_to_refuse_by_the_model() -> None:
     of, log = base("servo6 sample")
     still = np.tile(log.q[:1], (len(log), 1))
