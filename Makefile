@@ -40,6 +40,9 @@ wrong: $(VENV)/ready  ## 500 wrong recordings through every command, ten minutes
 hostile: $(VENV)/ready  ## 10,000 mutated files through the commands that read them, ten minutes of them at a time; the next run goes on
 	$(BIN)/python -m benchmarks hostile_commands
 
+soak: $(VENV)/ready  ## half an hour of motion of each of six rough arms, ten minutes of computing at a time
+	$(BIN)/python -m benchmarks soak
+
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest tests/safety -m "slow or not slow" --ignore=tests/safety/test_mutated_predicates.py --ignore=tests/safety/test_mutants.py

@@ -43,6 +43,8 @@ TOPICS: dict[str, dict[str, Any]] = {
 }
 # minutes to half an hour each: run only when named
 SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands")
+# in slices: a run goes on where the last one ended
+SLICED = ("faults", "soak")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
@@ -52,6 +54,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),
     "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
+    "soak": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
     "servo_scan": ("drivers", "sim"),
@@ -69,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="the named topics with the few repeats that they have when none is named"
     )
+    parser.add_argument("--minutes", type=float, help=f"of computing, for {' and '.join(SLICED)}; 10 unless given")
     given = parser.parse_args(arguments)
     unknown = [topic for topic in given.topic if topic not in (*TOPICS, *SLOW)]
     if unknown:
@@ -84,6 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for topic in given.topic or TOPICS:
         few = given.quick or not given.topic
         options = TOPICS.get(topic, {}) if few else {}
+        if given.minutes is not None and topic in SLICED:
+            options = {"minutes": given.minutes}
         load, began = os.getloadavg()[0], time.perf_counter()
         try:
             measured = import_module(f"benchmarks.{topic}").run(**options)

@@ -77,7 +77,9 @@ class Watched(MockDriver):
 
 def connect_and_settle(driver: MockDriver, trouble: Trouble) -> None:
     driver.connect()
-    for _ in range(SETTLE if trouble.payload else 0):  # the drive does not know of the load: it takes a while to hold it
+    for _ in range(
+        SETTLE if trouble.payload or trouble.plant else 0
+    ):  # the drive does not know what it holds: that takes a while
         MockDriver.read(driver)
 
 
