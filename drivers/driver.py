@@ -142,6 +142,13 @@ class Driver(ABC):
         """What this kind of device is asked before motion, beyond `drivers.preflight`; connected, and without moving it."""
         return []
 
+    def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
+        """What the torque tau (K, n) N m that holds the arm up in poses q (K, n) rad says of which of its kind it is.
+
+        friction (K, n) N m is what may still be in it.
+        """
+        return []
+
     def __enter__(self) -> Self:
         self.info = self.connect()
         return self

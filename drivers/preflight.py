@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, Driver
 from sim.arm import Arm, ArmEffect
-from sim.cell import Cell
+from sim.cell import Cell, PayloadTable
 from sim.effects import with_effect
 from sim.joint_state import JointState, Status
 from sim.rigid_body import RigidBody
@@ -25,6 +25,11 @@ CLOCK_TOLERANCE = 0.002
 # of a joint's largest torque: a wrong mounting or a forgotten tool exceeds it, a model within its prior does not
 GRAVITY_TOLERANCE = 0.15
 STANDSTILL = 0.02  # rad/s
+# how far a link's mass times its lever may be from the published ones, and the reading from zero, in parts of the torque and of tau_max
+GRAVITY_DOUBT, ZERO_DOUBT = 0.05, 0.01
+SIGMAS = 3.0
+# of measured friction, the part by which it may differ between both directions (asymmetry, driven or driving load)
+UNEVEN = 0.15
 
 
 def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
@@ -128,13 +133,9 @@ def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
         tau = arm.torque_constant * np.mean([s.current for s in states], axis=0)
     if not np.all(np.isfinite(tau)):
         return Check(name, None, "the device reports no torque, and the arm file has no torque_constant for its current")
-    loaded = arm
-    if cell.table.payload is not None and cell.table.payload.mass > 0:
-        com = dict(zip(("com_x", "com_y", "com_z"), cell.table.payload.com, strict=True))
-        loaded = with_effect(arm, ArmEffect("payload", None, {"mass": cell.table.payload.mass, **com}))
+    loaded = with_payload(arm, cell.table.payload)
     expected = RigidBody(loaded).gravity_torque(np.mean([s.q for s in states], axis=0))[0]
-    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
-    friction = np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
+    friction = stated_friction(arm)
     excess = np.abs(tau - expected) - friction
     share = excess / arm.tau_max
     j = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
@@ -145,6 +146,62 @@ def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
         "joints, or the wrong arm folder",
         "torque-at-rest-as-reported",
     )  # fmt: skip
+
+
+def gravity(driver: Driver, cell: Cell, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
+    """What the torque tau (K, n) N m that holds the arm up in poses q (K, n) rad, friction taken out, says of which arm it is.
+
+    friction (K, n) N m is what was taken out.
+    """
+    arm, name = driver.arm, "gravity torque"
+    if not (np.isfinite(tau).all() and np.isfinite(friction).all()):
+        return [Check(name, None, "no torque is known, so the poses do not say which arm this is")]
+    left = UNEVEN * friction
+    fit = held_by(with_payload(arm, cell.table.payload), q, tau, left)
+    j, k = fit.joint, fit.pose
+    own = Check(
+        name, fit.miss <= 1.0,
+        f"in {len(q)} poses, {arm.joint_names[j]} is farthest off: {tau[k, j]:.1f} N m where the model has {fit.expected:.1f} N m, "
+        f"friction of {friction[k, j]:.1f} N m taken out; {fit.miss:.1f} times what may be",
+        "look for a tool that the cell file does not declare, another mounting than the model's, or the wrong arm folder",
+        "torque-at-rest-as-reported",
+    )  # fmt: skip
+    return lifted([own, *driver.gravity(q, tau, left)], cell.table.assume)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How far torque at rest is beyond what an arm can explain, in its own doubt: up to 1 it fits; the pose and the joint that are worst."""
+
+    miss: float
+    pose: int
+    joint: int
+    expected: float
+
+
+def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> Fit:
+    """max (|tau - g(q)| - friction - noise) / doubt over poses (K, n): friction, (n,) or (K, n), either way."""
+    gravity = RigidBody(arm).gravity_torque(np.atleast_2d(q))
+    noise = SIGMAS * np.array(arm.sensors.torque_noise)
+    doubt = GRAVITY_DOUBT * np.abs(gravity) + ZERO_DOUBT * arm.tau_max
+    miss = np.maximum(np.abs(np.atleast_2d(tau) - gravity) - friction - noise, 0.0) / doubt
+    miss = np.where(np.isfinite(miss), miss, np.inf)
+    k, j = (int(i) for i in np.unravel_index(int(np.argmax(miss)), miss.shape))
+    return Fit(float(miss[k, j]), k, j, float(gravity[k, j]))
+
+
+def with_payload(arm: Arm, payload: PayloadTable | None) -> Arm:
+    """The arm with what the cell file declares mounted."""
+    if payload is None or payload.mass <= 0:
+        return arm
+    com = dict(zip(("com_x", "com_y", "com_z"), payload.com, strict=True))
+    return with_effect(arm, ArmEffect("payload", None, {"mass": payload.mass, **com}))
+
+
+def stated_friction(arm: Arm) -> np.ndarray:
+    """(n,) N m: the dry friction that the arm's file states, zero where it states none."""
+    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
+    return np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
 
 
 def _timing(rate: float, states: list[JointState]) -> list[Check]:

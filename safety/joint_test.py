@@ -1,4 +1,6 @@
-"""Is each joint the one that the model means, and does its torque point the model's way? Two degrees there and back, one by one.
+"""Is each joint the one that the model means, does its torque point the model's way, and is it that arm?
+
+Two degrees there and back, joint by joint; then a few slow lines for the gravity torque (`safety.gravity_sweep`).
 
 Over the same path, forth and back, gravity cancels in half the difference of the torques, and inertia too, because each way speeds up
 and slows down alike: what is left is friction, and friction is against the motion. So its sign is the sign of the torque reading.
@@ -13,9 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.driver import Check, Driver
+from drivers.preflight import gravity
 from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
+from safety.gravity_sweep import lines_from, sweep
 from safety.guard import Cycle, Guard
 from safety.latency import latency_of
 from safety.plausible import check_plausible
@@ -51,7 +55,7 @@ def try_joints(
     stop_asked: Callable[[], str | None] = lambda: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> list[Check]:
-    """Turn every joint of a connected driver by ANGLE and back, and compare what it reports; one Check a joint.
+    """Turn every joint of a connected driver by ANGLE and back, and compare what it reports; one Check a joint. Then the gravity torque.
 
     All of it is proved before anything moves. SafetyStop where an arm with a rest pose does not stand there, or where neither way
     of a joint can be proved; MotionStopped after a bounded stop where it went wrong on the way.
@@ -64,6 +68,7 @@ def try_joints(
     latency = latency_of(cell, driver)
     with unhurried():
         turns = [_turn(j, q, driver, cell, clearance, latency) for j in range(arm.n)]
+        lines = [] if cell.table.rest is not None else lines_from(q, driver, cell, clearance, latency)
     seen: list[Cycle] = []
     checks = []
     with Guard(driver, arm, cell, clearance, stop_asked, seen.append, latency) as guard:
@@ -77,7 +82,18 @@ def try_joints(
                 guard.hold(PAUSE, f"after {name}")
                 ways.append([cycle.state for cycle in seen])
             checks.append(compare(arm, turn.joint, turn.angle, *ways))
-    return checks
+        if any(check.ok is False for check in checks):
+            return checks
+        if not lines:
+            why = (
+                "no line near by can be verified"
+                if cell.table.rest is None
+                else "without brakes the arm stays at its rest pose"
+            )
+            return [*checks, Check("gravity torque", None, f"{why}, so which arm this is was not measured")]
+        say(f"{len(lines)} slow lines there and back, for the gravity torque")
+        passed = sweep(lines, arm, guard, seen)
+    return [*checks, *gravity(driver, cell, passed.q, passed.gravity, passed.friction)]
 
 
 def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: list[JointState]) -> Check:

@@ -19,7 +19,10 @@ def command(
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="How long to watch rate and clock.")] = 2.0,
     move: Annotated[
         bool,
-        typer.Option("--move", help="Then turn every joint by two degrees and back: order, direction, sign of the torque."),
+        typer.Option(
+            "--move",
+            help="Then turn every joint by two degrees and back, and pass poses near by: order, direction, torque, which arm it is.",
+        ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --move: do not ask; only for mock and emulated cells.")] = False,
     as_json: console.Json = False,
@@ -49,7 +52,12 @@ def command(
     if move and yes:
         check_yes(table)
     elif move:
-        check_answer(table, console.ask(question(table, arm.name, "every joint by two degrees and back")))
+        check_answer(
+            table,
+            console.ask(
+                question(table, arm.name, "every joint by two degrees and back, then all of them by up to half a radian")
+            ),
+        )
     if driver_origin(table.table.driver) != OWN and not as_json:
         console.say(f"driver {table.table.driver} comes from {driver_origin(table.table.driver)}")
     if arm_origin(table.table.arm) != OWN and not as_json:

@@ -253,6 +253,10 @@ class UrDriver(Driver):
         source = self._source(frames[-1].values)
         return [*found, checks.torque(source, self.arm.torque_constant is not None), self._arm_at_rest(frames)]
 
+    def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
+        """Which arm of the family the poses say this is."""
+        return [family.torque(self.arm, self._payload, q, tau, friction)]
+
     def _kinematics(self) -> Check:
         try:
             return own_folder.kinematics(self.arm, primary.own_arm(self.options.host))

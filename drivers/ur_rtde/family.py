@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.driver import Check
-from sim.arm import Arm, ArmEffect, load_arm
+from drivers.preflight import Fit, held_by, stated_friction, with_payload
+from sim.arm import Arm, load_arm
 from sim.cell import PayloadTable
-from sim.effects import with_effect
-from sim.rigid_body import RigidBody
 
 # shipped arm -> robot type of its controller and whether that is a CB3. Types: RobotType in the client library of Universal Robots; it has none
 # of its own for the UR7e and UR12e, which are a UR5e and a UR10e of a larger rating. Their own names are taken as well
@@ -22,9 +20,6 @@ FAMILY: dict[str, tuple[tuple[str, ...], bool]] = {
     "ur30": (("UR30",), False),
 }  # fmt: skip
 CB3 = 3  # major version of its software
-# how far a link's mass times its lever may be from the published ones, and the reading from zero, in parts of the torque and of tau_max
-GRAVITY_DOUBT, ZERO_DOUBT = 0.05, 0.01
-SIGMAS = 3.0
 
 
 def member(arm: Arm) -> str | None:
@@ -54,51 +49,32 @@ def model(told: str, major: int, arm: Arm) -> Check:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Fit:
-    """How far the torque at rest is beyond what an arm can explain, in its own doubt: up to 1 it fits. The joint that is worst."""
+def torque(arm: Arm, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarray, friction: np.ndarray | None = None) -> Check:
+    """Whether the torque that holds the arm up, q rad and tau N m (n,) or (K, n) in K poses, is that of the cell's arm, or whose it could be.
 
-    name: str
-    miss: float
-    joint: int
-
-
-def at_rest(arm: Arm, name: str, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarray) -> Fit:
-    """max_j (|tau - g(q)| - friction - noise)_j / doubt_j: friction at rest holds up to its Coulomb level either way."""
-    loaded = arm
-    if payload is not None and payload.mass > 0:
-        com = dict(zip(("com_x", "com_y", "com_z"), payload.com, strict=True))
-        loaded = with_effect(arm, ArmEffect("payload", None, {"mass": payload.mass, **com}))
-    gravity = RigidBody(loaded).gravity_torque(q)[0]
-    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
-    held = np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
-    noise = SIGMAS * np.array(arm.sensors.torque_noise)
-    doubt = GRAVITY_DOUBT * np.abs(gravity) + ZERO_DOUBT * arm.tau_max
-    miss = np.maximum(np.abs(tau - gravity) - held - noise, 0.0) / doubt
-    worst = int(np.argmax(np.where(np.isfinite(miss), miss, np.inf)))
-    return Fit(name, float(miss[worst]) if np.isfinite(miss[worst]) else np.inf, worst)
-
-
-def torque(arm: Arm, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarray) -> Check:
-    """Whether the torque that holds the arm up, q rad and tau N m (n,), is that of the cell's arm, and which others it could be."""
-    title = "arm of the family"
+    friction N m is what may be in it of friction, as measured; without it each arm's own stated one, as a joint at rest may hold.
+    """
+    title = "arm of the family" if friction is None else "arm of the family, gravity torque"
     own = member(arm)
     if own is None or not (np.all(np.isfinite(tau)) and np.all(np.isfinite(q))):
         return Check(title, None, "there is no torque at rest to compare with the arms of the family")
-    mine = at_rest(arm, own, payload, q, tau)
-    others = sorted(
-        (at_rest(load_arm(name), name, payload, q, tau) for name in FAMILY if name != own), key=lambda fit: fit.miss
-    )
-    fitting = [fit.name for fit in others if fit.miss <= 1.0]
+
+    def of(stated: Arm) -> Fit:
+        return held_by(with_payload(stated, payload), q, tau, stated_friction(stated) if friction is None else friction)
+
+    mine, others = of(arm), {name: of(load_arm(name)).miss for name in FAMILY if name != own}
+    order = sorted(others, key=lambda name: others[name])
+    fitting = [name for name in order if others[name] <= 1.0]
     if mine.miss <= 1.0:
         said = f"the torque at rest is that of a {own}" + (
             f"; {', '.join(fitting)} would show the same here" if fitting else ""
         )
         return Check(title, True, said)
-    looks = _either(fitting) if fitting else f"{_either([others[0].name])} most of all, which does not fit either"
+    looks = _either(fitting) if fitting else f"{_either(order[:1])} most of all, which does not fit either"
     return Check(
         title, False,
-        f"{arm.joint_names[mine.joint]} has {tau[mine.joint]:.1f} N m, {mine.miss:.1f} times what a {own} can differ by; this looks like {looks}",
+        f"{arm.joint_names[mine.joint]} has {np.atleast_2d(tau)[mine.pose, mine.joint]:.1f} N m, {mine.miss:.1f} times what a {own} can "
+        f"differ by; this looks like {looks}",
         "set arm in the cell file to the arm that stands there; look for a tool that is not declared, or another mounting", "arm-as-stated",
     )  # fmt: skip
 

@@ -43,10 +43,10 @@ def test_a_healthy_arm_passes_and_ends_where_it_began(driver: MockDriver, mock_c
         begin = driver.read().q
         checks = try_joints(driver, mock_cell, say=said.append)
         assert driver.read().q == pytest.approx(begin, abs=5e-3)
-    assert [c.name for c in checks] == [f"move {name}" for name in ur10e.joint_names]
+    assert [c.name for c in checks] == [*(f"move {name}" for name in ur10e.joint_names), "gravity torque"]
     assert [c.detail for c in checks if not c.ok] == []
-    assert all("in the direction of motion" in c.detail for c in checks)
-    assert said == [f"{name} by +2 deg" for name in ur10e.joint_names]
+    assert all("in the direction of motion" in c.detail for c in checks[:-1])
+    assert said == [*(f"{name} by +2 deg" for name in ur10e.joint_names), "3 slow lines there and back, for the gravity torque"]
 
 
 def test_a_torque_of_the_wrong_sign_is_found(driver: MockDriver, mock_cell: Cell) -> None:
@@ -67,7 +67,9 @@ def test_an_arm_without_brakes_must_stand_at_its_rest(driver: MockDriver, mock_c
 def test_an_arm_without_brakes_may_be_tried_at_its_rest(driver: MockDriver, mock_cell: Cell) -> None:
     cell = replace(mock_cell, table=mock_cell.table.model_copy(update={"rest": mock_cell.table.home}))
     with driver:
-        assert all(check.ok for check in try_joints(driver, cell))
+        *moved, gravity = try_joints(driver, cell)
+    assert all(check.ok for check in moved)
+    assert (gravity.ok, "stays at its rest pose" in gravity.detail) == (None, True)
 
 
 def test_a_joint_that_can_turn_neither_way_is_refused(mock_cell: Cell, ur10e: Arm) -> None:

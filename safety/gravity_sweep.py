@@ -1,0 +1,97 @@
+"""What holds the arm up in a few poses near by, without friction: slowly there and back along the same line, at one speed.
+
+Where a pose is passed in both directions at the same steady speed, half the sum of the torques is g(q) and half their difference is
+friction, of every joint. So the tolerance of a comparison with a model comes from friction that was measured, and is a small part of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.driver import Driver
+from safety.approach import move
+from safety.clear import ClearedTrajectory, clear
+from safety.collision import Clearance
+from safety.guard import Cycle, Guard
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+from sim.joint_state import JointState
+
+LINES = 3
+AWAY = (0.25, 0.5)  # rad that each joint turns on a line
+TRIED = 30
+SHARE = 0.1  # of the arm's limits
+# where on a line poses are compared, and over how much of it readings are averaged, parts of its length; there the speed is steady
+PLACES, AROUND = (0.3, 0.5, 0.7), 0.06
+
+
+@dataclass(frozen=True)
+class Line:
+    """There and back along one straight line of joint angles, both cleared."""
+
+    there: ClearedTrajectory
+    back: ClearedTrajectory
+
+
+@dataclass(frozen=True)
+class Passed:
+    """Poses that were passed in both directions, rows k: q (K, n) rad, half the sum and half the difference (K, n) N m of the torques."""
+
+    q: np.ndarray
+    gravity: np.ndarray
+    friction: np.ndarray
+
+
+def lines_from(q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, latency: float) -> list[Line]:
+    """Up to LINES lines from q (n,) rad to random poses, each joint turned by AWAY; all of it verified, none where nothing can be."""
+    arm, rng, lines = driver.arm, np.random.default_rng(0), []
+    for _ in range(TRIED):
+        end = q + rng.uniform(*AWAY, arm.n) * rng.choice((-1.0, 1.0), arm.n)
+        try:
+            lines.append(
+                Line(*(
+                    clear(move(a, b, arm, driver.rate, SHARE), arm, cell, driver.rate, driver.device_stop, latency, clearance)
+                    for a, b in ((q, end), (end, q))
+                ))
+            )  # fmt: skip
+        except SafetyStop:
+            continue
+        if len(lines) == LINES:
+            break
+    return lines
+
+
+def sweep(lines: list[Line], arm: Arm, guard: Guard, seen: list[Cycle]) -> Passed:
+    """Drive the lines; seen is what the guard's watcher fills. Torque is NaN where the device reports none."""
+    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for line in lines:
+        begin, end = line.there.q[0], line.there.q[-1]
+        ways: list[tuple[np.ndarray, np.ndarray]] = []
+        for way in (line.there, line.back):
+            seen.clear()
+            guard.run(way, "there and back for the gravity torque")
+            ways.append(at_places([cycle.state for cycle in seen], begin, end, arm))
+        (q, there), (_, back) = ways
+        rows.append((q, (there + back) / 2, np.abs(there - back) / 2))
+    q, gravity, friction = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return Passed(q, gravity, friction)
+
+
+def at_places(states: list[JointState], begin: np.ndarray, end: np.ndarray, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """q (P, n) and mean torque (P, n) at PLACES of the line from begin to end (n,) rad; NaN where too few readings fall there."""
+    q, along = np.array([s.q for s in states]), end - begin
+    torque = np.array([s.tau for s in states])
+    if arm.torque_constant is not None:
+        torque = np.where(np.isfinite(torque), torque, arm.torque_constant * np.array([s.current for s in states]))
+    share = (q - begin) @ along / float(along @ along)
+    out = np.full((len(PLACES), len(begin)), np.nan)
+    for k, place in enumerate(PLACES):
+        near = np.abs(share - place) <= AROUND
+        if np.count_nonzero(near) >= 3:
+            # a straight fit: readings are not evenly spread about the place
+            fit = np.polynomial.polynomial.polyfit(share[near] - place, torque[near], 1)
+            out[k] = fit[0]
+    return begin + np.array(PLACES)[:, None] * along, out

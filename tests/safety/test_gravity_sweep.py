@@ -1,0 +1,112 @@
+"""Slow lines there and back take friction out of the torque: what is left tells which arm stands there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.driver import Check
+from drivers.mock import MockDriver
+from drivers.ur_rtde import family
+from safety.collision import Clearance
+from safety.gravity_sweep import PLACES, at_places, lines_from
+from safety.joint_test import try_joints
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.cell import Cell, load_cell
+from sim.clock import SimulatedClock
+from sim.effects import with_effect
+from sim.joint_state import JointState
+from sim.plant import Plant
+
+RATE = 100.0
+
+
+class OfFamily(MockDriver):
+    """The mock, asked as the UR driver is."""
+
+    def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
+        return [family.torque(self.arm, None, q, tau, friction)]
+
+
+@pytest.fixture(scope="module")
+def ur10e() -> Arm:
+    return load_arm("ur10e")
+
+
+@pytest.fixture(scope="module")
+def mock_cell() -> Cell:
+    return load_cell("mock-ur10e")
+
+
+def tried(truth: Arm, arm: Arm, cell: Cell, drive: Arm | None = None) -> dict[str, Check]:
+    driver = OfFamily(Plant(truth, drive=drive or truth), arm, RATE, SimulatedClock(), start=cell.table.home)
+    with driver:
+        begin = driver.read().q
+        checks = try_joints(driver, cell)
+        assert driver.read().q == pytest.approx(begin, abs=5e-3)
+    return {check.name: check for check in checks}
+
+
+def test_the_arm_of_the_cell_passes_with_any_friction(ur10e: Arm, mock_cell: Cell) -> None:
+    truth = ur10e
+    for joint, coulomb in zip(ur10e.joint_names, (30.0, 9.0, 18.0, 1.0, 5.0, 1.0), strict=True):
+        truth = with_effect(truth, ArmEffect("coulomb_friction", joint, {"coulomb": coulomb}))
+    found = tried(truth, ur10e, mock_cell)
+    assert found["gravity torque"].ok is True
+    assert found["arm of the family, gravity torque"].ok is True
+    assert "that of a ur10e" in found["arm of the family, gravity torque"].detail
+
+
+@pytest.mark.parametrize("name", ["ur5e", "ur16e", "ur30"])
+def test_another_arm_of_the_family_is_named(ur10e: Arm, mock_cell: Cell, name: str) -> None:
+    """At one pose, with the friction that a UR10e states, a UR16e looks like one."""
+    found = tried(load_arm(name), ur10e, mock_cell)
+    assert found["gravity torque"].ok is False
+    check = found["arm of the family, gravity torque"]
+    assert check.ok is False
+    assert f"{name}" in check.detail.partition("this looks like")[2]
+    assert check.assume == "arm-as-stated"
+
+
+def test_a_tool_that_nobody_declared_is_found(ur10e: Arm, mock_cell: Cell) -> None:
+    load = ArmEffect("payload", None, {"mass": 5.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1})
+    carries = with_effect(ur10e, load)
+    found = tried(carries, ur10e, mock_cell)
+    assert found["gravity torque"].ok is False
+    assert "tool that the cell file does not declare" in found["gravity torque"].remedy
+
+
+def test_a_joint_that_failed_its_two_degrees_is_not_swept(ur10e: Arm, mock_cell: Cell) -> None:
+    driver = OfFamily(Plant(ur10e), ur10e, RATE, SimulatedClock(), start=mock_cell.table.home)
+    driver.faults.append(lambda state: replace(state, tau=state.tau * [-1, 1, 1, 1, 1, 1], current=state.current * np.nan))
+    with driver:
+        checks = try_joints(driver, mock_cell)
+    assert [c.name for c in checks] == [f"move {name}" for name in ur10e.joint_names]
+
+
+def test_no_line_is_driven_where_none_can_be_verified(ur10e: Arm, mock_cell: Cell) -> None:
+    home = np.array(mock_cell.table.home)
+    narrow = replace(ur10e, q_min=home - 0.2, q_max=home + 0.2)
+    driver = OfFamily(Plant(ur10e), narrow, RATE, SimulatedClock(), start=home)
+    assert lines_from(home, driver, mock_cell, Clearance(narrow, mock_cell), 0.0) == []
+
+
+def line(count: int, tau: float) -> list[JointState]:
+    zero, nothing = np.zeros(2), np.full(2, np.nan)
+    rows = []
+    for k, share in enumerate(np.linspace(0, 1, count)):
+        q = share * np.array([0.4, -0.3])
+        rows.append(JointState(0.01 * k, 0.01 * k, q, zero, np.array([10 * q[0] + tau, 5 * q[1]]), nothing, nothing))
+    return rows
+
+
+def test_torque_is_that_of_the_place_and_nothing_where_readings_are_too_few(ur10e: Arm) -> None:
+    arm = replace(ur10e, torque_constant=None)
+    begin, end = np.zeros(2), np.array([0.4, -0.3])
+    q, torque = at_places(line(400, 3.0), begin, end, arm)
+    np.testing.assert_allclose(q, np.array(PLACES)[:, None] * end)
+    np.testing.assert_allclose(torque, np.column_stack((10 * q[:, 0] + 3.0, 5 * q[:, 1])), atol=1e-9)
+    _, silent = at_places(line(10, 3.0), begin, end, arm)
+    assert np.isnan(silent).all()
