@@ -29,7 +29,8 @@ TOPICS: dict[str, dict[str, Any]] = {
     "derivatives": {},
     "excitation": {},
     "peers.compare": {},
-    "logs": {"hours": 0.1},
+    "logs": {},
+    "reading": {"hours": 0.1},
     "kills": {"minutes": 0.5, "count": 20},
     "hostile": {"count": 900, "names": 100},
     "clocks": {"repeats": 10, "delays": 2},
@@ -49,6 +50,7 @@ SLICED = ("faults", "soak")
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
     "kills": ("logs",),
+    "reading": ("logs",),
     "wrong_commands": ("calib/gate", "calib/commands", "calib/fleet", "logs"),
     "clocks": ("logs",),
     "hostile": ("logs", "safety", "sim"),

@@ -1,12 +1,10 @@
-"""Recording and reading: what a sample costs, how long an hour takes to read, how late a control loop runs."""
+"""Recording: what a sample costs, and how late a control loop runs that records."""
 
 from __future__ import annotations
 
 import math
 import multiprocessing
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from multiprocessing.synchronize import Event
@@ -15,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from logs import Recorder, RecorderProcess, Recording, read_log
+from logs import Recorder, RecorderProcess, Recording
 from logs.ur_rtde_csv import UR_JOINTS
 from sim.joint_state import JointState
 
@@ -23,9 +21,6 @@ N = len(UR_JOINTS)
 WARM = np.full(N, 30.0)
 RATES = (125.0, 250.0, 500.0, 1000.0)
 PRIORITY = 40
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])
-}
 
 
 def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:
@@ -67,72 +62,6 @@ def write_cost(count: int = 50_000) -> list[dict[str, Any]]:
 
 
 # VmHWM starts anew with the program; ru_maxrss would be inherited from this process
-READER = """
-import sys, time
-from pathlib import Path
-from logs import read_log
-begin = time.perf_counter()
-log = read_log(sys.argv[1], accept_partial=True)
-print(time.perf_counter() - begin, time.process_time(), len(log), int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024)
-"""
-
-
-def hour(hours: float) -> list[dict[str, Any]]:
-    """One hour at 500 Hz of all that a recording can hold, finished and read, each in a fresh process."""
-    count = round(hours * 3600 * 500)
-    out = []
-    q = motion(10_000)
-    with tempfile.TemporaryDirectory() as folder:
-        path, journal = Path(folder) / "hour.mcap", Path(folder) / "journal.mcap"
-        recorder = Recorder(path, UR_JOINTS)
-        for k in range(count):
-            x = q[k % len(q)]
-            recorder.write(sample(k, x), x, x, x)
-        os.link(path, journal)
-        begin = time.perf_counter()
-        recorder.close()
-        out.append(
-            row(
-                f"finish {hours:g} h at 500 Hz (compress, index, verify)",
-                f"{time.perf_counter() - begin:.1f}",
-                "s",
-                "",
-                f"{path.stat().st_size >> 20} MB",
-            )
-        )
-        for name, file in (("finished file", path), ("journal of a killed program, finished on the way", journal)):
-            done = subprocess.run(
-                [sys.executable, "-c", READER, str(file)], capture_output=True, text=True, check=True, env=ENVIRONMENT
-            )
-            seconds, cpu, samples, peak = map(float, done.stdout.split())
-            if samples != count:
-                raise RuntimeError(f"{name}: {samples:.0f} of {count} samples read")
-            out.append(
-                row(
-                    f"read {hours:g} h at 500 Hz, {name}",
-                    f"{seconds:.1f}",
-                    "s",
-                    "<= 10",
-                    f"{cpu:.1f} s of CPU, loading the program in it",
-                )
-            )
-            out.append(row(f"peak memory of that, {name}", f"{peak:.0f}", "MB", "< 1000"))
-    return out
-
-
-def csv(rows: int = 95_000) -> list[dict[str, Any]]:
-    """A ur_rtde CSV file with 31 columns."""
-    stems = ("actual_q", "actual_qd", "actual_current", "target_current", "target_moment")
-    head = ",".join(["timestamp", *(f"{stem}_{j}" for stem in stems for j in range(N))])
-    table = np.hstack([0.002 * np.arange(rows)[:, None], np.tile(motion(rows), 5)])
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "a.csv"
-        np.savetxt(path, table, fmt="%.6f", delimiter=",", header=head, comments="")
-        begin = time.perf_counter()
-        read_log(path)
-        return [row(f"read a ur_rtde CSV file of {rows} rows", f"{time.perf_counter() - begin:.2f}", "s", "< 2")]
-
-
 def _hog(stop: Event) -> None:
     while not stop.is_set():
         math.sqrt(2.0)
@@ -196,6 +125,6 @@ def _loop(rate: float, seconds: float, priority: int) -> tuple[np.ndarray, float
     return late, achieved
 
 
-def run(hours: float = 1.0, seconds: float = 5.0) -> list[dict[str, Any]]:
+def run(seconds: float = 5.0) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
-    return [*write_cost(), *hour(hours), *csv(), *lateness(seconds)]
+    return [*write_cost(), *lateness(seconds)]

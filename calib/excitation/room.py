@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
+from calib.excitation.distances import pair_distances
 from safety.collision import Clearance
 from safety.pairs import EXTRA, KIN_EXTRA, adjacent, never_part
 from safety.shapes import equipped
@@ -248,12 +249,17 @@ class Room:
 
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
         """(N, pairs) m between capsules less the margin, self and obstacles; boxes by the distance of points along the capsule."""
-        ends, radius = self.segments(q)
+        ends, _ = self.segments(q)
+        return self.clearances_of(ends)
+
+    def clearances_of(self, ends: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
+        """`clearances` from the ends of the capsules (N, shapes, 2, 3) that are known."""
+        radius = self._radius
         columns, names = [], []
         motion = self.cell.table.motion
         if self.pairs:
             a, b, margin = self._pair_arrays
-            distance, *_ = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
+            distance = pair_distances(ends, a, b)
             columns.append(distance - radius[a] - radius[b] - margin)
             names += [(self._names[i], self._names[j]) for i, j in self.pairs]
         moving = [k for k, link in enumerate(self._links) if link >= 0]
@@ -292,7 +298,7 @@ class Room:
             "torque": (np.abs(torque.tau_hat) + torque.doubt).max(axis=0) / arm.tau_max,
             "point speed": np.array([speed.max(initial=0.0) / self.cell.table.motion.point_speed_max]),
         }
-        distance, names = self.clearances(motion.q)
+        distance, names = self.clearances_of(ends)
         worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
         return Use(shares, float(distance[worst]), names[int(worst[1])])
 
