@@ -96,7 +96,7 @@ def test_check_turns_the_joints_where_that_is_asked_for(tmp_path: Path, capsys: 
     path.write_text(text + "[options]\nrate = 100.0\n")
     assert main(["check", str(path), "--seconds", "0.1", "--move", "--yes", "--json"]) == 0
     names = [check["name"] for check in json.loads(capsys.readouterr().out)["checks"]]
-    assert names[-6:] == [f"move {joint}" for joint in load_arm("ur10e").joint_names]
+    assert names[-7:] == [*(f"move {joint}" for joint in load_arm("ur10e").joint_names), "gravity torque"]
 
 
 def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
