@@ -1,5 +1,7 @@
 """`python -m benchmarks.public_arms [NAME...] [--new]`: published arms through the whole line on the mock, one row each.
 
+`python -m benchmarks public_arms` goes on where the last call ended (build/public_arms.jsonl), for `minutes` at a time: `make arms`.
+
 The models are those of the wheel `example-robot-data`, unedited. Beside each stand the options that say what is the arm, and the facts
 that its file lacks; a row that ends early carries the sentence that ended it. With --new the line ends after `calib arm new`.
 """
@@ -13,13 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks import ONE_THREAD
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import CODE, digest
 
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
 TURN = ["--limit", "q_min=-6.28", "--limit", "q_max=6.28"]
@@ -106,6 +112,26 @@ def line(name: str, home: Path, only_new: bool = False) -> dict[str, object]:
                 break
             cell.write_text(_cell(name, arm), encoding="utf-8")
     return row
+
+
+def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[str, Any]]:
+    """A slice of the arms, then a row of each that was tried so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "public_arms.jsonl", " ".join(digest(path) for path in CODE))
+    for name in names:
+        if name not in kept.found and time.monotonic() < end:
+            with tempfile.TemporaryDirectory(prefix="calib-arms-") as home:
+                kept.keep(name, line(name, Path(home)))
+    rows = {name: kept.found[name] for name in ARMS if name in kept.found}
+    through = sum(not row["ended"] for row in rows.values())
+    return [
+        {"what": "published arms through the whole line", "value": through, "bar": str(len(ARMS)), "note": f"{len(rows)} of {len(ARMS)} tried"},
+        *(
+            {"what": name, "value": "through" if not row["ended"] else f"ended at {row['ended'].partition(':')[0]}",
+             "note": row["ended"][:200] or f"{row['joints']} joints; seconds: " + ", ".join(f"{s} {row[s]:.0f}" for s in STEPS)}
+            for name, row in rows.items()
+        ),
+    ]  # fmt: skip
 
 
 def _cell(name: str, arm: Path) -> str:
