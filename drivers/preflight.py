@@ -43,6 +43,8 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
         _identity(arm, info),
         _status(driver, states[-1]),
         _position(arm, states),
+        _speed(arm, states),
+        _temperature(arm, states),
         _payload(cell, info),
         _mounting(arm, info),
         _gravity(arm, cell, states),
@@ -88,6 +90,25 @@ def _position(arm: Arm, states: list[JointState]) -> Check:
         "joint limits", False, f"{name} stands at {q[k, j]:.4f} rad, outside {arm.q_min[j]:.4f} to {arm.q_max[j]:.4f} rad",
         f"move {name} back by hand or with the device's own controls, or correct its limits in arm.toml if the arm allows it",
     )  # fmt: skip
+
+
+def _speed(arm: Arm, states: list[JointState]) -> Check:
+    """Whether the arm stands; that it moves beside the check is no refusal, another program may drive it."""
+    dq = np.abs(np.mean([s.dq for s in states], axis=0))
+    j = int(np.argmax(np.where(np.isfinite(dq), dq, np.inf)))
+    stands = bool(np.all(dq <= STANDSTILL))
+    return Check(
+        "speed", True if stands else None,
+        f"{'the arm stands still' if stands else 'the arm moves'}: {arm.joint_names[j]} is fastest with {dq[j]:.4f} rad/s",
+    )  # fmt: skip
+
+
+def _temperature(arm: Arm, states: list[JointState]) -> Check:
+    warm = states[-1].temperature
+    if not np.isfinite(warm).any():
+        return Check("temperature", None, "the device reports no temperature, so nothing warns of a joint that overheats")
+    j = int(np.nanargmax(warm))
+    return Check("temperature", True, f"{np.nanmin(warm):.0f} to {warm[j]:.0f} degC, {arm.joint_names[j]} is warmest")
 
 
 def _payload(cell: Cell, info: DeviceInfo) -> Check:

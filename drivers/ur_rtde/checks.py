@@ -76,6 +76,15 @@ def _emulated(host: str) -> bool:
         return False
 
 
+def tcp(values: dict[str, tuple[float, ...]]) -> Check:
+    """Where the controller has its tool centre point; motions of joints do not depend on it, and the tool's shape may be compared with it."""
+    offset = values.get("tcp_offset")
+    if offset is None:
+        return Check("TCP", None, "this version does not tell its tool centre point")
+    x, y, z = offset[:3]
+    return Check("TCP", True, f"the tool centre point is at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm from the flange")
+
+
 def torque(source: str, has_constant: bool) -> Check:
     """Where torque comes from: the controller, or the current and the arm file's torque constant. Unknown is no refusal."""
     if source == "actual_current_as_torque":

@@ -251,7 +251,12 @@ class UrDriver(Driver):
         else:
             found.append(self._kinematics())
         source = self._source(frames[-1].values)
-        return [*found, checks.torque(source, self.arm.torque_constant is not None), self._arm_at_rest(frames)]
+        return [
+            *found,
+            checks.tcp(frames[-1].values),
+            checks.torque(source, self.arm.torque_constant is not None),
+            self._arm_at_rest(frames),
+        ]
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
         """Which arm of the family the poses say this is."""

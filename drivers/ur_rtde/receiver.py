@@ -24,7 +24,7 @@ REQUIRED = (
     "timestamp", "actual_q", "actual_qd", "actual_current", "joint_temperatures", "robot_mode", "runtime_state",
     "robot_status_bits", "safety_status_bits", "speed_scaling", "target_speed_fraction",
 )  # fmt: skip
-OPTIONAL = ("actual_current_as_torque", "payload", "payload_cog", "target_gravity")
+OPTIONAL = ("actual_current_as_torque", "payload", "payload_cog", "target_gravity", "tcp_offset")
 
 
 @dataclass(frozen=True, slots=True)

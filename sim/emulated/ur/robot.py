@@ -65,6 +65,7 @@ class Robot:
         self.payload, self.payload_cog = payload[0], list(payload[1])
         # set_gravity of URScript gives the acceleration away from the earth's centre; taken to hold for its read-back too
         self.target_gravity = [-g for g in gravity]
+        self.tcp_offset = [0.0] * 6
         self.input_int, self.input_double = [0] * 48, [0.0] * 48
         self.output_int, self.output_double = [0] * 48, [0.0] * 48
         self.claims: dict[str, object] = {}

@@ -74,8 +74,9 @@ OUTPUT_VARIABLES: dict[str, Output] = {
     "payload_cog": Output("VECTOR3D", partial(_attribute, "payload_cog"), PAYLOAD),
     "payload_inertia": Output("VECTOR6D", partial(_zeros, 6), PAYLOAD_INERTIA),
     "ft_raw_wrench": Output("VECTOR6D", partial(_zeros, 6), FT),
-    # in the variable table of Universal Robots' client library; which release brought it was not found
+    # in the variable table of Universal Robots' client library; which release brought them was not found
     "target_gravity": Output("VECTOR3D", partial(_attribute, "target_gravity"), TORQUE),
+    "tcp_offset": Output("VECTOR6D", partial(_attribute, "tcp_offset"), TORQUE),
     **{name: Output("VECTOR6D", partial(_zeros, 6)) for name in (
         "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "target_TCP_pose", "target_TCP_speed")},
     "actual_tool_accelerometer": Output("VECTOR3D", partial(_zeros, 3)),

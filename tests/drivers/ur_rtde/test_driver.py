@@ -66,7 +66,7 @@ def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..
     driver.info = driver.connect() if taken else driver.inspect()
     checks = {check.name: check for check in preflight(driver, cell(), 0.5)}
     assert [c for c in checks.values() if c.ok is False and c.name not in ("rate", "device clock")] == []
-    names = {"PolyScope", "remote control", "safety", "power", "speed slider", "serial", "torque"}
+    names = {"PolyScope", "remote control", "safety", "power", "speed slider", "serial", "torque", "TCP"}
     assert names | (set() if taken else {"program"}) <= set(checks)
 
 
