@@ -43,7 +43,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named
-SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms")
+SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms", "soak")
 # in slices: a run goes on where the last one ended
 SLICED = ("faults", "soak")
 # what a topic measures; all packages, if not here

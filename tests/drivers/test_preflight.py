@@ -102,7 +102,9 @@ def test_speed_and_temperature_are_among_the_answers(arm: Arm, cell: Cell) -> No
         assert found["speed"].ok is True
         assert "stands still" in found["speed"].detail
         assert "25 to 25 degC" in found["temperature"].detail
-        driver.faults.append(lambda state: replace(state, dq=state.dq + [0, 0.3, 0, 0, 0, 0], temperature=np.full(6, np.nan)))
+        driver.faults.append(
+            lambda state: replace(state, dq=state.dq + np.array([0, 0.3, 0, 0, 0, 0]), temperature=np.full(6, np.nan))
+        )
         found = {check.name: check for check in preflight(driver, cell, 0.1)}
         assert (found["speed"].ok, "the arm moves" in found["speed"].detail) == (None, True)
         assert arm.joint_names[1] in found["speed"].detail
