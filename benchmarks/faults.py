@@ -147,7 +147,7 @@ TROUBLES = (
     Trouble("jump of one turn", once(lambda s, j: replace(s, q=with_joint(s.q, j, s.q[j] + 2 * np.pi)))),
     Trouble("sign flip of a position", once(lambda s, j: replace(s, q=with_joint(s.q, j, -s.q[j])))),
     Trouble("sign flip of a speed", always(lambda s, j: replace(s, dq=with_joint(s.dq, j, -s.dq[j]))), "five readings are averaged", moving=0.5),
-    Trouble("frozen position and speed of a joint", frozen, "told from a value that comes late: three readings"),
+    Trouble("frozen position and speed of a joint", frozen, "seen by a value that comes late: three readings"),
     Trouble("stale readings", stale),
     Trouble("2 lost packets", lost(2), "no stop: within 3.5 periods", stops=False),
     Trouble("5 lost packets", lost(5)),
