@@ -153,7 +153,25 @@ def test_what_validate_claims_is_so(factor: float, ur5e: Arm) -> None:
 
 def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "plan"
-    assert main(["plan", "servo6", "--quick", "--starts", "0", "--period", "8", "--out", str(folder), "--json"]) == 0
+    assert (
+        main(
+            [
+                "plan",
+                "servo6",
+                "--quick",
+                "--starts",
+                "0",
+                "--period",
+                "8",
+                "--home",
+                "0,-1.4,1.3,-1.4,-1.2,0.3",
+                "--out",
+                str(folder),
+                "--json",
+            ]
+        )
+        == 0
+    )
     table = json.loads(capsys.readouterr().out)
     claims = {c["claim"]: c for c in table["claims"]}
     motions = [np.load(file) for file in sorted(folder.glob("*.npy"))]

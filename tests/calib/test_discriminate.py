@@ -70,7 +70,20 @@ def test_the_plan_holds_the_motion_that_parts_them(tmp_path: Path, capsys: pytes
     run = diagnosis(tmp_path / "run", SPRING, ("torque_offset", ELBOW))
     assert (
         main(
-            ["plan", "ur5e", "--quick", "--period", "8", "--discriminate", str(run), "--out", str(tmp_path / "plan"), "--json"]
+            [
+                "plan",
+                "ur5e",
+                "--quick",
+                "--period",
+                "8",
+                "--home",
+                "0,-1.4,1.3,-1.4,-1.2,0.3",
+                "--discriminate",
+                str(run),
+                "--out",
+                str(tmp_path / "plan"),
+                "--json",
+            ]
         )
         == 0
     )
