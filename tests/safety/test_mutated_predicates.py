@@ -27,7 +27,10 @@ SWAPS: dict[type[ast.AST], type[ast.AST]] = {
 CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
 # function -> the tests that have to notice; what is mutated is the predicate, not what is said when it breaks
 TARGETS = {
-    "monitor": (("_check_device", "_check_motion", "_check_feedback", "_check_torque", "_check_clearance"), ("test_monitor",)),
+    "monitor": (
+        ("_check_device", "_check_motion", "_check_feedback", "_check_torque", "_check_clearance"),
+        ("test_monitor", "test_monitor_joints"),
+    ),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
     "torque": (("check_torque", "_rows"), ("test_torque", "test_clear")),
     "clear": (("require_cleared", "clear"), ("test_clear",)),
@@ -39,7 +42,7 @@ TARGETS = {
     "shapes": (("_check_sizes",), ("test_collision",)),
     "stages": (("gate", "stages_due"), ("test_stages",)),
     "approval": (("check_approval",), ("test_plan",)),
-    "guard": (("_check_start", "_first_reading", "_send"), ("test_guard", "test_guard_faults")),
+    "guard": (("_check_start", "_first_reading", "_send"), ("test_guard", "test_guard_faults", "test_guard_one_joint")),
 }
 
 

@@ -1,0 +1,90 @@
+"""A rule that one joint breaks names that joint, with its value and its limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safety.collision import Clearance
+from safety.monitor import DQ_OVER, Q_OVER, Monitor
+from safety.trip import Trip
+from sim.arm import Arm
+from sim.cell import Cell
+from tests.safety.conftest import HOME
+from tests.safety.test_monitor import state_at
+
+
+def monitor_of(arm: Arm, cell: Cell, **first: object) -> Monitor:
+    return Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at(**first))
+
+
+def at(joint: int, value: float, base: np.ndarray | None = None) -> np.ndarray:
+    row = np.zeros(6) if base is None else np.array(base, dtype=float)
+    row[joint] = value
+    return row
+
+
+def trip_of(monitor: Monitor, **changes: object) -> Trip:
+    state = state_at(1, **changes)
+    trip = monitor.check(state, state.t, HOME, None)
+    assert trip is not None
+    return trip
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_reading_that_is_not_a_number(arm: Arm, cell: Cell, joint: int) -> None:
+    assert trip_of(monitor_of(arm, cell), q=at(joint, np.nan, HOME)).joint == arm.joint_names[joint]
+    assert trip_of(monitor_of(arm, cell), dq=at(joint, np.inf)).joint == arm.joint_names[joint]
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_jump(arm: Arm, cell: Cell, joint: int) -> None:
+    trip = trip_of(monitor_of(arm, cell), q=at(joint, HOME[joint] + 0.5, HOME))
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "jump of the position between two readings")
+    assert trip.value == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_position_beyond_either_end(arm: Arm, cell: Cell, joint: int, side: int) -> None:
+    end = arm.q_max[joint] + Q_OVER if side > 0 else arm.q_min[joint] - Q_OVER
+    q = at(joint, end + side * 1e-3, HOME)
+    trip = trip_of(monitor_of(arm, cell, q=q), q=q)
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "position")
+    assert (trip.value, trip.limit) == (pytest.approx(q[joint]), pytest.approx(end))
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_speed(arm: Arm, cell: Cell, joint: int) -> None:
+    fast = arm.dq_max[joint] + 10 * DQ_OVER
+    trip = trip_of(monitor_of(arm, cell), dq=at(joint, -fast))
+    assert (trip.joint, trip.quantity, trip.value) == (arm.joint_names[joint], "speed", pytest.approx(fast))
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_following_error(arm: Arm, cell: Cell, joint: int) -> None:
+    monitor, speed = monitor_of(arm, cell), at(joint, 1.5)
+    most = cell.table.motion.following_error_max
+    for k in range(1, 60):
+        state = state_at(k, q=HOME + 1.5 * 0.002 * k * at(joint, 1.0), dq=speed)
+        trip = monitor.check(state, state.t, HOME, None)
+        if trip is not None:
+            break
+    assert trip is not None
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "following error")
+    assert most < float(trip.value) <= most + 0.0031
+
+
+def test_one_joint_that_reports_its_temperature_is_watched(arm: Arm, cell: Cell) -> None:
+    """The others never did, and need not."""
+    alone = at(2, 30.0, np.full(6, np.nan))
+    assert trip_of(monitor_of(arm, cell, temperature=alone), temperature=at(2, 80.0, alone)).joint == arm.joint_names[2]
+    fine = monitor_of(arm, cell, temperature=alone)
+    state = state_at(1, temperature=alone)
+    assert fine.check(state, state.t, HOME, None) is None
+    gone = replace(state_at(2), temperature=np.full(6, np.nan))
+    trip = fine.check(gone, gone.t, HOME, None)
+    assert trip is not None
+    assert (trip.quantity, trip.joint) == ("temperature", arm.joint_names[2])
