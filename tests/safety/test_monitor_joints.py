@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.monitor import DQ_OVER, Q_OVER, Monitor
+from safety.monitor import DQ_OVER, Q_OVER, Expected, Monitor
 from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell
@@ -88,3 +88,41 @@ def test_one_joint_that_reports_its_temperature_is_watched(arm: Arm, cell: Cell)
     trip = fine.check(gone, gone.t, HOME, None)
     assert trip is not None
     assert (trip.quantity, trip.joint) == ("temperature", arm.joint_names[2])
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_position_that_stays_at_speed(arm: Arm, cell: Cell, joint: int) -> None:
+    monitor = monitor_of(arm, cell)
+    for k in range(1, 20):
+        state = state_at(k, q=HOME, dq=at(joint, 0.5))
+        trip = monitor.check(state, state.t, HOME + 0.001 * k * at(joint, 1.0), None)
+        if trip is not None:
+            break
+    assert trip is not None
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "readings with the same position at speed")
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_speed_that_is_not_that_of_the_position(arm: Arm, cell: Cell, joint: int) -> None:
+    monitor, speed = monitor_of(arm, cell), 1.5
+    for k in range(1, 40):
+        q = HOME + speed * 0.002 * k * at(joint, 1.0)
+        state = state_at(k, q=q, dq=at(joint, -speed))
+        trip = monitor.check(state, state.t, q, None)
+        if trip is not None:
+            break
+    assert trip is not None
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "speed against change of position")
+
+
+def test_one_joint_that_reports_its_torque_is_watched(arm: Arm, cell: Cell) -> None:
+    """The others never did, and need not."""
+    alone = at(1, 0.0, np.full(6, np.nan))
+    monitor = monitor_of(arm, cell, tau=alone)
+    quiet = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
+    state = state_at(1, tau=alone)
+    assert monitor.check(state, state.t, HOME, quiet) is None
+    pushed = state_at(2, tau=at(1, 200.0, alone))
+    trip = monitor.check(pushed, pushed.t, HOME, quiet)
+    assert trip is not None
+    assert (trip.joint, trip.quantity) == (arm.joint_names[1], "torque beside expectation")
