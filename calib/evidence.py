@@ -9,7 +9,6 @@ import numpy as np
 
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.selection import THRESHOLD
-from calib.identification.known import Known
 from calib.validation import LogCheck, checked
 from logs.log import Log
 from sim.arm import Arm
@@ -36,23 +35,20 @@ def of_check(check: LogCheck) -> dict[str, Any]:
 
 
 def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: Sequence[Log] = ()) -> dict[str, Any]:
-    """What `calib.report.diagnosis.write` draws: the arm before and after on one log, by torque and simulated forward; the candidates.
+    """What `calib.report.diagnosis.write` draws: the arm before and after on one log; the candidates.
 
     `others` are further held-out logs, of which only torques are drawn. A log that was found to be bad gives none of it.
     """
     if found.answer["verdict"] == "bad_data":
         return {}
-    first, last = (checked(a, log, Known.of_arm(a)) for a in (arm, corrected))
+    first, last = (checked(a, log, None) for a in (arm, corrected))
     curves = of_check(first)
     curves["before"], curves["after"] = curves.pop("tau_hat"), of_check(last)["tau_hat"]
     curves["others"] = []
     for other in others[:MOST_OTHERS]:
         both = [of_check(checked(a, other, None)) for a in (arm, corrected)]
         curves["others"].append(both[0] | {"before": both[0]["tau_hat"], "after": both[1]["tau_hat"]})
-    forward = {}
-    if first.forward is not None and last.forward is not None and first.windows:
-        forward = dict(zip(arm.joint_names, zip(first.forward, last.forward, strict=True), strict=True))
-    return curves | {"forward": forward, "candidates": _candidates(found), "threshold": THRESHOLD}
+    return curves | {"candidates": _candidates(found), "threshold": THRESHOLD}
 
 
 def _candidates(found: Diagnosis) -> list[tuple[str, str | None, float]]:

@@ -1,8 +1,7 @@
 """How well an arm predicts logs: torque along the measured motion, and motion under the measured torque.
 
-Torque: tau_hat = sim.prediction along the measured motion, filtered like the measured torque. Forward: windows of HORIZON s start at the
-measured state; MuJoCo gets the measured torque and nothing else, and the angle at the end is compared with the measured one. How far it may be
-off is stated beforehand (calib.forward_bound), from what is known of the arm's numbers and nothing of this log's torque.
+Torque: tau_hat = sim.prediction along the measured motion, filtered like the measured torque. Motion: calib.forward over its horizons. How
+far the shortest may be off is stated beforehand (calib.forward_bound), from what is known of the arm's numbers and nothing of this log's torque.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 
 from calib.claims import Claim
 from calib.claims import told as sentence_of
+from calib.forward import HORIZONS, SHORT, ForwardError, forward_error
 from calib.forward_bound import forward_bound
 from calib.gate.commands import require
 from calib.identification.known import Known
@@ -25,11 +25,8 @@ from calib.preprocessing import Measurement, prepare
 from calib.verdict import Judged, judged
 from logs.log import Log
 from sim.arm import Arm
-from sim.plant import Plant
 from sim.prediction import predict
 
-HORIZON = 0.25
-MOST_WINDOWS = 60
 INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
 Progress = Callable[[str, float], None]
 
@@ -38,9 +35,8 @@ Progress = Callable[[str, float], None]
 class LogCheck:
     """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples.
 
-    signal: standard deviation of the filtered torque; forward: RMS (n,) rad of the angle after HORIZON s under the measured torque, None
-    where it was not asked for; travel: RMS (n,) rad that the joints really moved in such a window; windows: how many.
-    t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
+    signal: standard deviation of the filtered torque; motion: the error of the simulated motion over each horizon, empty where it was not
+    asked for; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
     """
 
     log: str
@@ -48,23 +44,26 @@ class LogCheck:
     unfiltered: np.ndarray
     signal: np.ndarray
     rows: np.ndarray
-    forward: np.ndarray | None
-    travel: np.ndarray | None
-    windows: int
+    motion: tuple[ForwardError, ...]
     measurement: Measurement
     tau_hat: np.ndarray
     bound: np.ndarray | None = None
 
     @property
+    def short(self) -> ForwardError | None:
+        """The error over the shortest horizon; None where nothing was simulated."""
+        return self.motion[0] if self.motion and self.motion[0].starts else None
+
+    @property
     def within_bound(self) -> np.ndarray | None:
         """(n,) whether the forward simulation stayed within its bound; None where there was none."""
-        return None if self.forward is None or self.bound is None else self.forward <= self.bound
+        return None if self.short is None or self.bound is None else self.short.angle <= self.bound
 
     @property
     def informative(self) -> np.ndarray:
         """(n,) whether the bound is at most INFORMATIVE of what the joint really travelled."""
         none = np.zeros(len(self.residual), dtype=bool)
-        return none if self.bound is None or self.travel is None else np.asarray(self.bound <= INFORMATIVE * self.travel)
+        return none if self.bound is None or self.short is None else np.asarray(self.bound <= INFORMATIVE * self.short.travel)
 
 
 @dataclass(frozen=True)
@@ -98,9 +97,11 @@ class Validation:
             }
             if constant is not None:
                 entry["residual_ampere"] = _numbers(c.residual / constant)
-            if c.forward is not None and c.travel is not None:
+            entry["motion"] = [e.entry() for e in c.motion if e.starts]
+            if c.short is not None:
                 entry["forward"] = {
-                    "horizon_s": HORIZON, "windows": c.windows, "unit": "rad", "rms": _numbers(c.forward), "travel": _numbers(c.travel),
+                    "horizon_s": SHORT.seconds, "windows": len(c.short.starts), "unit": "rad",
+                    "rms": _numbers(c.short.angle), "travel": _numbers(c.short.travel),
                 }  # fmt: skip
                 if c.bound is not None and c.within_bound is not None:
                     entry["forward"] |= {
@@ -166,68 +167,17 @@ def checked(
     tau_hat = predict(arm, m.trajectory)
     usable = m.row_usable
     rows, predicted = m.rows(m.tau), m.rows(tau_hat)
-    moved = travelled = bound = None
-    windows = 0
+    motion: tuple[ForwardError, ...] = ()
+    bound = None
     if known is not None:
         told("forward simulation")
-        moved, travelled, starts = forward_error(arm, m)
-        windows = len(starts)
-        if windows:
-            bound = forward_bound(arm, m, starts, horizon_steps(m), known)
+        motion = tuple(forward_error(arm, m, horizon) for horizon in HORIZONS)
+        if motion[0].starts:
+            bound = forward_bound(arm, m, motion[0].starts, SHORT.steps(m), known)
     return LogCheck(
         m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable), _std(rows, usable), usable.sum(axis=0),
-        moved, travelled, windows, m, tau_hat, bound,
+        motion, m, tau_hat, bound,
     )  # fmt: skip
-
-
-def horizon_steps(m: Measurement) -> int:
-    """Samples of a window of HORIZON s."""
-    return max(1, round(HORIZON * m.rate))
-
-
-def forward_error(arm: Arm, m: Measurement) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """RMS angle error (n,) rad after HORIZON s under the measured torque, RMS travel (n,) rad, first samples of the windows.
-
-    Windows lie where every joint moves: friction at rest holds any torque below its level, so a standing joint proves nothing.
-    """
-    plant = Plant(arm)
-    steps = horizon_steps(m)
-    good = m.usable.all(axis=1)
-    run = np.convolve(good, np.ones(steps + 1), mode="valid") >= steps + 1
-    starts = _spread(np.flatnonzero(run), steps, MOST_WINDOWS)
-    offset, gain = _sensor(arm, "torque_offset", "offset", 0.0), _sensor(arm, "torque_gain", "gain", 1.0)
-    nothing = np.zeros(arm.n)
-    errors, travels = [], []
-    tr = m.trajectory
-    for k in starts:
-        plant.reset(tr.q[k], tr.dq[k])
-        for i in range(k, k + steps):
-            # the torque of the middle of the step stands for the step
-            tau = (0.5 * (m.tau[i] + m.tau[i + 1]) - offset) / gain
-            plant.command(tr.q[i], tr.dq[i], tau, nothing, nothing)
-            plant.advance(1 / m.rate)
-        errors.append(plant.read().q - tr.q[k + steps])
-        travels.append(tr.q[k + steps] - tr.q[k])
-    if not errors:
-        return np.full(arm.n, np.nan), np.full(arm.n, np.nan), []
-    off, travel = (np.sqrt(np.mean(np.square(x), axis=0)) for x in (errors, travels))
-    return off, travel, starts
-
-
-def _spread(starts: np.ndarray, apart: int, most: int) -> list[int]:
-    """At most `most` of the starts, each at least `apart` from the one before, spread over all of them."""
-    chosen: list[int] = []
-    for k in starts:
-        if not chosen or k - chosen[-1] >= apart:
-            chosen.append(int(k))
-    if len(chosen) > most:
-        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, most).astype(int)]
-    return chosen
-
-
-def _sensor(arm: Arm, effect: str, parameter: str, neutral: float) -> np.ndarray:
-    found = [arm.effect(effect, joint) for joint in arm.joint_names]
-    return np.array([e.parameters[parameter] if e else neutral for e in found])
 
 
 def _rms(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -258,11 +208,11 @@ def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
     """How far the forward simulation is off, and whether the stated bounds were kept; a bound that says little is no bound."""
     rows: list[dict[str, Any]] = [
         {
-            "joint": joint, "log": c.log, "off_deg": float(np.degrees(c.forward[j])), "travel_deg": float(np.degrees(c.travel[j])),
+            "joint": joint, "log": c.log, "off_deg": float(np.degrees(c.short.angle[j])), "travel_deg": float(np.degrees(c.short.travel[j])),
             "bound_deg": float(np.degrees(c.bound[j])), "informative": bool(c.informative[j]),
         }
         for c in checks
-        if c.forward is not None and c.travel is not None and c.bound is not None
+        if c.short is not None and c.bound is not None
         for j, joint in enumerate(arm.joint_names)
     ]  # fmt: skip
     if not rows:
@@ -273,7 +223,7 @@ def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
     off = {r["joint"] for r in beyond}
     within = [j for j in arm.joint_names if j not in off and j not in vague]
     return [
-        Claim("forward", {"horizon": HORIZON, **{k: worst[k] for k in ("joint", "log", "off_deg", "travel_deg")}}),
+        Claim("forward", {"horizon": SHORT.seconds, **{k: worst[k] for k in ("joint", "log", "off_deg", "travel_deg")}}),
         Claim(
             "bounds", {"rows": rows, "within": within, "beyond": beyond, "not_informative": [j for j in vague if j not in off]}
         ),

@@ -94,8 +94,12 @@ class Plant:
         self.data.ctrl[:], self.data.qacc_warmstart[:] = before.ctrl, before.qacc_warmstart
         mujoco.mj_forward(self.model, self.data)
 
-    def reset(self, q: np.ndarray, dq: np.ndarray | None = None) -> None:
-        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, with the friction of every joint unloaded, at time zero."""
+    def reset(self, q: np.ndarray, dq: np.ndarray | None = None, came: np.ndarray | None = None) -> None:
+        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, at time zero.
+
+        came (K, n) rad: the way by which the arm came, up to q; dry friction is loaded as it leaves it, and soft gears by gravity and
+        the motion's own forces. Without it, both are unloaded.
+        """
         mujoco.mj_resetData(self.model, self.data)
         q = np.asarray(q, dtype=float)
         self.data.qpos[self._dof] = self._angle(q)
@@ -113,12 +117,39 @@ class Plant:
         self._integral = np.zeros(n)
         self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
         self._memory: dict[Hashable, tuple[float, float]] = {}
+        if came is not None:
+            self._load_gears()
+            self._load_friction(came)
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
         self._reported = self._nominal.gravity_torque(q[None])[0]
         self._line = (q, np.zeros(n), self._reported, q, np.zeros(n), self._reported)
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
+
+    def _load_gears(self) -> None:
+        """Twist soft gears until they carry the links; the links stay where they are."""
+        q, dq = self.data.qpos[self._dof][None], self.data.qvel[self._dof][None]
+        load = self._bodies.inverse_dynamics(q, dq, np.zeros_like(q))
+        for j, dof in self._twist:
+            twist = -load[0, j] / self.model.jnt_stiffness[self.model.dof_jntid[dof]]
+            self.data.qpos[dof], self.data.qpos[self._dof[j]] = twist, self.data.qpos[self._dof[j]] - twist
+        mujoco.mj_forward(self.model, self.data)
+
+    def _load_friction(self, came: np.ndarray) -> None:
+        """Move the memories of dry friction along a way."""
+        state, data = self._instant(), self.data
+        state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+        for effect, joint, item in self._stages[Stage.FRICTION]:
+            effect.apply(state, joint, item.parameters)
+        for j in self._presliding:
+            angle = np.append(came[:, j], data.qpos[self._dof[j]])
+            self._slip[j] = slip_direction(angle, np.full(len(angle), state.width[0, j]))[-1]
+        state.memory = self._memory
+        for angles in came:
+            state.q_motor = angles[None].copy()
+            for effect, joint, item in self._each_step[Stage.MOTOR]:
+                effect.apply(state, joint, item.parameters)
 
     def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """kp N m/rad and kd N m s/rad of the drive at q, (n, n): by what each joint carries, the others held.

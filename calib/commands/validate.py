@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -39,10 +38,11 @@ def command(
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
+    from calib.forward import SHORT
     from calib.prediction_log import write_predictions
     from calib.recordings import arm_and_logs, read_logs
     from calib.report import validation as page
-    from calib.validation import HORIZON, validate
+    from calib.validation import validate
     from calib.verdict import Verdict
 
     subject, given = arm_and_logs(arm, log, configs)
@@ -65,17 +65,24 @@ def command(
     for check in found.checks:
         headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
         headers += [] if constant is None else ["residual [A]"]
-        headers += [] if check.forward is None else [f"error after {HORIZON:g} s [deg]", "bound [deg]", "travel [deg]"]
+        headers += [] if check.short is None else [f"error after {SHORT.seconds:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
             row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), f"{left:.1%}"]
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
-            if check.forward is not None and check.travel is not None:
+            if check.short is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]
-                row += [math.degrees(x) for x in (check.forward[j], bound, check.travel[j])]
+                row += [1e3 * x for x in (check.short.angle[j], bound, check.short.travel[j])]
             rows.append(row)
         console.table(headers, rows, check.log)
+        moved = [e for e in check.motion if e.starts]
+        if moved:
+            console.table(
+                ["simulated motion", "windows", "flange RMS [mm]", *[f"{j} [mrad]" for j in subject.joint_names]],
+                [[e.horizon.words, len(e.starts), 1e3 * e.flange, *[1e3 * float(x) for x in e.angle]] for e in moved],
+                f"{check.log}: motion simulated under the measured torque",
+            )
     joints = zip(subject.joint_names, found.judged.left, found.judged.limit, found.judged.verdicts, strict=True)
     console.table(
         ["joint", "residual share", "limit", "verdict"],

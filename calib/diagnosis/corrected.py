@@ -63,7 +63,11 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
 
 def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
     """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
-    named = [replace(e, std=_finite(s)) for e, s in zip(f.accepted, f.std(), strict=True) if e.effect != CONTACT]
+    named = [
+        replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=_finite(s))
+        for e, s in zip(f.accepted, f.std(), strict=True)
+        if e.effect != CONTACT
+    ]
     return Correction({}, (*named, *limits))
 
 
@@ -90,14 +94,14 @@ def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
 def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, float]:
     """Friction and rotors where the nuisance puts them, never below nothing; other effects as they are."""
     if item.effect not in FRICTION or item.joint is None:
-        return dict(item.parameters)
+        return {name: float(value) for name, value in item.parameters.items()}
     j = arm.joint_index(item.joint)
     symbol, spread = FRICTION[item.effect]
     change = float(spreads(arm)[spread][j]) * theta[f"{symbol}_{j + 1}"]
     (name, value), *_ = item.parameters.items()
     if item.effect == "rotor_inertia":
         change += ROTOR_TOGETHER * theta["Ia_all"] * value
-    return {name: max(0.0, value + change)}
+    return {name: float(max(0.0, value + change))}
 
 
 def _finite(std: dict[str, float]) -> dict[str, float]:

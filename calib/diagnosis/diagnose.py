@@ -106,6 +106,7 @@ def diagnose(
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
         "refused": [r.text for r in promotion.refused],
+        "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],
         "calibration": [x.entry() for x in calibration(found.baseline)],
     }

@@ -1,8 +1,9 @@
 """What may be written into the corrected arm: only names and laws with which the arm predicts better.
 
-Two questions are asked of a name. Does it help: with everything fitted to the other recordings, is a recording left out predicted
-better with it than with free friction laws alone, or nearly as well as by these laws without needing one? And is the arm as it is
-written, with what an arm folder can hold (sim.prediction.predict, every row in motion, reversals too), nowhere worse than the arm as it was?
+Two questions are asked of a name. Where several recordings were given and none was kept apart: with everything fitted to the others, is
+one that is left out predicted better with the name than with free friction laws alone, or nearly as well without needing such a law? And
+always: is the arm as it is written, with what an arm folder can hold (sim.prediction.predict, every row in motion, reversals too), nowhere worse than the arm as it was,
+and is its simulated motion (calib.forward) no farther from the recorded one?
 Worse means significantly: the difference of squared errors is compared with its standard deviation, which counts that neighbouring rows
 say much the same (F. X. Diebold, R. S. Mariano 1995, Comparing Predictive Accuracy, doi:10.1080/07350015.1995.10524599).
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, Refitted, with_laws
 from calib.diagnosis.model import CONTACT, DELAY_MEAN
 from calib.diagnosis.selection import joints_of
+from calib.forward import HORIZONS, ForwardError, forward_error
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
@@ -30,12 +32,19 @@ WORSE_ELSEWHERE = 0.05  # at a joint that no name concerns, where a refit moves 
 HELPS = 0.02  # share of a joint's error that a name must remove
 SIGNIFICANT = 2.0  # standard deviations
 LONGEST_MEMORY = 60  # rows
+SEVERAL = 3  # recordings: from fewer, leaving one out says more about what that one shows than about the name
+FARTHER = 0.05  # share by which the simulated flange may be farther off
+ENOUGH = 4  # windows, or parts of one
+FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
 INSTEAD = 0.9  # of the power that a law removes: a name that removes as much is the simpler answer
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A name that was fitted and not kept: the joint that decided, RMS N m without and with it, on which recordings."""
+    """A name that was fitted and not kept: the joint that decided, RMS N m without and with it, on which recordings.
+
+    Without a joint, the simulated motion decided: RMS m of the flange.
+    """
 
     effect: ArmEffect
     joint: str
@@ -47,19 +56,26 @@ class Refusal:
     def text(self) -> str:
         """What was tried and why it was refused."""
         where = f" at {self.effect.joint}" if self.effect.joint else ""
+        what, unit = (
+            (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
+        )
         return (
-            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the torque "
-            f"error of {self.joint} is {self.with_it:.4g} N m with it and {self.without:.4g} N m without it"
+            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+            f"{self.with_it:.4g} {unit} with it and {self.without:.4g} {unit} without it"
         )
 
 
 @dataclass(frozen=True)
 class Promotion:
-    """change: of the arm that is written, None where the arm stays as it was; laws in it; names that it does not hold, and why."""
+    """change: of the arm that is written, None where the arm stays as it was; laws in it; names that it does not hold, and why.
+
+    motion: what was simulated of the arm as it was and of the one that is written, empty where nothing was.
+    """
 
     change: Correction | None
     laws: tuple[Law, ...]
     refused: tuple[Refusal, ...]
+    motion: tuple[tuple[ForwardError, ForwardError], ...] = ()
 
 
 def promoted(
@@ -83,28 +99,35 @@ def promoted(
     ways, alone = _ways(as_written(measurements, baseline), shown, limits)
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
+    motion = _Motion(start, shown)
+    several = not apart and len(measurements) >= SEVERAL
     f = as_written(measurements, named)
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one name
         own = [e for e in f.accepted if e.effect != CONTACT]
         ways, beside = _ways(f, shown, limits)
-        harmful = [r for e in own if (r := _no_help(e, f, alone, beside)) is not None]
+        harmful = [r for e in own if several and (r := _no_help(e, f, alone, beside)) is not None]
         if not harmful:
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
             concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
             least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
             worse = [way.worse(bare, least) | way.worse(plain, good, together) for way in ways]
-            accepted = next((way for way, bad in zip(ways, worse, strict=True) if not bad.any()), None)
-            if accepted is not None:
-                return Promotion(accepted.change, accepted.laws, tuple(refused))
+            fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
+            for way in fit_for:
+                if not motion.rises(way.change):
+                    return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
+            if fit_for:
+                without, with_it = motion.worst(fit_for[0].change)
+                refused += [Refusal(e, "", without, with_it, on) for e in own]
+                break
             harmful = _harmful(own, f, ways[0].rms, worse[0], np.minimum(bare.rms, plain.rms), on)
         refused += harmful
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
         event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
         f = fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models)
-    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms):
-        return Promotion(plain.change, plain.laws, tuple(refused))
+    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms) and not motion.rises(plain.change):
+        return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(Correction({}, tuple(limits)) if limits else None, (), tuple(refused))
 
 
@@ -136,6 +159,45 @@ def _harmful(
         j = max(set(joints_of(e, f.hypothesis.arm)) & worse or worse, key=lambda j: found[j] / max(without[j], 1e-12))
         out.append(Refusal(e, start.joint_names[j], float(without[j]), float(found[j]), on))
     return out
+
+
+class _Motion:
+    """The simulated motion of changed arms beside that of the arm as it was, on the first recording that has windows for it."""
+
+    def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
+        self.start, self.shown = start, shown
+        self._known: dict[int, tuple[Correction, tuple[ForwardError, ...]]] = {}
+        self._before: tuple[ForwardError, ...] | None = None
+
+    def errors(self, change: Correction) -> tuple[tuple[ForwardError, ForwardError], ...]:
+        """(before, after) for every horizon that has windows; nothing where the simulation of an arm runs away."""
+        if self._before is None:
+            self._before = self._of(self.start)
+        if id(change) not in self._known:
+            self._known[id(change)] = change, self._of(change.of(self.start))
+        pairs = zip(self._before, self._known[id(change)][1], strict=True)
+        return tuple((a, b) for a, b in pairs if a.starts and b.starts)
+
+    def rises(self, change: Correction) -> bool:
+        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
+        return any(_farther(a, b) for a, b in self.errors(change))
+
+    def worst(self, change: Correction) -> tuple[float, float]:
+        """m before and after, over the horizon at which the error grows most."""
+        a, b = max(self.errors(change), key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
+        return a.flange, b.flange
+
+    def _of(self, arm: Arm) -> tuple[ForwardError, ...]:
+        return tuple(forward_error(arm, self.shown[0], horizon, self.start) for horizon in FEW)
+
+
+def _farther(a: ForwardError, b: ForwardError) -> bool:
+    if not np.isfinite(b.flange):
+        return True
+    if len(a.squares) < ENOUGH:
+        return False
+    more = b.squares - (1 + FARTHER) ** 2 * a.squares
+    return bool(more.mean() > SIGNIFICANT * more.std(ddof=1) / np.sqrt(len(more)))
 
 
 @dataclass(frozen=True)

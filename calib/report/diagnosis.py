@@ -28,8 +28,7 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
 
     diagnosis  the content of diagnosis.json (design.md section 7)
     evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
-               (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `forward`: joint ->
-               (rms before, rms after) rad; `others`: the same arrays on further held-out logs. Without arrays (bad data) the page
+               (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `others`: the same arrays on further held-out logs. Without arrays (bad data) the page
                has no pictures.
     arm        for the interactive curves and the arm in 3D, which are left out without it
     """
@@ -43,7 +42,7 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
             explorer.add(page, arm, [evidence, *evidence.get("others", ())], ("before", "after"), joint=joint)
         _where(page, diagnosis, evidence)
     _evidence(page, diagnosis, evidence)
-    _gap(page, diagnosis, evidence)
+    _gap(page, diagnosis)
     if evidence.get("t") is not None:
         _every_joint(page, diagnosis, evidence)
     checks = diagnosis.get("data_checks", [])
@@ -209,7 +208,7 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
         )
 
 
-def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+def _gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
     gap = diagnosis.get("gap") or {}
     if gap.get("before"):
         unit = unit_of(gap["unit"])
@@ -219,12 +218,26 @@ def _gap(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) 
             [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
             f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
         )
-    forward = evidence.get("forward") or {}
-    if forward:
+    motion = diagnosis.get("motion") or []
+    if motion:
+        rows = [
+            [
+                f"{pair['before']['horizon_s']:g} s, {pair['before']['loop']} loop",
+                *(1e3 * pair[when]["flange_m"] for when in ("before", "after")),
+                *(1e3 * max(pair[when]["angle_rad"]) for when in ("before", "after")),
+            ]
+            for pair in motion
+        ]
         page.table(
-            ["joint", "before [rad]", "after [rad]"],
-            [[joint, *pair] for joint, pair in forward.items()],
-            "RMS position error in short forward simulations under the measured torque",
+            [
+                "simulated for",
+                "flange before [mm]",
+                "flange after [mm]",
+                "worst joint before [mrad]",
+                "worst joint after [mrad]",
+            ],
+            rows,
+            "RMS error of the motion simulated under the measured torque",
         )
 
 

@@ -26,8 +26,8 @@ def test_the_right_arm_leaves_the_noise(ur5e: Arm) -> None:
     check = validate(ur5e, [log]).checks[0]
     assert np.all(check.unfiltered < 1.15 * np.array(ur5e.sensors.torque_noise))
     assert np.all(check.residual < check.unfiltered)
-    assert check.forward is not None
-    assert np.all(check.forward < 0.12 * check.travel)
+    assert check.short is not None
+    assert np.all(check.short.angle < 0.12 * check.short.travel)
 
 
 def test_a_wrong_joint_is_the_one_that_is_off(ur5e: Arm) -> None:
@@ -36,12 +36,12 @@ def test_a_wrong_joint_is_the_one_that_is_off(ur5e: Arm) -> None:
     found = validate(ur5e, [log])
     check = found.checks[0]
     assert np.argmax(check.residual / check.signal) == 4
-    assert check.forward is not None
-    assert np.argmax(check.forward) == 4
+    assert check.short is not None
+    assert np.argmax(check.short.angle) == 4
     assert "wrist_2_joint" in found.outcome
     right = validate(truth, [log]).checks[0]
-    assert right.forward is not None
-    assert right.forward[4] < 0.3 * check.forward[4]
+    assert right.short is not None
+    assert right.short.angle[4] < 0.3 * check.short.angle[4]
 
 
 def test_sensor_effects_do_not_enter_the_simulation(ur5e: Arm) -> None:
@@ -50,8 +50,8 @@ def test_sensor_effects_do_not_enter_the_simulation(ur5e: Arm) -> None:
         truth = with_effect(truth, ArmEffect("torque_offset", joint, {"offset": 2.0}))
     log = recorded(truth, fourier_motion(ur5e, 1, seconds=6.0), noise=0.2)
     check = validate(truth, [log]).checks[0]
-    assert check.forward is not None
-    assert np.all(check.forward < 0.05 * check.travel + 1e-3)
+    assert check.short is not None
+    assert np.all(check.short.angle < 0.05 * check.short.travel + 1e-3)
 
 
 def test_a_log_that_stands_still_compares_nothing(ur5e: Arm) -> None:
@@ -97,9 +97,9 @@ def test_the_forward_simulation_stays_within_its_stated_bound(ur5e: Arm, tmp_pat
     check = validate(arm, logs[2:]).checks[0]
     assert check.bound is not None
     assert check.within_bound is not None
-    assert check.forward is not None
+    assert check.short is not None
     assert check.within_bound.all()
-    assert np.all(check.bound < 5 * check.forward)
+    assert np.all(check.bound < 5 * check.short.angle)
     far = replace(arm, tree=replace(arm.tree, mass=arm.tree.mass * 1.2))
     worse = validate(far, logs[2:])
     assert worse.checks[0].within_bound is not None

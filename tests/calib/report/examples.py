@@ -52,7 +52,14 @@ def diagnosis(verdict: str = "effects_found") -> tuple[dict[str, Any], dict[str,
         ("payload", None, 3.0),
     ]
     evidence["threshold"] = 30.0
-    evidence["forward"] = dict.fromkeys(JOINTS, (0.02, 0.002))
+    loops = ((0.25, "open"), (1.0, "open"), (5.0, "closed"))
+    data["motion"] = [
+        {
+            when: {"horizon_s": seconds, "loop": loop, "angle_rad": [error] * 6, "flange_m": error}
+            for when, error in (("before", 0.02), ("after", 0.002))
+        }
+        for seconds, loop in loops
+    ]
     if verdict == "unexplained":
         data["unexplained"] = [
             {"joint": "elbow_joint", "depends_on": ["q:elbow_joint", "dq:wrist_1_joint"], "rms": 1.2, "unit": "N*m"}
