@@ -159,6 +159,8 @@ def start(arguments: list[str]) -> tuple[int, str]:
                 end_run(folder, code, sentence)
             except OSError as error:  # the disk on which the run was written may be what failed
                 console.warn(_of_file(error))
+            except CalibError as error:
+                console.warn(str(error))
         return code, sentence
     finally:
         for lock in invocation.locks:

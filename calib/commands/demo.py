@@ -18,7 +18,9 @@ from calib.run_folder import conclude, new_run
 
 
 def command(
-    seed: Annotated[int | None, typer.Option(min=0, help="Draw this effect and this noise again; random if not given.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**63 - 1, help="Draw this effect and this noise again; random if not given.")
+    ] = None,
     out: console.Out = None,
     as_json: console.Json = False,
 ) -> None:

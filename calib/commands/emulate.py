@@ -21,7 +21,9 @@ def command(
         list[str] | None,
         typer.Option(metavar="NAME@SECONDS", help="Make something go wrong after the start; may be repeated."),
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="Stop after this time; runs until Ctrl-C if not given.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop after this time; runs until Ctrl-C if not given.")
+    ] = None,
     configs: console.Configs = None,
 ) -> None:
     """Run the emulated controller of a cell, so that the real driver can be tried without an arm.

@@ -26,9 +26,14 @@ def command(
         list[Path] | None, typer.Option("--loaded", metavar="LOG", help="Recordings with a load at the flange, one or several.")
     ] = None,
     known_mass: Annotated[
-        float | None, typer.Option("--known-mass", help="kg of that load: the torque constants are estimated from it.")
+        float | None,
+        typer.Option(
+            "--known-mass", min=0.001, max=10_000.0, help="kg of that load: the torque constants are estimated from it."
+        ),
     ] = None,
-    cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
+    ] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
     no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
     accept_partial: console.AcceptPartial = False,

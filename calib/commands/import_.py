@@ -46,12 +46,13 @@ def command(
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option("--rate", help="Samples a second, where a table has no column of times.")
+        float | None,
+        typer.Option("--rate", min=0.1, max=100_000.0, help="Samples a second, where a table has no column of times."),
     ] = None,
     joints: Annotated[
         str | None, typer.Option("--joints", metavar="NAMES", help="Names of a table's joints; the arm's if not given.")
     ] = None,
-    episode: Annotated[int | None, typer.Option("--episode", help="Which episode of a LeRobot data set.")] = None,
+    episode: Annotated[int | None, typer.Option("--episode", min=0, help="Which episode of a LeRobot data set.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Accept the guess of what the columns mean without being asked.")] = False,
     assume: Annotated[
         list[str] | None,

@@ -19,9 +19,9 @@ def command(
         str | None, typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane and nothing else.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The best of a few random motions, short sweeps, no probes.")] = False,
-    period: Annotated[float, typer.Option(help="Seconds of one period of the Fourier motions.")] = 20.0,
+    period: Annotated[float, typer.Option(min=0.1, max=3600.0, help="Seconds of one period of the Fourier motions.")] = 20.0,
     periods: Annotated[
-        int | None, typer.Option(help="Whole periods of the excitation; 2 if not given, 1 with --quick.")
+        int | None, typer.Option(min=1, max=100, help="Whole periods of the excitation; 2 if not given, 1 with --quick.")
     ] = None,
     harmonics: Annotated[int, typer.Option(min=3, max=12, help="Harmonics of the Fourier motions; 5 to 7 is usual.")] = 6,
     probes: Annotated[bool, typer.Option(help="Reversal ladder, static holds, the same path at half speed.")] = True,
@@ -30,7 +30,7 @@ def command(
     ] = False,
     home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
     starts: Annotated[int, typer.Option(min=0, help="Starts of the optimiser; 0 keeps the best random motion.")] = 8,
-    seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of the random motions.")] = 0,
     discriminate: Annotated[
         Path | None,
         typer.Option(metavar="RUN", help="Add the motion on which the effects part that this diagnosis could not tell apart."),

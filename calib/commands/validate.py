@@ -17,7 +17,9 @@ def command(
         list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
     ] = None,
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
-    cutoff: Annotated[float | None, typer.Option(help="Hz of the filter; from the motion if not given.")] = None,
+    cutoff: Annotated[
+        float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
+    ] = None,
     accept_partial: console.AcceptPartial = False,
     assume: console.Assume = None,
     max_error: console.MaxError = None,

@@ -20,6 +20,12 @@ def check_command(name: str, arguments: list[str] | None = None) -> tuple[Promis
         "its help has an example that begins with the command",
         lambda: f"    calib {name}" in text or "no `calib` line under Example",
     )
+    out.keep(
+        "every number that it takes has bounds, so that nonsense is refused before anything begins",
+        lambda: (
+            not (set(text.split()) & {"<int>", "<float>"}) or "an option of --help shows <int> or <float> instead of a range"
+        ),
+    )
     out.keep("-h is the same", lambda: _run([*words, "-h"])[1] == text)
 
     def refused() -> str:

@@ -17,6 +17,7 @@ import pytest
 from calib import main as program
 from calib.run_folder import new_run
 from calib.unexpected import write_fault
+from sim.errors import ConfigError
 
 
 def test_no_arguments_is_a_request_for_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,3 +162,17 @@ def test_no_color_is_respected(tmp_path: Path) -> None:
     assert not re.search(rb"\x1b\[[0-9;]*3[0-9]", shown)
     lines = re.sub(rb"\x1b\[[0-9;]*m", b"", shown).decode().splitlines()
     assert max(map(len, lines)) <= 80
+
+
+def test_a_run_that_cannot_be_ended_is_told_and_keeps_its_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its run.toml was changed meanwhile: that is no reason to lose the exit code of what was done."""
+
+    def broken(*_: object) -> None:
+        raise ConfigError("run.toml: an integer beyond 64 bits")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("calib.main.end_run", broken)
+    assert program.main(["export", "servo6", "--out", "exported"]) == 0
+    assert "run.toml: an integer beyond 64 bits" in capsys.readouterr().err

@@ -28,6 +28,8 @@ MISTAKES = [
     "plan ur10e --cell mock-ur10",
     "plan ur10e --perios 3",
     "plan ur10e --period twenty",
+    "plan ur10e --period -3",
+    "validate ur10e excitation.mcap --cutoff nan",
     "plan ur10e --home 0,0,0",
     "plan ./misspelled",
     "plan ./without-limit",
