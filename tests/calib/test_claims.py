@@ -23,6 +23,7 @@ from calib.verdict import GOOD_SHARE
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from tests.calib.conftest import fourier_motion, recorded, varied
+from tests.calib.test_discriminate import ELBOW, SPRING, diagnosis
 
 
 def fits(seed: int) -> tuple[Arm, Identification]:
@@ -152,26 +153,11 @@ def test_what_validate_claims_is_so(factor: float, ur5e: Arm) -> None:
 
 
 def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also of the motion on which two explanations of a diagnosis part."""
     folder = tmp_path / "plan"
-    assert (
-        main(
-            [
-                "plan",
-                "servo6",
-                "--quick",
-                "--starts",
-                "0",
-                "--period",
-                "8",
-                "--home",
-                "0,-1.4,1.3,-1.4,-1.2,0.3",
-                "--out",
-                str(folder),
-                "--json",
-            ]
-        )
-        == 0
-    )
+    rivals = diagnosis(tmp_path / "run", SPRING, ("torque_offset", ELBOW))
+    line = f"plan ur5e --quick --period 8 --home 0,-1.4,1.3,-1.4,-1.2,0.3 --discriminate {rivals} --out {folder} --json"
+    assert main(line.split()) == 0
     table = json.loads(capsys.readouterr().out)
     claims = {c["claim"]: c for c in table["claims"]}
     motions = [np.load(file) for file in sorted(folder.glob("*.npy"))]
@@ -179,6 +165,8 @@ def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert claims["duration"]["seconds"] == pytest.approx(sum(m["duration"] for m in table["motions"]))
     assert set(claims["known"]["names"]) == set(table["identifiable"])
     assert claims["known"]["of"] == len(table["identifiable"]) + len(table["not_identifiable"])
+    assert "discriminate" in [m["name"] for m in table["motions"]]
+    assert claims["separation"]["sigma"] == table["separation_sigma"] > claims["separation"]["enough"] == 5.0
     assert table["outcome"] == "; ".join(c["sentence"] for c in table["claims"])
     assert table["next"] == f"calib record CELL {folder}"
 

@@ -13,7 +13,6 @@ from calib.excitation.discriminate import discriminating, pairs_of, separation
 from calib.excitation.fourier import Basis
 from calib.excitation.room import Room
 from calib.excitation.session import open_cell
-from calib.main import main
 from sim.arm import Arm, ArmEffect
 from sim.errors import ConfigError
 
@@ -64,29 +63,3 @@ def test_a_diagnosis_without_rivals_or_of_another_arm_is_refused(ur5e: Arm, tmp_
         pairs_of(diagnosis(tmp_path / "b", OFFSET, ("joint_spring", "elbo_joint")), ur5e)
     with pytest.raises(ConfigError, match="not a diagnosis"):
         pairs_of(tmp_path / "nowhere", ur5e)
-
-
-def test_the_plan_holds_the_motion_that_parts_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = diagnosis(tmp_path / "run", SPRING, ("torque_offset", ELBOW))
-    assert (
-        main(
-            [
-                "plan",
-                "ur5e",
-                "--quick",
-                "--period",
-                "8",
-                "--home",
-                "0,-1.4,1.3,-1.4,-1.2,0.3",
-                "--discriminate",
-                str(run),
-                "--out",
-                str(tmp_path / "plan"),
-                "--json",
-            ]
-        )
-        == 0
-    )
-    told = json.loads(capsys.readouterr().out)
-    assert "discriminate" in [m["name"] for m in told["motions"]]
-    assert told["separation_sigma"] > 5.0
