@@ -47,7 +47,7 @@ def command(
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option("--rate", min=0.1, max=100_000.0, help="Samples a second, where a table has no column of times."),
+        typer.Option("--rate", min=0.1, max=1e6, help="Samples a second, where a table has no column of times."),
     ] = None,
     joints: Annotated[
         str | None, typer.Option("--joints", metavar="NAMES", help="Names of a table's joints; the arm's if not given.")

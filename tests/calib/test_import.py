@@ -118,7 +118,7 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
     for wrong, words in (
         (["--column", "torque=tau1"], "write CHANNEL=NAME"),
         (["--column", "q=pos_deg_1,pos_deg_2:grad"], "pos_deg_2:grad"),
-        (["--rate", "0"], "between 0 and"),
+        (["--rate", "0"], "greater than or equal to 0.1"),
         (["--joints", "a,b,c", "--yes"], "positions of 2 joints"),
     ):
         assert main(["import", str(table_file), *wrong]) == 2
