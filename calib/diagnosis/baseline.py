@@ -1,64 +1,39 @@
 """What has changed since healthy recordings: a regression of the new logs on effects, beside everything that the healthy arm is known to do.
 
-The healthy logs tell what the arm's model leaves and how that varies from motion to motion and from day to day. The torque of the
-healthy arm is the model's plus a law of all joint effects of the catalogue at once, shrunk by a Gaussian prior and fitted to the
-healthy logs; each of them in turn is left out and predicted by the others. These predictions give the noise by which a new log is
-judged, and for each candidate effect the size that it takes on where nothing has changed: the null distribution of its estimate. An
-effect is named where its estimate in the new logs stands out of both (a likelihood ratio with the null's spread in the covariance).
+The healthy logs tell what the arm's model leaves and how that varies from motion to motion and from day to day
+(calib.diagnosis.healthy), and for each candidate effect the size that it takes on where nothing has changed (calib.diagnosis.null).
+An effect is named where its estimate in the new logs stands out of both: a likelihood ratio with the null's spread in the covariance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
-from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import fit, within
+from calib.diagnosis.healthy import Folds
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
-from calib.diagnosis.noise import Noise, noise_of
+from calib.diagnosis.noise import Noise
+from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.rows import Rows, Solved, solve
 from calib.diagnosis.selection import EXTRA, Key, sensible
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 
-# Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
-LAW_SPREAD = 0.3
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
 THRESHOLD, PER_PARAMETER = 8.0, 2.0
 APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are not told apart
 DOMINATES = 2.0
-LATE = 10.0  # prior standard deviations: an arm's own delay is learnt, not supposed
-NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
-NULL_DIAGONAL = 0.3
 MOST_CHANGES = 4
 LEFT_OVER = 0.15  # of a named change's evidence: what another form of the same change may leave
 WIDE = 1e3
 ODD, ODD_SHARE = 80.0, 0.15
-
-
-@dataclass(frozen=True)
-class Law:
-    """Torque of the healthy arm beside its model: columns L = [X D] of its nuisance and of the law, their mean (P,) and covariance root root'.
-
-    scale: per joint the RMS of D's columns on the healthy logs.
-    """
-
-    scale: list[np.ndarray]
-    mean: np.ndarray
-    root: np.ndarray
-
-    def rows(self, models: list[LogModel]) -> Rows:
-        """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
-        rows = Rows(models)
-        for j, columns in enumerate(_columns(rows, self.scale)):
-            rows.r[j] = rows.r[j] - columns @ self.mean
-            rows.x[j] = columns @ self.root
-        return rows.released()
 
 
 @dataclass(frozen=True)
@@ -101,9 +76,9 @@ class Healthy:
         self.arm = arm
         fitted = fit(baseline, Hypothesis.nominal(arm))
         self.hypothesis = fitted.hypothesis
-        self._folds = _Folds(fitted.models)
+        self._folds = Folds(fitted.models)
         self.noise = self._folds.noise
-        self._null = _null(self._folds)
+        self._null = nulls(self._folds)
         self.law = self._folds.law()
 
     def since(self, after: Sequence[Measurement], apart: Sequence[Measurement] = ()) -> Since:
@@ -183,134 +158,16 @@ def _formed(odd: tuple[int, str, float, float], accepted: list[_Scored], arm: Ar
     return any(a.key[1] in (joint, None) and excess < LEFT_OVER * a.brings for a in accepted)
 
 
-class _Folds:
-    """The law's sums over the healthy logs, one by one, so that each can be left out."""
-
-    def __init__(self, models: list[LogModel]) -> None:
-        self.models = models
-        together = Rows(models)
-        left = solve(together, noise_of(together.r, together.joined)).residuals()
-        self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
-        white = Noise(self.size, np.zeros(len(left)))
-        self.scale = [np.sqrt(np.mean(together.take(j, d) ** 2, axis=0)) for j, d in enumerate(_dictionary(models))]
-        count = sum(len(s) for s in self.scale)
-        p = together.p
-        # prior of the nuisance as it is, of the law by what friction leaves
-        self.prior = np.concatenate(
-            [
-                np.where(np.array(models[0].names) == "delay", LATE**-2, 1.0),
-                np.concatenate(
-                    [np.full(len(s), 1 / (LAW_SPREAD * v) ** 2) for s, v in zip(self.scale, self.size, strict=True)]
-                ),
-            ]
-        )
-        assert len(self.prior) == p + count
-        self.parts = []
-        for m in models:
-            rows = Rows([m])
-            a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
-            for j, columns in enumerate(_columns(rows, self.scale)):
-                x, r = white.whiten(j, columns, rows.joined[j]), white.whiten(j, rows.r[j], rows.joined[j])
-                # neighbouring rows say much the same: each counts for as much as its colour leaves
-                a += x.T @ x / CORRELATED
-                g += x.T @ r / CORRELATED
-            self.parts.append((a, g))
-        errors: list[list[np.ndarray]] = [[] for _ in left]
-        joined: list[list[np.ndarray]] = [[] for _ in left]
-        self.left_out = [self.law(k).rows([m]) for k, m in enumerate(models)]
-        for rows in self.left_out:
-            for j in range(rows.n):
-                errors[j].append(rows.r[j])
-                joined[j].append(rows.joined[j])
-        self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined])
-
-    def law(self, without: int | None = None) -> Law:
-        """The law of all healthy logs but one."""
-        a = np.diag(self.prior) + np.sum([x for k, (x, _) in enumerate(self.parts) if k != without], axis=0)
-        g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
-        d = 1 / np.sqrt(np.diag(a))
-        value, vector = np.linalg.eigh(a * np.outer(d, d))
-        value = np.maximum(value, 1e-10)
-        root = d[:, None] * vector / np.sqrt(value)
-        return Law(self.scale, root @ (root.T @ g), root)
-
-
-CORRELATED = 3.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
-
-
-def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
-    """Per joint and log (R, m): every joint effect of the catalogue that acts on that joint's torque alone."""
-    n = models[0].n
-    out: list[list[list[np.ndarray]]] = [[[] for _ in models] for _ in range(n)]
-    for c in candidates(models):
-        if c.joint is not None and len(c.columns[0]) == 1 and not effect_named(c.effect).many:
-            (j,) = c.columns[0]
-            for part, columns in zip(out[j], c.columns, strict=True):
-                part.append(columns[j])
-    return [[np.concatenate(part, axis=1) for part in joint] for joint in out]
-
-
-def _columns(rows: Rows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
-    """Per joint L (R, P): its nuisance and its own part of the law."""
-    total = sum(len(s) for s in scale)
-    first = 0
-    for j, d in enumerate(_dictionary(rows.models)):
-        p = rows.x[j].shape[1]
-        out = np.zeros((len(rows.r[j]), p + total))
-        out[:, :p] = rows.x[j]
-        out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
-        first += len(scale[j])
-        yield out
-
-
-@dataclass(frozen=True)
-class Null:
-    """Of a candidate's coefficients where nothing has changed: mean (k,) and the covariance (k, k) of another recording's about it."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
-
-
-def _null(folds: _Folds) -> dict[tuple[Key, int], Null]:
-    """(candidate, probe) -> its coefficients in healthy logs that the law has not seen."""
-    found: dict[tuple[Key, int], list[np.ndarray]] = {}
-    for rows, m in zip(folds.left_out, folds.models, strict=True):
-        solved = solve(rows, folds.noise)
-        left = solved.left()
-        for number, c in _numbered([m]):
-            s = _white(c, solved)
-            _, coefficients, _ = solved.gain(s, c.spread, left=left)
-            found.setdefault((c.key, number), []).append(coefficients)
-    out = {}
-    for key, each in found.items():
-        mean, count = np.mean(each, axis=0), len(each)
-        moment = np.sum([np.outer(c - mean, c - mean) for c in each], axis=0) / max(count - 1, 1) * (1 + 1 / count)
-        out[key] = Null(mean, NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment))))
-    return out
-
-
-def _numbered(models: list[LogModel]) -> Iterable[tuple[int, Candidate]]:
-    numbers: dict[Key, int] = {}
-    for c in candidates(models):
-        numbers[c.key] = numbers.get(c.key, 0) + 1
-        yield numbers[c.key], c
-
-
-def _white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:
-    rows = solved.rows
-    return {j: solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
-
-
 def _scored(
     solved: Solved, models: list[LogModel], null: dict[tuple[Key, int], Null], skip: set[Key], arm: Arm
 ) -> list[_Scored]:
     """Every candidate beside what is accepted, most worth first, one entry per effect and joint."""
     best: dict[Key, _Scored] = {}
     left = solved.left()
-    for number, c in _numbered(models):
+    for number, c in numbered(models):
         if c.key in skip:
             continue
-        s = _white(c, solved)
+        s = white(c, solved)
         fall, coefficients, covariance = solved.gain(s, c.spread, left=left)
         usual = null.get((c.key, number), Null(np.zeros_like(coefficients), np.zeros_like(covariance)))
         wide, beyond = covariance + usual.covariance, coefficients - usual.mean
@@ -360,7 +217,7 @@ def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) ->
     if match is None:
         return True
     solved = solve(kept, noise)
-    left, columns = solved.left(), _white(match, solved)
+    left, columns = solved.left(), white(match, solved)
     g = np.sum([x.T @ left[j] for j, x in columns.items()], axis=0)
     ss = np.sum([x.T @ x for x in columns.values()], axis=0)
     xs = np.sum([solved.xw[j].T @ x for j, x in columns.items()], axis=0)
@@ -370,7 +227,7 @@ def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) ->
 
 def _same(s: _Scored, models: list[LogModel]) -> Candidate | None:
     """The same candidate, at the same point of its shape, on other logs."""
-    return next((c for number, c in _numbered(models) if c.key == s.key and number == s.number), None)
+    return next((c for number, c in numbered(models) if c.key == s.key and number == s.number), None)
 
 
 def _restated(accepted: list[_Scored], solved: Solved, p: int) -> list[Changed]:
@@ -403,7 +260,7 @@ def _spread(s: _Scored) -> dict[str, float]:
     return {name: float(np.sqrt(v)) for name, v in out.items()}
 
 
-def _odd(solved: Solved, new: list[LogModel], folds: _Folds, noise: Noise) -> list[tuple[int, str, float, float]]:
+def _odd(solved: Solved, new: list[LogModel], folds: Folds, noise: Noise) -> list[tuple[int, str, float, float]]:
     """Joints at which a part of the additive basis explains far more in the new logs than in any healthy one left out."""
     out = []
     for j in range(solved.rows.n):

@@ -1,0 +1,119 @@
+"""What a healthy arm does beside its model: a law of all joint effects of the catalogue at once, shrunk by a Gaussian prior.
+
+It is fitted to the healthy logs; each of them in turn is left out and predicted by the others, which gives the noise of a new log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.candidates import candidates
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.noise import Noise, noise_of
+from calib.diagnosis.rows import Rows, solve
+from sim.effects import effect_named
+
+# Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
+LAW_SPREAD = 0.3
+LATE = 10.0  # prior standard deviations: an arm's own delay is learnt, not supposed
+CORRELATED = 3.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
+
+
+@dataclass(frozen=True)
+class HealthyLaw:
+    """Torque of the healthy arm beside its model: columns L = [X D] of its nuisance and of the law, their mean (P,) and covariance root root'.
+
+    scale: per joint the RMS of D's columns on the healthy logs.
+    """
+
+    scale: list[np.ndarray]
+    mean: np.ndarray
+    root: np.ndarray
+
+    def rows(self, models: list[LogModel]) -> Rows:
+        """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
+        rows = Rows(models)
+        for j, columns in enumerate(_columns(rows, self.scale)):
+            rows.r[j] = rows.r[j] - columns @ self.mean
+            rows.x[j] = columns @ self.root
+        return rows.released()
+
+
+class Folds:
+    """The law's sums over the healthy logs, one by one, so that each can be left out."""
+
+    def __init__(self, models: list[LogModel]) -> None:
+        self.models = models
+        together = Rows(models)
+        left = solve(together, noise_of(together.r, together.joined)).residuals()
+        self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
+        white = Noise(self.size, np.zeros(len(left)))
+        self.scale = [np.sqrt(np.mean(together.take(j, d) ** 2, axis=0)) for j, d in enumerate(_dictionary(models))]
+        count = sum(len(s) for s in self.scale)
+        p = together.p
+        # prior of the nuisance as it is, of the law by what friction leaves
+        self.prior = np.concatenate(
+            [
+                np.where(np.array(models[0].names) == "delay", LATE**-2, 1.0),
+                np.concatenate(
+                    [np.full(len(s), 1 / (LAW_SPREAD * v) ** 2) for s, v in zip(self.scale, self.size, strict=True)]
+                ),
+            ]
+        )
+        assert len(self.prior) == p + count
+        self.parts = []
+        for m in models:
+            rows = Rows([m])
+            a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
+            for j, columns in enumerate(_columns(rows, self.scale)):
+                x, r = white.whiten(j, columns, rows.joined[j]), white.whiten(j, rows.r[j], rows.joined[j])
+                # neighbouring rows say much the same: each counts for as much as its colour leaves
+                a += x.T @ x / CORRELATED
+                g += x.T @ r / CORRELATED
+            self.parts.append((a, g))
+        errors: list[list[np.ndarray]] = [[] for _ in left]
+        joined: list[list[np.ndarray]] = [[] for _ in left]
+        self.left_out = [self.law(k).rows([m]) for k, m in enumerate(models)]
+        for rows in self.left_out:
+            for j in range(rows.n):
+                errors[j].append(rows.r[j])
+                joined[j].append(rows.joined[j])
+        self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined])
+
+    def law(self, without: int | None = None) -> HealthyLaw:
+        """The law of all healthy logs but one."""
+        a = np.diag(self.prior) + np.sum([x for k, (x, _) in enumerate(self.parts) if k != without], axis=0)
+        g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
+        d = 1 / np.sqrt(np.diag(a))
+        value, vector = np.linalg.eigh(a * np.outer(d, d))
+        value = np.maximum(value, 1e-10)
+        root = d[:, None] * vector / np.sqrt(value)
+        return HealthyLaw(self.scale, root @ (root.T @ g), root)
+
+
+def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
+    """Per joint and log (R, m): every joint effect of the catalogue that acts on that joint's torque alone."""
+    n = models[0].n
+    out: list[list[list[np.ndarray]]] = [[[] for _ in models] for _ in range(n)]
+    for c in candidates(models):
+        if c.joint is not None and len(c.columns[0]) == 1 and not effect_named(c.effect).many:
+            (j,) = c.columns[0]
+            for part, columns in zip(out[j], c.columns, strict=True):
+                part.append(columns[j])
+    return [[np.concatenate(part, axis=1) for part in joint] for joint in out]
+
+
+def _columns(rows: Rows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
+    """Per joint L (R, P): its nuisance and its own part of the law."""
+    total = sum(len(s) for s in scale)
+    first = 0
+    for j, d in enumerate(_dictionary(rows.models)):
+        p = rows.x[j].shape[1]
+        out = np.zeros((len(rows.r[j]), p + total))
+        out[:, :p] = rows.x[j]
+        out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
+        first += len(scale[j])
+        yield out

@@ -1,0 +1,55 @@
+"""What each candidate effect seems to be where nothing has changed: the null distribution of its estimate over healthy logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.healthy import Folds
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.rows import Solved, solve
+from calib.diagnosis.selection import Key
+
+NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
+NULL_DIAGONAL = 0.3
+
+
+@dataclass(frozen=True)
+class Null:
+    """Of a candidate's coefficients where nothing has changed: mean (k,) and the covariance (k, k) of another recording's about it."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def nulls(folds: Folds) -> dict[tuple[Key, int], Null]:
+    """(candidate, probe) -> its coefficients in healthy logs that the law has not seen."""
+    found: dict[tuple[Key, int], list[np.ndarray]] = {}
+    for rows, m in zip(folds.left_out, folds.models, strict=True):
+        solved = solve(rows, folds.noise)
+        left = solved.left()
+        for number, c in numbered([m]):
+            s = white(c, solved)
+            _, coefficients, _ = solved.gain(s, c.spread, left=left)
+            found.setdefault((c.key, number), []).append(coefficients)
+    out = {}
+    for key, each in found.items():
+        mean, count = np.mean(each, axis=0), len(each)
+        moment = np.sum([np.outer(c - mean, c - mean) for c in each], axis=0) / max(count - 1, 1) * (1 + 1 / count)
+        out[key] = Null(mean, NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment))))
+    return out
+
+
+def numbered(models: list[LogModel]) -> Iterable[tuple[int, Candidate]]:
+    numbers: dict[Key, int] = {}
+    for c in candidates(models):
+        numbers[c.key] = numbers.get(c.key, 0) + 1
+        yield numbers[c.key], c
+
+
+def white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:
+    rows = solved.rows
+    return {j: solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}

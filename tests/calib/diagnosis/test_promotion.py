@@ -1,0 +1,84 @@
+"""A name is written into the arm only where the arm then predicts and moves no worse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.corrected import Correction
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.promotion import _Written, promoted
+from calib.diagnosis.selection import Scored, add, started
+from calib.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from tests.calib.diagnosis.conftest import at, recording
+
+ELBOW = 2
+SPRING = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
+
+
+def test_an_effect_that_only_the_fitted_recordings_have_is_refused(ur10e: Arm) -> None:
+    fitted = warmed([measured(recording(ur10e, seed, SPRING), ur10e) for seed in (1, 2)])
+    apart = warmed([measured(recording(ur10e, 3), ur10e)])
+    named, baseline = _with_spring(ur10e, fitted)
+    promotion = promoted(fitted, named, baseline, apart)
+    assert [(r.effect.effect, r.joint) for r in promotion.refused] == [("joint_spring", "elbow_joint")]
+    refusal = promotion.refused[0]
+    assert refusal.with_it > 1.2 * refusal.without > 0
+    assert "held-out recordings" in refusal.text
+    assert promotion.change is None or all(e.effect != "joint_spring" for e in promotion.change.effects)
+
+
+def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
+    fitted = warmed([measured(recording(ur10e, seed, SPRING), ur10e) for seed in (1, 2)])
+    apart = warmed([measured(recording(ur10e, 3, SPRING), ur10e)])
+    named, baseline = _with_spring(ur10e, fitted)
+    promotion = promoted(fitted, named, baseline, apart)
+    assert promotion.refused == ()
+    assert promotion.change is not None
+    written = next(e for e in promotion.change.effects if e.effect == "joint_spring")
+    assert written.parameters["stiffness"] == pytest.approx(12.0, rel=0.2)
+    # what was simulated is shown, and is no farther off
+    assert [a.horizon.seconds for a, _ in promotion.motion] == [b.horizon.seconds for _, b in promotion.motion]
+    assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
+
+
+def _with_spring(arm: Arm, fitted: list[Measurement]) -> tuple[Fit, Fit]:
+    baseline = started(fitted, Hypothesis.nominal(arm))
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.4})
+    return add(fitted, baseline, Scored(spring, 100.0, 2)), baseline
+
+
+@pytest.mark.parametrize(("factor", "worse"), [(1.0, False), (1.02, False), (1.3, True)])
+def test_worse_is_what_the_noise_does_not_explain(factor: float, worse: bool) -> None:
+    rng = np.random.default_rng(4)
+    errors = rng.standard_normal((600, 3))
+    mine = errors + 0.3 * rng.standard_normal((600, 3))
+    mine[:, 1] = factor * mine[:, 1] / mine[:, 1].std() * errors[:, 1].std()
+    found = _written(mine).worse(_written(errors), np.array([1.2, 1.0, 1.2]))
+    assert found.tolist() == [False, worse, False]
+
+
+def test_joints_that_are_asked_together_balance() -> None:
+    rng = np.random.default_rng(5)
+    errors = rng.standard_normal((600, 2))
+    mine = errors * np.array([0.5, 1.2])
+    one = np.ones(2)
+    assert _written(mine).worse(_written(errors), one).tolist() == [False, True]
+    assert _written(mine).worse(_written(errors), one, [[0, 1]]).tolist() == [False, False]
+
+
+def test_neighbouring_rows_that_say_the_same_count_less() -> None:
+    rng = np.random.default_rng(6)
+    plain = np.ones((1200, 1))
+    blocks = np.repeat(rng.uniform(-0.5, 0.5, (30, 1)), 40, axis=0)
+    rise = 0.06 - blocks.mean()
+    correlated, independent = (np.sqrt(1.0 + rise + x) for x in (blocks, rng.permutation(blocks)))
+    assert not _written(correlated).worse(_written(plain), np.ones(1))[0]
+    assert _written(independent).worse(_written(plain), np.ones(1))[0]
+
+
+def _written(errors: np.ndarray) -> _Written:
+    return _Written(Correction({}, ()), (), errors, np.sqrt(np.mean(errors**2, axis=0)))

@@ -1,0 +1,77 @@
+"""The simulated motion is near the recorded one with the right arm and far with a wrong one, over every horizon."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.forward import HORIZONS, SHORT, forward_error
+from calib.preprocessing import prepare
+from sim.arm import Arm, ArmEffect
+from sim.effects import with_effect
+from sim.plant import Plant
+from sim.rigid_body import RigidBody
+from tests.calib.conftest import fourier_motion, recorded
+
+FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (6, 3, 1), strict=True))
+
+
+@pytest.mark.parametrize("horizon", FEW, ids=lambda h: h.words)
+def test_a_heavier_arm_moves_away(ur5e: Arm, horizon) -> None:  # type: ignore[no-untyped-def]
+    m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2), ur5e)
+    heavy = replace(ur5e, tree=replace(ur5e.tree, mass=1.2 * ur5e.tree.mass))
+    right, wrong = (forward_error(arm, m, horizon, ur5e) for arm in (ur5e, heavy))
+    assert 1 <= len(right.starts) <= horizon.windows
+    assert right.starts == wrong.starts
+    assert wrong.flange > 3 * right.flange
+    assert right.flange == pytest.approx(np.sqrt(right.squares.mean()))
+    assert right.entry()["loop"] == ("closed" if horizon.closed else "open")
+
+
+def test_a_late_reading_is_used_when_it_was_true(ur5e: Arm) -> None:
+    log = recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2)
+    late = replace(log, tau=np.stack([np.interp(log.t - 0.012, log.t, x) for x in log.tau.T], axis=1))
+    m = prepare(late, ur5e)
+    known = with_effect(ur5e, ArmEffect("time_delay", None, {"delay": 0.012}))
+    assert forward_error(known, m).flange < 0.6 * forward_error(ur5e, m).flange
+
+
+def test_windows_hold_no_gap(ur5e: Arm) -> None:
+    log = recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2)
+    keep = (log.t < 4.0) | (log.t > 4.5)
+    arrays = {k: v[keep] for k, v in vars(log).items() if isinstance(v, np.ndarray) and len(v) == len(keep)}
+    m = prepare(replace(log, **arrays), ur5e)
+    assert len(m.starts) > 2
+    for horizon in HORIZONS[:2]:
+        for k in forward_error(ur5e, m, replace(horizon, windows=10)).starts:
+            assert np.searchsorted(m.starts, k, side="right") == np.searchsorted(m.starts, k + horizon.steps(m), side="right")
+
+
+def test_a_recording_without_a_window_has_no_error(ur5e: Arm) -> None:
+    m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=6.0)), ur5e)
+    none = forward_error(ur5e, replace(m, usable=np.zeros_like(m.usable)), SHORT)
+    assert none.starts == ()
+    assert np.isnan(none.flange)
+    assert np.isnan(none.angle).all()
+
+
+def test_a_soft_joint_begins_under_its_load(ur5e: Arm) -> None:
+    joint, stiffness = "shoulder_lift_joint", 4000.0
+    soft = with_effect(ur5e, ArmEffect("joint_elasticity", joint, {"stiffness": stiffness}))
+    q, plant = np.array([0.0, -0.3, 0.4, 0.2, 0.3, 0.1]), Plant(soft)
+    plant.reset(q, np.zeros(6), q[None])
+    load = RigidBody(soft).gravity_torque(q[None])[0]
+    np.testing.assert_allclose(plant.read().q, q, atol=2e-5)
+    zero = np.zeros(6)
+    for _ in range(25):
+        plant.command(q, zero, load, zero, zero)
+        plant.advance(0.002)
+    carried = np.abs(plant.read().q - q)[1]
+    plant.reset(q, np.zeros(6))
+    for _ in range(25):
+        plant.command(q, zero, load, zero, zero)
+        plant.advance(0.002)
+    assert carried < 0.1 * abs(load[1]) / stiffness
+    assert np.abs(plant.read().q - q)[1] > 5 * carried
