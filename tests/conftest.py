@@ -1,0 +1,14 @@
+"""Before any test: numerical libraries get one thread, as the program gives them, or two busy processors spend most of their time waiting."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from calib.main import ONE_THREAD  # read by the libraries once, when NumPy is imported
+
+assert "numpy" not in sys.modules, (
+    "a plug-in of pytest has imported NumPy already: set OPENBLAS_NUM_THREADS=1 for all of pytest"
+)
+for name in ONE_THREAD:
+    os.environ.setdefault(name, "1")
