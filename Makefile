@@ -43,6 +43,9 @@ hostile: $(VENV)/ready  ## 10,000 mutated files through the commands that read t
 soak: $(VENV)/ready  ## half an hour of motion of each of six rough arms, ten minutes of computing at a time
 	$(BIN)/python -m benchmarks soak
 
+ur-load: $(VENV)/ready  ## a UR beside two busy processes: a long recording, and each fault by its name; ten minutes at a time
+	$(BIN)/python -m benchmarks ur_load
+
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest tests/safety -m "slow or not slow" --ignore=tests/safety/test_mutated_predicates.py --ignore=tests/safety/test_mutants.py

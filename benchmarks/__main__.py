@@ -43,7 +43,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named
-SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms", "soak")
+SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms", "soak", "ur_load")
 # in slices: a run goes on where the last one ended
 SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "public_arms")
 # what a topic measures; all packages, if not here
@@ -56,6 +56,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),
     "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
+    "ur_load": ("drivers/ur_rtde", "safety", "logs", "sim/emulated"),
     "soak": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),

@@ -1,0 +1,168 @@
+"""A UR on a busy computer: a long recording, and whether each fault is named by its own name; everything as an operator does it.
+
+`calib emulate` and `calib record` run as commands of their own beside BUSY processes that never wait. A run goes on where the last one
+ended (build/ur_load.jsonl), for `minutes` at a time: `make ur-load`. The controller is emulated, and has to share the computer too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import digest
+from logs.read import read_log
+from safety.plan import Motion, write_plan
+from sim.arm import load_arm
+from sim.cell import load_cell
+from sim.emulated import open_emulator
+from sim.emulated.ur.emulator import UrEmulator
+from sim.trajectory import Trajectory
+
+BUSY = 2
+# fault of the emulator -> what its sentence must hold; two causes look alike where the wire shows the same
+NAMES = {
+    "protective_stop": "protective stop", "emergency_stop": "emergency stop", "slider_moved": "speed slider|scales the speed",
+    "program_stopped": "control program is (stopped|stopping)", "second_client": "control program is|program .* plays",
+    "cable_pulled": "no new reading", "close": "closed|no new reading|connection", "freeze": "stands still|no new reading",
+    "reduced_mode": "reduced mode",
+}  # fmt: skip
+MOTION = 20.0  # s
+HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
+CELL = """schema = "cell/1"
+name = "busy"
+arm = "ur10e"
+driver = "ur_rtde"
+home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
+[options]
+host = "127.0.0.{last}"
+serial = "20230000000"
+frame_timeout = 0.1
+watchdog = 4.0
+[motion]
+latency = 0.1
+following_error = 0.025
+"""
+
+
+@contextlib.contextmanager
+def busy() -> Iterator[None]:
+    """BUSY processes that never wait, beside whatever else this computer does."""
+    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY)]
+    try:
+        yield
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+
+
+def motion(home: np.ndarray, seconds: float) -> Trajectory:
+    """Sines about home below a window sin^4, which is at rest at both ends with its acceleration too."""
+    t = np.linspace(0, seconds, round(100 * seconds) + 1)[:, None]
+    p, w, size = np.pi / seconds, 2 * np.pi / 5.0, np.array([0.2, 0.1, 0.15, 0.2, 0.2, 0.2])
+    s, c = np.sin(p * t), np.cos(p * t)
+    a, da, dda = s**4, 4 * p * s**3 * c, 4 * p**2 * (3 * s**2 * c**2 - s**4)
+    x, dx, ddx = size * np.sin(w * t), size * w * np.cos(w * t), -size * w**2 * np.sin(w * t)
+    return Trajectory(t[:, 0], home + a * x, da * x + a * dx, dda * x + 2 * da * dx + a * ddx)
+
+
+def recorded(folder: Path, last: int, seconds: float, fault: str | None) -> dict[str, Any]:
+    """One `calib record` of a motion of `seconds`; the fault comes a second after the arm has begun to move."""
+    path = folder / "busy.toml"
+    path.write_text(CELL.format(last=last))
+    cell = load_cell(path)
+    arm = load_arm(cell.table.arm)
+    plan = Motion("excitation", "excitation", motion(np.array(cell.table.home), seconds))
+    write_plan(folder / "plan", arm, [plan], cell)
+    emulator = open_emulator(cell, arm)
+    assert isinstance(emulator, UrEmulator)
+    emulator.start()
+    line = [sys.executable, "-m", "calib", "record", str(path), str(folder / "plan"), "--yes", "--out", str(folder / "logs")]
+    try:
+        command = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder)
+        moved, injected = 0.0, False
+        while command.poll() is None:
+            time.sleep(0.02)
+            moving = float(np.max(np.abs(emulator.robot.target_qd))) > 0.01
+            moved = (moved or time.monotonic()) if moving else moved
+            if fault and not injected and moved and time.monotonic() - moved > 1.0:
+                emulator.inject(fault)
+                injected = True
+        said = command.stdout.read() if command.stdout else ""
+    finally:
+        emulator.stop()
+    out: dict[str, Any] = {"exit": command.returncode, "injected": injected, "load": os.getloadavg()[0]}
+    if fault:
+        out["named"] = bool(re.search(NAMES[fault], " ".join(said.split())))
+    if not (fault and out["named"]):
+        out["said"] = " ".join(said.split())[-400:]
+    logs = sorted((folder / "logs").glob("**/*.mcap"))
+    if not fault and logs:
+        log = read_log(logs[0])
+        steps = np.diff(log.t)
+        marks = [e.message for e in log.events if e.name == "gap"]
+        gaps = np.rint(steps * 500.0) - 1
+        out |= {
+            "seconds": float(log.t[-1] - log.t[0]),
+            "samples": len(log.t),
+            "lost": int(gaps.sum()),
+            "gaps": int(np.sum(gaps > 0)),
+        }
+        out |= {"longest": 1e3 * float(steps.max()), "marks": len(marks)}
+    return out
+
+
+def run(minutes: float = 10.0, seconds: float = 60.0, repeats: int = 50) -> list[dict[str, Any]]:
+    """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    wanted = [(f"recording of {seconds:g} s, {k}", None) for k in range(3)]
+    wanted += [(f"{fault} {k}", fault) for k in range(repeats) for fault in NAMES]
+    for number, (what, fault) in enumerate(wanted):
+        if what not in kept.found and time.monotonic() < end:
+            with tempfile.TemporaryDirectory(prefix="calib-") as folder, busy():
+                kept.keep(what, recorded(Path(folder), 40 + number % 50, MOTION if fault else seconds, fault))
+    rows = []
+    for what, found in kept.found.items():
+        if what.startswith("recording"):
+            value = (
+                f"{found['samples']} samples, {found['lost']} lost in {found['gaps']} gaps" if "samples" in found else "no log"
+            )
+            note = f"exit code {found['exit']}, load {found['load']:.1f}, longest step {found.get('longest', 0):.0f} ms; {found.get('said', '') if found['exit'] else ''}"
+            rows.append(
+                {
+                    "what": f"{what}: finished with gaps marked",
+                    "value": value,
+                    "bar": "every gap marked",
+                    "note": f"{found.get('marks', 0)} marks; {note}",
+                }
+            )
+    for fault in NAMES:
+        runs = [found for what, found in kept.found.items() if what.rpartition(" ")[0] == fault]
+        met = [found for found in runs if found["injected"]]
+        early = [found for found in runs if not found["injected"]]
+        wrong = [found["said"] for found in met if not found["named"]]
+        note = f"{len(runs)} of {repeats} runs, {len(early)} ended before the fault" + (
+            f"; first unnamed: {wrong[0][-200:]}" if wrong else ""
+        )
+        if runs:
+            rows.append(
+                {
+                    "what": f"{fault}: named by its own name",
+                    "value": f"{sum(f['named'] for f in met)} of {len(met)}",
+                    "bar": "all",
+                    "note": note,
+                }
+            )
+    return rows
