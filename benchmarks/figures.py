@@ -117,6 +117,9 @@ TITLES = {
     "fleet": "From one arm to a fleet",
     "watch": "Watching an arm at work",
     "safety": "Motion safety",
+    "faults": "Faults in motion",
+    "soak": "Rough arms: false stops and missed faults",
+    "ur_load": "A UR on a busy computer",
 }
 
 

@@ -1,0 +1,61 @@
+"""What the sliced topics make of their findings: a miss, a false stop and a wrong name show in the rows."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from benchmarks import faults, soak, ur_load
+from benchmarks.faults import TROUBLES
+from benchmarks.injection import Run
+from drivers.ur_rtde.condition import program, safety, scaling, slider
+
+STOP = Run(reaction=1, angle=0.1, share=0.9, alone=1.02, beyond=0.002, beside=0.3, time=0.2)
+
+
+def test_a_missed_fault_and_the_worst_share_are_in_the_row() -> None:
+    trouble = next(t for t in TROUBLES if t.stops and t.twin is None)
+    worse = Run(reaction=2, angle=0.2, share=1.3, alone=1.4, beyond=0.02, beside=1.1, time=0.4)
+    (row,) = faults.rows(trouble, [STOP, worse, Run(missed="run 2: no stop from sample 400 on")], 200)
+    assert row["value"] == "2/2 readings; 8.59/11.46 deg; 1.30; 1.10; 400 ms"
+    assert "3 of 200 runs, 2 stops, 1 missed" in row["note"]
+    assert "no stop from sample 400" in row["note"]
+
+
+def test_a_stop_that_should_not_be_is_counted() -> None:
+    harmless = next(t for t in TROUBLES if not t.stops)
+    (row,) = faults.rows(harmless, [STOP, Run()], 200)
+    assert (row["value"], row["bar"]) == (1, "0")
+
+
+def test_a_fault_that_nobody_saw_is_no_stop() -> None:
+    (row,) = faults.rows(TROUBLES[0], [Run(missed="x")] * 3, 200)
+    assert (row["value"], row["bar"]) == (0, "3")
+
+
+def test_false_stops_and_missed_faults_of_an_arm() -> None:
+    found = {
+        "ur5e section 0": {"seconds": 60.0, "stopped": None},
+        "ur5e section 1": {"seconds": 12.0, "stopped": "stopped in soak"},
+        "ur5e fault 0 cable out": {"reaction": 0},
+        "ur5e fault 1 stale readings": {"missed": "run 1: no stop"},
+        "ur10e section 0": {"seconds": 60.0, "stopped": "another arm's"},
+    }
+    stops, missed = soak.rows("ur5e", found, 30.0)
+    assert (stops["value"], stops["note"]) == (1, "1.2 of 30 minutes; stopped in soak")
+    assert (missed["value"], "stale readings: run 1" in missed["note"]) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("protective_stop", safety(1 << 2)[1]), ("emergency_stop", safety(1 << 6)[1]), ("reduced_mode", safety(1 << 1)[1]),
+        ("slider_moved", slider(0.5)[1]), ("slider_moved", scaling(0.5)[1]), ("program_stopped", program(1)[1]), ("second_client", program(1)[1]),
+    ],
+)  # fmt: skip
+def test_a_name_is_that_of_its_fault_and_of_no_other(fault: str, sentence: str) -> None:
+    assert re.search(ur_load.NAMES[fault], sentence)
+    same = {"program_stopped", "second_client"}  # the wire shows the same
+    others = [name for name in ur_load.NAMES if name != fault and not {name, fault} <= same]
+    assert not [name for name in others if re.search(ur_load.NAMES[name], sentence)]
