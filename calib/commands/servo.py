@@ -100,11 +100,11 @@ def scan(
         str, typer.Option(help="python-can's: socketcan, slcan, socketcand, pcan, ...; damiao is Damiao's USB box.")
     ],
     channel: Annotated[str, typer.Option(help="can0, /dev/serial/by-id/..., as the interface has it.")],
-    bitrate: Annotated[int, typer.Option(min=10_000, max=1_000_000, help="bit/s")] = 1_000_000,
+    bitrate: Annotated[int, typer.Option(min=1, max=1_000_000, help="bit/s")] = 1_000_000,
     data_bitrate: Annotated[
         int | None,
         typer.Option(
-            min=100_000,
+            min=1,
             max=8_000_000,
             help="bit/s of CAN FD data, often 5000000; asks classical and CAN FD drives. Classical alone if not given.",
         ),
