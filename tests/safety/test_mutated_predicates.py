@@ -38,7 +38,7 @@ TARGETS = {
     "loads": (("room",), ("test_tube",)),
     "tube": (("_range", "__init__"), ("test_tube",)),
     "readings": (("_check_speed", "_check_frozen", "_check_swing", "_check_clock"), ("test_readings",)),
-    "collision": (("distances", "certify", "_prove", "_always_apart"), ("test_collision",)),
+    "collision": (("distances", "certify", "_prove", "_always_apart"), ("test_collision", "test_certify")),
     "shapes": (("_check_sizes",), ("test_collision",)),
     "stages": (("gate", "stages_due"), ("test_stages",)),
     "approval": (("check_approval",), ("test_plan",)),
