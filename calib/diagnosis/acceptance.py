@@ -57,15 +57,20 @@ class Judged:
 
 
 def judge(
-    measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement], bank: Bank | None = None
+    measurements: Sequence[Measurement],
+    best: Fit,
+    apart: Sequence[Measurement],
+    bank: Bank | None = None,
+    ask_rivals: bool = True,
 ) -> list[Judged]:
-    """Every accepted effect of a fit, in its order."""
+    """Every accepted effect of a fit, in its order; without `ask_rivals`, which takes most of the time, none has any."""
     out, bank = [], bank or Bank()
     with_all = HeldOut.of(best, apart)
     for i, item in enumerate(best.accepted):
         rest = without(measurements, best, i)
         lost = rest.objective - best.objective
-        near = beside(rest, best, i, PROMISE if lost < STRONG else PROMISE_STRONG, bank)[:MOST_RIVALS]
+        share = PROMISE if lost < STRONG else PROMISE_STRONG
+        near = beside(rest, best, i, share, bank)[:MOST_RIVALS] if ask_rivals else []
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
         without_it = HeldOut.of(rest, apart)
         joints = joints_of(item, best.hypothesis.arm)

@@ -70,11 +70,13 @@ def diagnose(
     start = Hypothesis.nominal(arm)
     found = search(fitted, start, told)
     told("weighing the names")
-    judged = judge(fitted, found.best, apart)
-    while refused := [i for i, j in enumerate(judged) if j.vetoed or j.doubtful]:
-        worst = min(refused, key=lambda i: judged[i].held_out)
-        found.best = without(fitted, found.best, worst)
-        judged = judge(fitted, found.best, apart)
+    judged = []
+    for ask_rivals in (False, True) if apart else (True,):
+        judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
+        while refused := [i for i, j in enumerate(judged) if j.vetoed or j.doubtful]:
+            worst = min(refused, key=lambda i: judged[i].held_out)
+            found.best = without(fitted, found.best, worst)
+            judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
     told("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
