@@ -23,14 +23,13 @@ def found(verdict: str = "effects_found") -> Any:
     return SimpleNamespace(answer={"verdict": verdict}, accepted=(SPRING,), found=SimpleNamespace(ladder=steps))
 
 
-def test_the_right_name_brings_torque_and_motion_to_what_was_measured(ur5e: Arm) -> None:
+def test_the_right_name_brings_torque_to_what_was_measured(ur5e: Arm) -> None:
     truth = with_effect(ur5e, SPRING)
     log = recorded(truth, fourier_motion(ur5e, 1, seconds=8.0))
     shown = evidence.of_diagnosis(ur5e, truth, log, found())
     elbow = ur5e.joint_index("elbow_joint")
     before, after = (np.sqrt(np.mean((shown["tau"] - shown[k]) ** 2, axis=0)) for k in ("before", "after"))
     assert before[elbow] > 5 * after[elbow]
-    assert shown["forward"]["elbow_joint"][0] > 3 * shown["forward"]["elbow_joint"][1]
     assert shown["candidates"] == [("joint_spring", "elbow_joint", 900.0), ("payload", None, 40.0)]
     assert {shown[k].shape for k in ("tau", "before", "after", "q", "dq")} == {(len(shown["t"]), ur5e.n)}
 
