@@ -73,6 +73,13 @@ def removed(n: Numbers) -> str:
     )
 
 
+def motion(n: Numbers) -> str:
+    return (
+        f"Simulated for {n['horizon_s']:g} s under the measured torque ({n['loop']} loop), the flange is off by {1e3 * n['after']:.2g} mm RMS "
+        f"with the corrected arm, {1e3 * n['before']:.2g} mm with the nominal arm"
+    )
+
+
 def words(effect: str, joint: str | None) -> str:
     """An effect's name in words, with its joint."""
     text = effect.replace("_", " ")

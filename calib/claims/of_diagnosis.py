@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from calib.claims.claim import Claim
 
 FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "unchanged", "missing", "changed", "unexplained")
-REMARKS = ("removed", "law", "refused", "refit")
+REMARKS = ("removed", "motion", "law", "refused", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
@@ -19,6 +19,8 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     out = [verdict(answer)]
     if answer.get("effects") and "baseline" not in answer and (gain := _removed(answer)):
         out.append(gain)
+        if answer.get("motion"):
+            out.append(_motion(answer["motion"]))
     out += [
         Claim("alike", {"effect": e["effect"], "joint": e["joint"], "others": e["indistinguishable_from"]})
         for e in answer.get("effects", [])
@@ -45,6 +47,13 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
     if healthy is not None:
         return Claim("unchanged", {"arm": answer["arm"], "healthy": len(healthy)})
     return Claim("complete", {"arm": answer["arm"]})
+
+
+def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:
+    """The flange's error over the longest horizon that was simulated."""
+    pair = max(pairs, key=lambda p: float(p["after"]["horizon_s"]))
+    ends = {when: float(pair[when]["flange_m"]) for when in ("before", "after")}
+    return Claim("motion", {"horizon_s": float(pair["after"]["horizon_s"]), "loop": pair["after"]["loop"], **ends})
 
 
 def _removed(answer: Mapping[str, Any]) -> Claim | None:

@@ -97,4 +97,5 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "refit": diagnosis.refit,
     "alike": diagnosis.alike,
     "removed": diagnosis.removed,
+    "motion": diagnosis.motion,
 }

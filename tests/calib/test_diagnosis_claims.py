@@ -95,6 +95,16 @@ def test_the_residual_that_was_removed_is_that_of_the_arms_on_the_recording(spri
     assert claim["after"] / claim["before"] == pytest.approx(shares.min())
 
 
+def test_the_simulated_motion_is_that_of_the_answer(spring: Written) -> None:
+    claim, pairs = spring.claim("motion"), spring.answer["motion"]
+    assert (claim is None) == (not pairs)
+    if claim is not None:
+        longest = max(pairs, key=lambda p: p["after"]["horizon_s"])
+        assert claim["horizon_s"] == longest["after"]["horizon_s"]
+        assert (claim["before"], claim["after"]) == (longest["before"]["flange_m"], longest["after"]["flange_m"])
+        assert claim["after"] < claim["before"]
+
+
 def test_what_is_refused_is_not_in_the_arm_and_laws_are(spring: Written) -> None:
     for c in spring.answer["claims"]:
         if c["claim"] == "refused":
@@ -152,9 +162,10 @@ def test_what_else_is_claimed() -> None:
     answer = examples.diagnosis()[0] | {"laws": [LAW], "refused": ["backlash at elbow_joint was fitted"], "calibration": MOVES}
     answer["effects"][0]["indistinguishable_from"] = [{"effect": "payload", "joint": None}]
     made = {c.name: c for c in claims(answer)}
-    assert set(made) == {"missing", "removed", "alike", "law", "refused", "refit"}
+    assert set(made) == {"missing", "removed", "motion", "alike", "law", "refused", "refit"}
+    assert "20 mm with the nominal arm" in made["motion"].sentence
     assert "25%" in made["law"].sentence
     assert [abs(m["prior_deviations"]) > FAR for m in made["refit"].numbers["parameters"]] == [True]
     assert made["alike"].sentence.endswith("cannot be distinguished from payload")
-    assert len(remarks(answer)) == 4
+    assert len(remarks(answer)) == 5
     assert set(made) <= set(SENTENCES)
