@@ -67,18 +67,17 @@ def fit_friction(
     sets: Sequence[Sequence[int]],
     only: Sequence[int] | None = None,
     held: int = 0,
-    positive: Sequence[int] = (),
 ) -> FrictionFit:
     """The law of every joint (of `only` those) that predicts parts left out at least HELPS better than none.
 
     mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole. The last
-    `held` of theta are fitted wherever a part is left out, and are zero in the solution. positive: terms that are never negative.
+    `held` of theta are fitted wherever a part is left out, and are zero in the solution.
     """
     if len(parts) == 1:
         parts = parts[0].cut(PARTS)
     n = len(parts[0].r)
     asked = range(n) if only is None else only
-    problem = _Problem(list(parts), mean, precision, tuple(positive))
+    problem = _Problem(list(parts), mean, precision)
     nothing = [np.zeros(problem.k, dtype=bool) for _ in range(n)]
     errors = [problem.left_out(nothing)]
     for chosen in sets:
@@ -117,7 +116,6 @@ class _Problem:
     parts: list[Part]
     mean: np.ndarray
     precision: np.ndarray
-    positive: tuple[int, ...]
     sums: list[list[np.ndarray]] = field(init=False)
     rows: np.ndarray = field(init=False)
     scale: list[np.ndarray] = field(init=False)
@@ -189,8 +187,6 @@ class _Problem:
         alpha = np.concatenate([np.full(len(t), 1 / (0.03 * s) ** 2) for t, s in zip(terms, size, strict=True)])
         variance = np.maximum((0.1 * size) ** 2, 1e-12)
         x = np.zeros(int(first[-1]))
-        bounded = np.concatenate([np.zeros(p, dtype=bool), *[np.isin(t, self.positive) for t in terms]])
-        dropped = np.zeros(len(x), dtype=bool)
         rounds = ROUNDS if len(alpha) else 6
         for turn in range(rounds):
             a, g = np.zeros((len(x), len(x))), np.zeros(len(x))
@@ -201,12 +197,9 @@ class _Problem:
                 a[np.ix_(columns[j], columns[j])] += weight * total[j][np.ix_(own[j], own[j])]
                 g[columns[j]] += weight * total[j][own[j], -1]
             a[range(p, len(x)), range(p, len(x))] += alpha
-            a[dropped, dropped] *= HELD
             d = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
             factor = cho_factor(a * np.outer(d, d) + 1e-12 * np.eye(len(x)), check_finite=False)
             x = d * cho_solve(factor, d * g, check_finite=False)
-            if turn >= 3:
-                dropped |= bounded & (x < 0)
             if len(alpha) and turn >= 3:
                 spread = np.diag(cho_solve(factor, np.eye(len(x)), check_finite=False))[p:] * d[p:] ** 2
                 known = np.clip(1 - alpha * spread, 1e-9, 1.0)

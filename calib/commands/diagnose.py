@@ -59,9 +59,9 @@ def command(
         apart = read_logs(holdout or [], subject, accept_partial, assume) if holdout else []
         if baseline:
             healthy = read_logs(baseline, subject, accept_partial, assume)
-            found = diagnose_changes(subject, list(logs), apart, healthy, told=lambda text: advance(0, text))
+            found = diagnose_changes(subject, list(logs), apart, healthy, progress=lambda text: advance(0, text))
         else:
-            found, _ = diagnose_pieces(subject, logs, apart, told=lambda text: advance(0, text))
+            found, _ = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))
         found.write(folder, subject)
         advance(0, "comparing before and after")
         shown = evidence.of_diagnosis(

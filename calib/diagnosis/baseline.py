@@ -28,7 +28,7 @@ from sim.effects import effect_named
 
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
 THRESHOLD, PER_PARAMETER = 8.0, 2.0
-APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are not told apart
+APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
 DOMINATES = 2.0
 MOST_CHANGES = 4
 LEFT_OVER = 0.15  # of a named change's evidence: what another form of the same change may leave

@@ -24,22 +24,22 @@ def diagnose_changes(
     logs: Sequence[Log],
     holdout: Sequence[Log],
     baseline: Sequence[Log],
-    told: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """The effects that `logs` have and `baseline`, at least three recordings of the healthy arm, has not.
 
-    AnswerIsNo where fewer are given: how an arm varies from day to day cannot be told from two of its days.
+    AnswerIsNo where fewer are given: how an arm varies from day to day does not follow from two of its days.
     """
     if len(baseline) < LEAST_LOGS:
         raise AnswerIsNo(
             f"--baseline: {len(baseline)} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
             "from one recording to the next; record the plan again, or give the others"
         )
-    told("checking")
+    progress("checking")
     trusted, refusal = examined(arm, (*baseline, *logs, *holdout), LEAST_MOTION)
     if refusal is not None:
         return unusable(arm, trusted)
-    told("preparing")
+    progress("preparing")
     every = warmed([measured(log, arm) for log in (*baseline, *logs, *holdout)])
     healthy, after, apart = (
         every[: len(baseline)],
@@ -47,9 +47,9 @@ def diagnose_changes(
         every[len(baseline) + len(logs) :],
     )
     shown = apart or after[-1:]
-    told("learning the healthy arm")
+    progress("learning the healthy arm")
     reference = Healthy(arm, healthy)
-    told("comparing with the healthy arm")
+    progress("comparing with the healthy arm")
     found = reference.since(after, apart)
     total = sum(c.gain for c in found.changes)
     entries = [

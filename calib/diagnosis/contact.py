@@ -16,7 +16,7 @@ from sim.arm import Arm, ArmEffect
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration
-# A push is told from anything else by being felt at several joints at once; a joint that stands still feels nothing that shows.
+# A push differs from anything else in that it is felt at several joints at once; a joint that stands still feels nothing that shows.
 LEAST_JOINTS = 2
 # Prior standard deviation of a force's component: it would load the strongest joint at full reach with a quarter of its torque.
 FORCE_SHARE = 0.25

@@ -56,20 +56,20 @@ class Diagnosis:
 
 
 def diagnose(
-    arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), told: Callable[[str], None] = lambda text: None
+    arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), progress: Callable[[str], None] = lambda text: None
 ) -> Diagnosis:
     """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
-    told("checking")
+    progress("checking")
     trusted, refusal = examined(arm, (*logs, *holdout), LEAST_MOTION)
     if refusal is not None:
         return unusable(arm, trusted)
-    told("preparing")
+    progress("preparing")
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
     fitted, apart = every[: len(logs)], every[len(logs) :]
     shown = apart or every[-1:]
     start = Hypothesis.nominal(arm)
-    found = search(fitted, start, told)
-    told("weighing the names")
+    found = search(fitted, start, progress)
+    progress("weighing the names")
     judged = []
     for ask_rivals in (False, True) if apart else (True,):
         judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
@@ -77,7 +77,7 @@ def diagnose(
             worst = min(refused, key=lambda i: judged[i].held_out)
             found.best = without(fitted, found.best, worst)
             judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
-    told("looking at what is left")
+    progress("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
     left = {u.joint: u.share for u in odd}
@@ -91,7 +91,7 @@ def diagnose(
     have = {(j.effect.effect, j.effect.joint) for j in kept}
     reached = [x for x in reached if (x.effect.effect, x.effect.joint) not in have]
     limits = tuple(x.effect for x in reached)
-    told("trying the corrected arm")
+    progress("trying the corrected arm")
     promotion = promoted(fitted, named, found.baseline, apart, limits)
     gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}
     kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]

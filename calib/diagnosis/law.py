@@ -15,7 +15,6 @@ from sim.arm import Arm, ArmEffect
 from sim.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
 # which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
-SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
 FREE = 10.0  # prior standard deviations
 SHAPE = 0.5
 SETS = tuple(
@@ -68,7 +67,7 @@ def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = (
     names = written.models[0].names
     free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
     prior = np.concatenate([np.zeros(len(names)), mean]), np.diag([*free, *precision])
-    found = fit_friction(parts, *prior, SETS if only else (), list(only), len(named), SLIP)
+    found = fit_friction(parts, *prior, SETS if only else (), list(only), len(named))
     found = replace(found, theta=found.theta[: len(names)])
     change = _corrected(written, found, limits)
     return Refitted(change, _laws(change, found, written.hypothesis.start), found.plain, found.predicted)

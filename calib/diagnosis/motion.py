@@ -1,4 +1,4 @@
-"""q, dq, ddq of a recording, flat up to frequencies at which elasticity, delay and rotor inertia are told apart.
+"""q, dq, ddq of a recording, flat up to frequencies at which elasticity, delay and rotor inertia can be separated.
 
 A Savitzky-Golay window that is good for identification loses a tenth of the acceleration at the top of its band, which looks like
 a rotor inertia. Here position is convolved with kernels whose response is that of an exact derivative up to 15 Hz.

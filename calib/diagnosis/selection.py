@@ -177,14 +177,14 @@ def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
 
 
 def search(
-    measurements: Sequence[Measurement], hypothesis: Hypothesis, told: Callable[[str], None] = lambda text: None
+    measurements: Sequence[Measurement], hypothesis: Hypothesis, progress: Callable[[str], None] = lambda text: None
 ) -> Found:
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
     baseline = started(measurements, hypothesis)
     found, bank = Found(baseline, baseline), Bank()
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:
-        told(f"looking for effect {len(best.accepted) + 1}")
+        progress(f"looking for effect {len(best.accepted) + 1}")
         here = {(e.effect, e.joint) for e in best.accepted}
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])

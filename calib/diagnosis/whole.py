@@ -46,22 +46,22 @@ def diagnose_pieces(
     pieces: Pieces,
     holdout: Sequence[Log] = (),
     kept: Kept | None = None,
-    told: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
     most: float = SEARCHED_SECONDS,
 ) -> tuple[Diagnosis, Whole]:
     """As `diagnose`, for pieces of any number, `most` seconds of which are searched; `kept` has the sums of pieces that were done before."""
     chosen = spread(pieces.seconds, most)
-    found = diagnose(arm, [pieces[k] for k in chosen], holdout, told)
+    found = diagnose(arm, [pieces[k] for k in chosen], holdout, progress)
     whole = Whole(sum(pieces.seconds[k] for k in chosen), sum(pieces.seconds))
     if len(chosen) == len(pieces) or found.found is None:
         return found, replace(whole, weighed=whole.searched)
-    told("summing over all pieces")
+    progress("summing over all pieces")
     summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
     odd = summed.odd(set(range(len(pieces))) - set(chosen))
     if odd is not None:
         other = odd[0]
         chosen = sorted({*chosen, other} - {min(chosen, key=lambda k: abs(k - other))})
-        found = diagnose(arm, [pieces[k] for k in chosen], holdout, told)
+        found = diagnose(arm, [pieces[k] for k in chosen], holdout, progress)
         whole = replace(whole, searched=sum(pieces.seconds[k] for k in chosen))
         if found.found is None:
             return found, replace(whole, weighed=whole.searched)

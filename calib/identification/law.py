@@ -41,7 +41,7 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
     """
     arm = model.arm
     parts = [_part(model, m) for m in measurements]
-    found = fit_friction(parts, nominal.mean, _free(model, parts, nominal), [SLIP], positive=SLIP)
+    found = fit_friction(parts, nominal.mean, _free(model, parts, nominal), [SLIP])
     theta, effects = found.theta.copy(), []
     for j in range(arm.n):
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
