@@ -10,9 +10,10 @@ import pytest
 from safety.collision import Clearance
 from safety.sheets import PathSheet
 from sim.arm import Arm
-from sim.cell import Cell, PlaneObstacle
+from sim.cell import BoxObstacle, Cell, PlaneObstacle
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
+from tests.safety.conftest import HOME
 from tests.safety.test_collision import LEAST, towards_table
 
 
@@ -57,3 +58,16 @@ def test_what_is_not_too_near_but_cannot_be_decided_is_said_to_be_so(arm: Arm, c
     motion = deep(clearance, 0.0002, 0.002)
     with pytest.raises(SafetyStop, match="not decided to"):
         clearance.certify(PathSheet(motion, arm), "the motion", 0.02, 0.1)
+
+
+def test_a_long_slide_is_not_taken_for_a_joint_that_turns_round(arm: Arm, cell: Cell) -> None:
+    """Its far end is no nearer because a hinge would be back there: the obstacle at 5 m stays a pair."""
+    tree = replace(arm.tree, prismatic=np.array([True, *arm.tree.prismatic[1:]]))
+    q_min, q_max = arm.q_min.copy(), arm.q_max.copy()
+    q_min[0], q_max[0] = 0.0, 8.0
+    slide = replace(arm, tree=tree, q_min=q_min, q_max=q_max)
+    box = BoxObstacle(kind="box", name="gantry", position=[0.0, 0.0, 5.2], size=[2.0, 2.0, 0.1])
+    high = replace(cell, table=cell.table.model_copy(update={"obstacles": [box]}))
+    clearance = Clearance(slide, high)
+    assert {("shoulder", "gantry"), ("upper", "gantry")} <= set(clearance.pairs)
+    assert clearance.distances(np.array([5.0, *HOME[1:]])).min() < 0

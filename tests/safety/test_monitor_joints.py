@@ -126,3 +126,32 @@ def test_one_joint_that_reports_its_torque_is_watched(arm: Arm, cell: Cell) -> N
     trip = monitor.check(pushed, pushed.t, HOME, quiet)
     assert trip is not None
     assert (trip.joint, trip.quantity) == (arm.joint_names[1], "torque beside expectation")
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_sudden_change_of_torque(arm: Arm, cell: Cell, joint: int) -> None:
+    monitor, quiet = monitor_of(arm, cell), Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
+    for k in range(1, 60):
+        state = state_at(k, tau=at(joint, 0.25 * arm.tau_max[joint]) if k > 50 else np.zeros(6))
+        trip = monitor.check(state, state.t, HOME, quiet)
+        if trip is not None:
+            break
+    assert trip is not None
+    assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "sudden change of torque beside expectation")
+
+
+def test_a_pair_that_comes_too_near_is_found_in_the_same_cycle_whichever_pairs_are_looked_at(arm: Arm, cell: Cell) -> None:
+    """Of all pairs one alone is too near, and in turn every other pair is the one that is looked at anyway."""
+    clearance = Clearance(arm, cell)
+    low = next(
+        q for depth in np.linspace(0.0, 0.5, 501) for q in [HOME + at(1, 1.4 + depth) + at(2, -1.3)]
+        if np.count_nonzero(clearance.distances(q) < clearance.margin - 1e-3) == 1
+    )  # fmt: skip
+    k = int(np.argmin(clearance.distances(low) - clearance.margin))
+    for offset in range(len(clearance.pairs)):
+        monitor = Monitor(arm, cell, 500.0, clearance, state_at())
+        monitor._count = offset
+        assert monitor._check_clearance(state_at(1)) is None
+        trip = monitor._check_clearance(state_at(2, q=low))
+        assert trip is not None
+        assert trip.quantity == f"clearance of {' and '.join(clearance.pairs[k])}"
