@@ -48,6 +48,16 @@ def law(n: Numbers) -> str:
     )
 
 
+def possible(n: Numbers) -> str:
+    where = f" at {n['joint']}" if n["joint"] else ""
+    how = f" To decide: {n['experiment']}" if n["experiment"] else ""
+    return (
+        f"Possibly also {n['effect']}{where}: noise alone looks like it in {n['chance']:.2g} of such recordings.{how}".rstrip(
+            "."
+        )
+    )
+
+
 def refused(n: Numbers) -> str:
     return f"{n['text'][0].upper()}{n['text'][1:]}"
 

@@ -11,7 +11,7 @@ from calib.claims.claim import Claim
 
 FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "unchanged", "missing", "changed", "unexplained")
-REMARKS = ("removed", "motion", "law", "refused", "refit")
+REMARKS = ("removed", "motion", "law", "possible", "refused", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
@@ -28,6 +28,8 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     ]
     keys = ("joint", "formula", "rms_without", "rms_with")
     out += [Claim("law", {key: law[key] for key in keys}) for law in answer.get("laws", [])]
+    keys = ("effect", "joint", "chance", "experiment")
+    out += [Claim("possible", {key: x[key] for key in keys}) for x in answer.get("possible", [])]
     out += [Claim("refused", {"text": text}) for text in answer.get("refused", [])]
     far = [m for m in answer.get("calibration", []) if abs(m["prior_deviations"]) > FAR]
     return (*out, Claim("refit", {"parameters": far})) if far else tuple(out)

@@ -93,6 +93,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "changed": diagnosis.changed,
     "unexplained": diagnosis.unexplained,
     "law": diagnosis.law,
+    "possible": diagnosis.possible,
     "refused": diagnosis.refused,
     "refit": diagnosis.refit,
     "alike": diagnosis.alike,

@@ -19,6 +19,7 @@ APART = 8.0
 MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
+MOST_SURE = 0.99  # the catalogue may not hold what the arm has
 WORSE = 0.01  # relative rise of a joint's held-out RMS that a name may bring
 Key = tuple[str, str | None]
 
@@ -53,7 +54,7 @@ class Judged:
     def confidence(self) -> float:
         """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
         own = 1.0 / (1.0 + np.exp(-(self.lost - price(self.effect)) / 8.0))
-        return float(own / (1 + len(self.rivals)))
+        return float(min(own, MOST_SURE) / (1 + len(self.rivals)))
 
 
 def judge(

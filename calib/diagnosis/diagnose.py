@@ -18,6 +18,7 @@ from calib.diagnosis.fit import Fit, fit, nominal_values
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
 from calib.diagnosis.selection import Found, search, without
 from calib.diagnosis.unexplained import unexplained
@@ -94,6 +95,7 @@ def diagnose(
     progress("trying the corrected arm")
     promotion = promoted(fitted, named, found.baseline, apart, limits)
     gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}
+    have |= gone
     kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
@@ -107,6 +109,7 @@ def diagnose(
     result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
+        "possible": [] if odd else possible(found.ladder[-1] if found.ladder else [], tried(arm.n), have),
         "refused": [r.text for r in promotion.refused],
         "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],

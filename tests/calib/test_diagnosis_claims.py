@@ -160,12 +160,14 @@ def test_one_verdict_for_every_answer(change: dict[str, Any], name: str) -> None
 
 def test_what_else_is_claimed() -> None:
     answer = examples.diagnosis()[0] | {"laws": [LAW], "refused": ["backlash at elbow_joint was fitted"], "calibration": MOVES}
+    answer["possible"] = [{"effect": "payload", "joint": None, "gain": 20.0, "chance": 0.08, "experiment": "lift nothing."}]
     answer["effects"][0]["indistinguishable_from"] = [{"effect": "payload", "joint": None}]
     made = {c.name: c for c in claims(answer)}
-    assert set(made) == {"missing", "removed", "motion", "alike", "law", "refused", "refit"}
+    assert set(made) == {"missing", "removed", "motion", "alike", "law", "possible", "refused", "refit"}
     assert "20 mm with the nominal arm" in made["motion"].sentence
     assert "25%" in made["law"].sentence
     assert [abs(m["prior_deviations"]) > FAR for m in made["refit"].numbers["parameters"]] == [True]
     assert made["alike"].sentence.endswith("cannot be distinguished from payload")
-    assert len(remarks(answer)) == 5
+    assert len(remarks(answer)) == 6
+    assert made["possible"].sentence.endswith("noise alone looks like it in 0.08 of such recordings. To decide: lift nothing")
     assert set(made) <= set(SENTENCES)

@@ -1,0 +1,39 @@
+"""Effects that are not named and may be there: what stands out of the noise, and too little to be named.
+
+chance = min(1, N P(chi2_k > gain)): the probability that the best of N candidates brings as much by noise alone, if the model is right
+otherwise (Bonferroni; E. L. Lehmann, J. P. Romano 2005, Testing Statistical Hypotheses, section 9.1). k counts the effect's parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+from scipy.stats import chi2
+
+from calib.diagnosis.fit import parameters_of
+from calib.diagnosis.model import CONTACT
+from calib.diagnosis.selection import Key, Scored
+from sim.effects import EFFECTS, effect_named
+
+CHANCE = 0.2  # above it an effect is not worth a motion
+MOST = 3
+
+
+def possible(ranked: Sequence[Scored], count: int, named: Collection[Key]) -> list[dict[str, Any]]:
+    """Candidates beside the final fit, likeliest first, as diagnosis.json has them; count: how many were tried."""
+    out: list[dict[str, Any]] = []
+    for s in ranked:
+        chance = min(1.0, count * float(chi2.sf(s.gain, len(parameters_of([s.effect])))))
+        if s.key not in named and s.effect.effect != CONTACT and chance < CHANCE:
+            effect = effect_named(s.effect.effect)
+            out.append({
+                "effect": s.effect.effect, "joint": s.effect.joint, "gain": float(s.gain), "chance": chance,
+                "experiment": effect.experiment or None,
+            })  # fmt: skip
+    return sorted(out, key=lambda x: x["chance"])[:MOST]
+
+
+def tried(n: int) -> int:
+    """How many candidates an arm of n joints has."""
+    return sum(n if effect.scope == "joint" else 1 for effect in EFFECTS)
