@@ -52,7 +52,7 @@ def possible(n: Numbers) -> str:
     where = f" at {n['joint']}" if n["joint"] else ""
     how = f" To decide: {n['experiment']}" if n["experiment"] else ""
     return (
-        f"Possibly also {n['effect']}{where}: noise alone looks like it in {n['chance']:.2g} of such recordings.{how}".rstrip(
+        f"Possibly {n['effect']}{where}: noise alone looks like it in {n['chance']:.2g} of such recordings.{how}".rstrip(
             "."
         )
     )

@@ -20,7 +20,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
-from calib.diagnosis.selection import Found, search, without
+from calib.diagnosis.selection import Found, Scored, add, search, without
 from calib.diagnosis.unexplained import unexplained
 from calib.gate import Check
 from calib.gate.commands import LEAST_MOTION, examined
@@ -102,6 +102,11 @@ def diagnose(
     entries = [entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
     entries.sort(key=lambda x: -x["gap_share"])
     entries += [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
+    best = found.best
+
+    def brought(s: Scored) -> float:
+        return best.objective - add(fitted, best, s).objective
+
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
     change = promotion.change
     gap = _gaps(found.baseline, change, shown, fitted)
@@ -109,7 +114,7 @@ def diagnose(
     result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
-        "possible": [] if odd else possible(found.ladder[-1] if found.ladder else [], tried(arm.n), have),
+        "possible": [] if odd else possible(found.ladder[-1] if found.ladder else [], tried(arm.n), have, brought),
         "refused": [r.text for r in promotion.refused],
         "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],

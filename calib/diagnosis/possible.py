@@ -6,7 +6,7 @@ otherwise (Bonferroni; E. L. Lehmann, J. P. Romano 2005, Testing Statistical Hyp
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from scipy.stats import chi2
@@ -20,18 +20,28 @@ CHANCE = 0.2  # above it an effect is not worth a motion
 MOST = 3
 
 
-def possible(ranked: Sequence[Scored], count: int, named: Collection[Key]) -> list[dict[str, Any]]:
-    """Candidates beside the final fit, likeliest first, as diagnosis.json has them; count: how many were tried."""
+def possible(
+    ranked: Sequence[Scored], count: int, named: Collection[Key], gain: Callable[[Scored], float]
+) -> list[dict[str, Any]]:
+    """Candidates beside the final fit, likeliest first, as diagnosis.json has them.
+
+    count: how many were tried. gain: what a candidate brings when it is fitted, which its linear promise may exceed.
+    """
     out: list[dict[str, Any]] = []
-    for s in ranked:
-        chance = min(1.0, count * float(chi2.sf(s.gain, len(parameters_of([s.effect])))))
-        if s.key not in named and s.effect.effect != CONTACT and chance < CHANCE:
-            effect = effect_named(s.effect.effect)
+    promising = [s for s in ranked if s.key not in named and s.effect.effect != CONTACT and _chance(s, s.gain, count) < CHANCE]
+    for s in promising[:MOST]:
+        brings = gain(s)
+        chance = _chance(s, brings, count)
+        if chance < CHANCE:
             out.append({
-                "effect": s.effect.effect, "joint": s.effect.joint, "gain": float(s.gain), "chance": chance,
-                "experiment": effect.experiment or None,
+                "effect": s.effect.effect, "joint": s.effect.joint, "gain": brings, "chance": chance,
+                "experiment": effect_named(s.effect.effect).experiment or None,
             })  # fmt: skip
-    return sorted(out, key=lambda x: x["chance"])[:MOST]
+    return sorted(out, key=lambda x: x["chance"])
+
+
+def _chance(s: Scored, gain: float, count: int) -> float:
+    return min(1.0, count * float(chi2.sf(gain, len(parameters_of([s.effect])))))
 
 
 def tried(n: int) -> int:

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from typing import Any
+
 import pytest
 
-from calib.diagnosis.possible import CHANCE, MOST, possible, tried
-from calib.diagnosis.selection import Scored
+from calib.diagnosis import possible as module
+from calib.diagnosis.possible import CHANCE, MOST, tried
+from calib.diagnosis.selection import Key, Scored
 from sim.arm import ArmEffect
 from sim.effects import EFFECTS
 
 
 def scored(gain: float, effect: str = "joint_spring", joint: str | None = "elbow_joint") -> Scored:
     return Scored(ArmEffect(effect, joint, {}), gain, 1)
+
+
+def possible(ranked: list[Scored], count: int, named: Collection[Key], gain: float | None = None) -> list[dict[str, Any]]:
+    """What is listed where a fit brings `gain`, or what was promised."""
+    return module.possible(ranked, count, named, lambda s: s.gain if gain is None else gain)
+
+
+def test_a_promise_that_a_fit_does_not_keep_is_not_listed() -> None:
+    assert possible([scored(40.0)], 100, (), 3.0) == []
+    assert possible([scored(40.0)], 100, (), 25.0)[0]["gain"] == 25.0
 
 
 def test_the_chance_counts_parameters_and_candidates() -> None:
@@ -32,8 +46,8 @@ def test_a_name_is_not_possible_as_well() -> None:
 
 
 def test_the_likeliest_come_first_and_few_of_them() -> None:
-    found = possible([scored(20.0 + k, joint=f"joint_{k}") for k in range(6)], 100, ())
-    assert [x["joint"] for x in found] == ["joint_5", "joint_4", "joint_3"]
+    found = possible([scored(25.0 - k, joint=f"joint_{k}") for k in range(6)], 100, ())
+    assert [x["joint"] for x in found] == ["joint_0", "joint_1", "joint_2"]
     assert len(found) == MOST
 
 
