@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable, Iterable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -97,8 +98,7 @@ class Plant:
     def reset(self, q: np.ndarray, dq: np.ndarray | None = None, came: np.ndarray | None = None) -> None:
         """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, at time zero.
 
-        came (K, n) rad: the way by which the arm came, up to q; dry friction is loaded as it leaves it, and soft gears by gravity and
-        the motion's own forces. Without it, both are unloaded.
+        came (K, n) rad: the readings that led up to q; they load dry friction, and gravity loads soft gears. Without it both are unloaded.
         """
         mujoco.mj_resetData(self.model, self.data)
         q = np.asarray(q, dtype=float)
@@ -115,11 +115,12 @@ class Plant:
         self._pushed = np.linalg.eigvals(np.linalg.solve(matrix, np.diag(np.diag(matrix)))).real.max() > PUSHED
         self._kp, self._kd = self._gain_matrices(q)
         self._integral = np.zeros(n)
-        self._slip, self._slip_angle = np.zeros(n), self.data.qpos[self._dof].copy()
+        self._slip = np.zeros(n)
         self._memory: dict[Hashable, tuple[float, float]] = {}
         if came is not None:
             self._load_gears()
-            self._load_friction(came)
+            self._load_friction(came + (self.data.qpos[self._dof] - q))
+        self._slip_angle = self.data.qpos[self._dof].copy()
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
         self._reported = self._nominal.gravity_torque(q[None])[0]
@@ -136,20 +137,19 @@ class Plant:
             self.data.qpos[dof], self.data.qpos[self._dof[j]] = twist, self.data.qpos[self._dof[j]] - twist
         mujoco.mj_forward(self.model, self.data)
 
-    def _load_friction(self, came: np.ndarray) -> None:
-        """Move the memories of dry friction along a way."""
-        state, data = self._instant(), self.data
-        state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+    def _load_friction(self, way: np.ndarray) -> None:
+        """Move the memories of dry friction along a way of the motors, (K, n) rad, which ends where they are."""
+        way = np.concatenate([way, self.data.qpos[self._dof][None]])
+        along: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(self._instant()).items() if v is not None}
+        state = PathState(**along)
+        state.q_motor, state.load = way, self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
         for effect, joint, item in self._stages[Stage.FRICTION]:
             effect.apply(state, joint, item.parameters)
         for j in self._presliding:
-            angle = np.append(came[:, j], data.qpos[self._dof[j]])
-            self._slip[j] = slip_direction(angle, np.full(len(angle), state.width[0, j]))[-1]
+            self._slip[j] = slip_direction(way[:, j], state.width[:, j])[-1]
         state.memory = self._memory
-        for angles in came:
-            state.q_motor = angles[None].copy()
-            for effect, joint, item in self._each_step[Stage.MOTOR]:
-                effect.apply(state, joint, item.parameters)
+        for effect, joint, item in self._each_step[Stage.MOTOR]:
+            effect.apply(state, joint, item.parameters)
 
     def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """kp N m/rad and kd N m s/rad of the drive at q, (n, n): by what each joint carries, the others held.

@@ -49,13 +49,8 @@ def law(n: Numbers) -> str:
 
 
 def possible(n: Numbers) -> str:
-    where = f" at {n['joint']}" if n["joint"] else ""
-    how = f" To decide: {n['experiment']}" if n["experiment"] else ""
-    return (
-        f"Possibly {n['effect']}{where}: noise alone looks like it in {n['chance']:.2g} of such recordings.{how}".rstrip(
-            "."
-        )
-    )
+    how = f". To decide: {n['experiment'].rstrip('.')}" if n["experiment"] else ""
+    return f"Possibly {words(n['effect'], n['joint'])}: noise alone would look like it in {n['chance']:.2g} of such recordings{how}"
 
 
 def refused(n: Numbers) -> str:

@@ -14,9 +14,9 @@ from calib.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
 from sim.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
+FREE = 10.0  # prior standard deviations that friction may move farther beside a law
+SHAPE = 0.5  # relative deviation of an effect's shape parameter
 # which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
-FREE = 10.0  # prior standard deviations
-SHAPE = 0.5
 SETS = tuple(
     tuple(TERMS.index(name) for family in families for name in FAMILIES[family] if name != "power_1")
     for families in (("slip",), ("slip", "speed", "stribeck"), ("slip", "speed", "stribeck", "load"))

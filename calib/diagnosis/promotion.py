@@ -1,9 +1,10 @@
-"""What may be written into the corrected arm: only names and laws with which the arm predicts better.
+"""Model selection for the corrected arm: only effects and laws with which it predicts and moves no worse are written.
 
-Two questions are asked of a name. Where several recordings were given and none was kept apart: with everything fitted to the others, is
-one that is left out predicted better with the name than with free friction laws alone, or nearly as well without needing such a law? And
-always: is the arm as it is written, with what an arm folder can hold (sim.prediction.predict, every row in motion, reversals too), nowhere worse than the arm as it was,
-and is its simulated motion (calib.forward) no farther from the recorded one?
+- Where several recordings were given and none was held out, an effect must help: with everything fitted to the others, a recording left
+  out is predicted better with the effect than with free friction laws alone, or nearly as well without needing such a law.
+- The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
+  every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
+
 Worse means significantly: the difference of squared errors is compared with its standard deviation, which counts that neighbouring rows
 say much the same (F. X. Diebold, R. S. Mariano 1995, Comparing Predictive Accuracy, doi:10.1080/07350015.1995.10524599).
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,24 +28,27 @@ from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 
-# relative rise of a joint's RMS torque error within which two arms are alike, and that a name may cost beside a law that bends to anything
+# relative rise of a joint's RMS torque error within which two arms are alike, and that an effect may cost beside a law of many terms
 WORSE, WORSE_THAN_LAW = 0.01, 0.05
-WORSE_ELSEWHERE = 0.05  # at a joint that no name concerns, where a refit moves ordinary parameters
-HELPS = 0.02  # share of a joint's error that a name must remove
+WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
+HELPS = 0.02  # share of a joint's error that an effect must remove
 SIGNIFICANT = 2.0  # standard deviations
 LONGEST_MEMORY = 60  # rows
-SEVERAL = 3  # recordings: from fewer, leaving one out says more about what that one shows than about the name
+SEVERAL = 3  # recordings: from fewer, leaving one out says more about what that one shows than about the effect
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
-INSTEAD = 0.9  # of the power that a law removes: a name that removes as much is the simpler answer
+INSTEAD = 0.9  # of the power that a law removes: one effect that removes as much is the simpler model
+
+
+AS_IT_WAS, REFIT, REFIT_WITH_LAWS = "the arm as it was", "a parameter refit alone", "a parameter refit and friction laws"
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A name that was fitted and not kept: the joint that decided, RMS N m without and with it, on which recordings.
+    """An effect that was fitted and is left out: the joint that decided, and its RMS N m without the effect and with it.
 
-    Without a joint, the simulated motion decided: RMS m of the flange.
+    Without a joint, the simulated motion decided: RMS m of the flange. on: which recordings; instead: the arm without the effect.
     """
 
     effect: ArmEffect
@@ -51,6 +56,7 @@ class Refusal:
     without: float
     with_it: float
     on: str
+    instead: str
 
     @property
     def text(self) -> str:
@@ -61,13 +67,13 @@ class Refusal:
         )
         return (
             f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
-            f"{self.with_it:.4g} {unit} with it and {self.without:.4g} {unit} without it"
+            f"{self.with_it:.4g} {unit} with it and {self.without:.4g} {unit} with {self.instead}"
         )
 
 
 @dataclass(frozen=True)
 class Promotion:
-    """change: of the arm that is written, None where the arm stays as it was; laws in it; names that it does not hold, and why.
+    """change: of the arm that is written, None where the arm stays as it was; laws in it; effects that were left out, and why.
 
     motion: what was simulated of the arm as it was and of the one that is written, empty where nothing was.
     """
@@ -85,10 +91,10 @@ def promoted(
     apart: Sequence[Measurement],
     limits: Sequence[ArmEffect] = (),
 ) -> Promotion:
-    """The arm with the names of `named`, refitted with what an arm folder can hold, and friction laws of what they leave.
+    """The arm with the effects of `named`, refitted with what an arm folder can hold, and friction laws of what they leave.
 
-    Names at a joint whose error is higher than without any name are left out, and the rest is refitted. The errors are of the
-    recordings kept apart; without any, of those that were fitted, which refuses less.
+    Effects at a joint that is significantly worse are left out, and the rest is refitted. The errors are of the recordings kept apart;
+    without any, of those that were fitted, which refuses less.
     """
     start, shown, on = (
         baseline.hypothesis.start,
@@ -103,7 +109,7 @@ def promoted(
     several = not apart and len(measurements) >= SEVERAL
     f = as_written(measurements, named)
     refused: list[Refusal] = []
-    while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one name
+    while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
         own = [e for e in f.accepted if e.effect != CONTACT]
         ways, beside = _ways(f, shown, limits)
         harmful = [r for e in own if several and (r := _no_help(e, f, alone, beside)) is not None]
@@ -111,16 +117,17 @@ def promoted(
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
             concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
             least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
-            worse = [way.worse(bare, least) | way.worse(plain, good, together) for way in ways]
+            than_bare = [way.worse(bare, least) for way in ways]
+            worse = [x | way.worse(plain, good, together) for x, way in zip(than_bare, ways, strict=True)]
             fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
             for way in fit_for:
                 if not motion.rises(way.change):
                     return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
             if fit_for:
                 without, with_it = motion.worst(fit_for[0].change)
-                refused += [Refusal(e, "", without, with_it, on) for e in own]
+                refused += [Refusal(e, "", without, with_it, on, AS_IT_WAS) for e in own]
                 break
-            harmful = _harmful(own, f, ways[0].rms, worse[0], np.minimum(bare.rms, plain.rms), on)
+            harmful = _harmful(own, f, ways[0], worse[0], [bare if x else plain for x in than_bare[0]], on)
         refused += harmful
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
@@ -132,13 +139,13 @@ def promoted(
 
 
 def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:
-    """(n,) the error up to which a name is as good an answer as a law that brings the error from `before` down to `law`."""
+    """(n,) the error up to which an effect is as good a model as a law that brings the error from `before` down to `law`."""
     removed = INSTEAD * np.maximum(before**2 - law**2, 0.0)
     return np.maximum((1 + WORSE_THAN_LAW) * law, np.sqrt(before**2 - removed))
 
 
 def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal | None:
-    """Why a name does not help at any joint that it concerns: `beside` has the fit's names, `alone` none."""
+    """Why an effect does not help at any joint that it concerns: `beside` has the fit's effects, `alone` none."""
     joints = joints_of(e, f.hypothesis.arm)
     instead = (beside.plain < (1 - HELPS) * alone.plain) & (beside.plain <= _as_good(alone.plain, alone.predicted))
     helps = instead | (beside.predicted < (1 - HELPS) * alone.predicted)
@@ -146,37 +153,45 @@ def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal
         return None
     j = min(joints, key=lambda j: beside.predicted[j] / max(alone.predicted[j], 1e-12))
     names = f.hypothesis.start.joint_names
-    return Refusal(e, names[j], float(alone.predicted[j]), float(beside.predicted[j]), "recordings left out in turn")
+    return Refusal(
+        e, names[j], float(alone.predicted[j]), float(beside.predicted[j]), "recordings left out in turn", REFIT_WITH_LAWS
+    )
 
 
 def _harmful(
-    own: Sequence[ArmEffect], f: Fit, found: np.ndarray, bad: np.ndarray, without: np.ndarray, on: str
+    own: Sequence[ArmEffect], f: Fit, way: _Written, bad: np.ndarray, better: Sequence[_Written], on: str
 ) -> list[Refusal]:
-    """The names at the joints that are worse; all of them where none is at one."""
+    """The effects at the joints that are worse, all of them where none is at one; better: per joint the arm that it is worse than."""
     start, worse, out = f.hypothesis.start, {int(j) for j in np.flatnonzero(bad)}, []
     at_fault = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
     for e in at_fault:
-        j = max(set(joints_of(e, f.hypothesis.arm)) & worse or worse, key=lambda j: found[j] / max(without[j], 1e-12))
-        out.append(Refusal(e, start.joint_names[j], float(without[j]), float(found[j]), on))
+        there = set(joints_of(e, f.hypothesis.arm)) & worse or worse
+        j = max(there, key=lambda j: way.rms[j] / max(better[j].rms[j], 1e-12))
+        out.append(Refusal(e, start.joint_names[j], float(better[j].rms[j]), float(way.rms[j]), on, better[j].words))
     return out
 
 
 class _Motion:
-    """The simulated motion of changed arms beside that of the arm as it was, on the first recording that has windows for it."""
+    """The simulated motion of changed arms beside that of the arm as it was, on the first recording on which every joint moves long enough."""
 
     def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
         self.start, self.shown = start, shown
         self._known: dict[int, tuple[Correction, tuple[ForwardError, ...]]] = {}
-        self._before: tuple[ForwardError, ...] | None = None
+
+    @cached_property
+    def _before(self) -> tuple[Measurement, tuple[ForwardError, ...]]:
+        for m in self.shown:
+            errors = self._of(self.start, m)
+            if errors[0].starts:
+                break
+        return m, errors
 
     def errors(self, change: Correction) -> tuple[tuple[ForwardError, ForwardError], ...]:
-        """(before, after) for every horizon that has windows; nothing where the simulation of an arm runs away."""
-        if self._before is None:
-            self._before = self._of(self.start)
+        """(before, after) for every horizon that has windows on that recording."""
+        recording, before = self._before
         if id(change) not in self._known:
-            self._known[id(change)] = change, self._of(change.of(self.start))
-        pairs = zip(self._before, self._known[id(change)][1], strict=True)
-        return tuple((a, b) for a, b in pairs if a.starts and b.starts)
+            self._known[id(change)] = change, self._of(change.of(self.start), recording)
+        return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
     def rises(self, change: Correction) -> bool:
         """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
@@ -187,8 +202,8 @@ class _Motion:
         a, b = max(self.errors(change), key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
         return a.flange, b.flange
 
-    def _of(self, arm: Arm) -> tuple[ForwardError, ...]:
-        return tuple(forward_error(arm, self.shown[0], horizon, self.start) for horizon in FEW)
+    def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
+        return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
 
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:
@@ -213,6 +228,11 @@ class _Written:
     def of(change: Correction, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> _Written:
         errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
         return _Written(change, laws, errors, np.sqrt(np.mean(errors**2, axis=0)))
+
+    @property
+    def words(self) -> str:
+        """What this arm is, one without effects."""
+        return REFIT_WITH_LAWS if self.laws else REFIT if self.change.effects or self.change.inertials else AS_IT_WAS
 
     def worse(self, other: _Written, factor: np.ndarray, together: Sequence[list[int]] | None = None) -> np.ndarray:
         """(n,) whether the squared error is significantly above that of `other` times factor (n,).

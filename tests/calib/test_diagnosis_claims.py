@@ -169,5 +169,7 @@ def test_what_else_is_claimed() -> None:
     assert [abs(m["prior_deviations"]) > FAR for m in made["refit"].numbers["parameters"]] == [True]
     assert made["alike"].sentence.endswith("cannot be distinguished from payload")
     assert len(remarks(answer)) == 6
-    assert made["possible"].sentence.endswith("noise alone looks like it in 0.08 of such recordings. To decide: lift nothing")
+    assert made["possible"].sentence.endswith(
+        "noise alone would look like it in 0.08 of such recordings. To decide: lift nothing"
+    )
     assert set(made) <= set(SENTENCES)

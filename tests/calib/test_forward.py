@@ -10,7 +10,7 @@ import pytest
 from calib.forward import HORIZONS, SHORT, forward_error
 from calib.preprocessing import prepare
 from sim.arm import Arm, ArmEffect
-from sim.effects import with_effect
+from sim.effects import effect_named, with_effect
 from sim.plant import Plant
 from sim.rigid_body import RigidBody
 from tests.calib.conftest import fourier_motion, recorded
@@ -75,3 +75,28 @@ def test_a_soft_joint_begins_under_its_load(ur5e: Arm) -> None:
         plant.advance(0.002)
     assert carried < 0.1 * abs(load[1]) / stiffness
     assert np.abs(plant.read().q - q)[1] > 5 * carried
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("soft", [False, True])
+def test_dry_friction_begins_as_the_motion_left_it(ur5e: Arm, direction: float, soft: bool) -> None:
+    """A law of one width and presliding friction resist the motion at once, on a gear that is twisted under its load too."""
+    joint, j, level = "shoulder_lift_joint", 1, 20.0
+    arm = with_effect(ur5e, ArmEffect("coulomb_friction", joint, {"coulomb": level}))
+    arm = with_effect(arm, ArmEffect("presliding_friction", joint, {"stiffness": 2e4}))
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"slip_3e-3": level}
+    arm = with_effect(arm, ArmEffect("friction_law", joint, law))
+    if soft:
+        arm = with_effect(arm, ArmEffect("joint_elasticity", joint, {"stiffness": 4000.0}))
+    q, speed, zero = np.array([0.0, -0.3, 0.4, 0.2, 0.3, 0.1]), np.zeros(6), np.zeros(6)
+    speed[j] = 0.3 * direction
+    came = q + np.linspace(-0.3, 0.0, 100, endpoint=False)[:, None] * speed
+    plant = Plant(arm)
+    applied = []
+    for way in (came, None):
+        plant.reset(q, speed, way)
+        plant.command(q, zero, zero, zero, zero)
+        plant.advance(plant.timestep)
+        applied.append(plant.data.qfrc_applied[plant.model.joint(joint).dofadr[0]])
+    assert applied[0] == pytest.approx(-2 * level * direction, rel=0.02)
+    assert abs(applied[1]) < 0.5 * level

@@ -28,6 +28,7 @@ def test_an_effect_that_only_the_fitted_recordings_have_is_refused(ur10e: Arm) -
     refusal = promotion.refused[0]
     assert refusal.with_it > 1.2 * refusal.without > 0
     assert "held-out recordings" in refusal.text
+    assert f"{refusal.without:.4g} N m with {refusal.instead}" in refusal.text
     assert promotion.change is None or all(e.effect != "joint_spring" for e in promotion.change.effects)
 
 
