@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calib.diagnosis.diagnose import Diagnosis as Diagnosis
+    from calib.diagnosis.answer import Diagnosis as Diagnosis
     from calib.diagnosis.diagnose import diagnose as diagnose
     from calib.excitation.session import Session as Session
     from calib.identification.identify import Identification as Identification

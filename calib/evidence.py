@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.selection import THRESHOLD
 from calib.validation import LogCheck, checked
 from logs.log import Log

@@ -8,6 +8,7 @@ from typing import Any
 from calib.quantity import rounded
 
 Numbers = Mapping[str, Any]
+CONTACT = "external_contact"
 VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration", "tau": "load", "t": "time"}
 
 
@@ -24,11 +25,15 @@ def unchanged(n: Numbers) -> str:
 
 
 def missing(n: Numbers) -> str:
+    if all(e["effect"] == CONTACT for e in n["effects"]):
+        return _touched(n["effects"])
     several = f"{len(n['effects'])} effects: " if len(n["effects"]) > 1 else ""
     return f"The model is missing {several}{_found(n['effects'])}"
 
 
 def changed(n: Numbers) -> str:
+    if all(e["effect"] == CONTACT for e in n["effects"]):
+        return _touched(n["effects"])
     return f"Changed since the healthy recordings: {_found(n['effects'])}"
 
 
@@ -110,6 +115,11 @@ def variable(text: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """a, b and c."""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else "nothing seen"
+
+
+def _touched(contacts: Sequence[Numbers]) -> str:
+    when = [f"at {c['start']['value']:.2f} s for {c['duration']['value']:.2f} s" for c in (e["parameters"] for e in contacts)]
+    return f"Something touched the arm {listed(when)}; that is an event, and no property of the arm"
 
 
 def _found(effects: Sequence[Numbers]) -> str:

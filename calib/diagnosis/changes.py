@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
+from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.baseline import Changed, Healthy, Since
 from calib.diagnosis.corrected import Correction
-from calib.diagnosis.diagnose import Diagnosis, answer, entry, unusable
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.gate.commands import LEAST_MOTION, examined
@@ -38,7 +39,7 @@ def diagnose_changes(
     progress("checking")
     trusted, refusal = examined(arm, (*baseline, *logs, *holdout), LEAST_MOTION)
     if refusal is not None:
-        return unusable(arm, trusted)
+        return pushed_at_rest(arm, (*logs, *holdout)) or unusable(arm, trusted)
     progress("preparing")
     every = warmed([measured(log, arm) for log in (*baseline, *logs, *holdout)])
     healthy, after, apart = (

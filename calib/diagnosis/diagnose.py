@@ -2,58 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
-import numpy as np
-
-from calib.claims.of_diagnosis import claims
-from calib.diagnosis.acceptance import Key, judge
+from calib.diagnosis.acceptance import judge
+from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
+from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import Correction, correction
-from calib.diagnosis.fit import Fit, fit, nominal_values
+from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.limits import limits_reached
-from calib.diagnosis.model import CONTACT, Hypothesis
+from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
-from calib.diagnosis.selection import Found, Scored, add, search, without
+from calib.diagnosis.selection import Scored, add, search, without
 from calib.diagnosis.unexplained import unexplained
-from calib.gate import Check
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.preprocessing import Measurement
 from logs.log import Log
-from sim.arm import Arm, ArmEffect
-from sim.arm_folder import write_arm
-from sim.effects import effect_named
+from sim.arm import Arm
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
 LEAST_LEFT = 0.4  # of a joint's structure: with less than this unexplained, what was named there is most of it
-
-
-@dataclass
-class Diagnosis:
-    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which no fit of torques can tell."""
-
-    answer: dict[str, Any]
-    accepted: tuple[ArmEffect, ...]
-    found: Found | None
-    correction: Correction | None = None
-    limits: tuple[ArmEffect, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
-
-    def write(self, folder: Path, arm: Arm) -> None:
-        """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
-        change = self.correction or Correction({}, ())
-        stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
-        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
-        write_arm(folder / "arm", arm, effects=change.effects, inertials=change.inertials, provenance=why)
-        (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
 
 
 def diagnose(
@@ -63,7 +34,7 @@ def diagnose(
     progress("checking")
     trusted, refusal = examined(arm, (*logs, *holdout), LEAST_MOTION)
     if refusal is not None:
-        return unusable(arm, trusted)
+        return pushed_at_rest(arm, (*logs, *holdout)) or unusable(arm, trusted)
     progress("preparing")
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
     fitted, apart = every[: len(logs)], every[len(logs) :]
@@ -123,34 +94,6 @@ def diagnose(
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
-def unusable(arm: Arm, trusted: Sequence[Check]) -> Diagnosis:
-    """The answer where the recordings cannot be used."""
-    return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted), (), None)
-
-
-def answer(
-    arm: Arm,
-    verdict: str,
-    effects: list[dict[str, Any]],
-    odd: list[dict[str, Any]],
-    gap: dict[str, list[float]] | None,
-    log: str,
-    trusted: Sequence[Check],
-) -> dict[str, Any]:
-    """diagnosis.json (design.md section 7)."""
-    none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}
-    return {
-        "schema": "diagnosis/1",
-        "arm": arm.name,
-        "verdict": verdict,
-        "effects": effects,
-        "unexplained": odd,
-        "gap": {"unit": "N*m", "log": log, "joints": list(arm.joint_names), **(gap or none)},
-        "data_checks": [c.entry() for c in trusted],
-        "arm_out": "arm",
-    }
-
-
 def _gaps(
     baseline: Fit, change: Correction | None, apart: list[Measurement], fitted: list[Measurement]
 ) -> dict[str, list[float]]:
@@ -160,28 +103,3 @@ def _gaps(
     after = start if change is None else change.of(start)
     arms = (("before", start), ("refit", refit.of(start)), ("after", after))
     return {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}
-
-
-def entry(
-    arm: Arm, item: ArmEffect, std: dict[str, float], confidence: float, share: float, rivals: Sequence[Key] = ()
-) -> dict[str, Any]:
-    """One effect as diagnosis.json has it."""
-    effect = effect_named(item.effect)
-    nominal = nominal_values(arm, item)
-    return {
-        "effect": item.effect,
-        "joint": item.joint,
-        "parameters": {
-            p.name: {
-                "value": float(item.parameters[p.name]),
-                "std": float(np.nan_to_num(std[p.name], posinf=0.0)),
-                "nominal": nominal[p.name],
-                "unit": p.unit,
-            }
-            for p in effect.parameters
-        },
-        "confidence": confidence,
-        "gap_share": float(min(1.0, max(0.0, share))),
-        "indistinguishable_from": [{"effect": name, "joint": joint} for name, joint in rivals],
-        "experiment": effect.experiment or None if rivals else None,
-    }

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.corrected import correction
-from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit, parameters_of
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of

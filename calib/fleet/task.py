@@ -16,7 +16,7 @@ import fsspec
 import numpy as np
 
 from calib.console import plain
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, Job, Status, base_row, refusal

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import listed, variable, words
+from calib.claims.diagnosis_sentences import CONTACT, listed, variable, words
 from calib.claims.diagnosis_sentences import unit as unit_of
 from calib.claims.of_diagnosis import REMARKS, claims, verdict
 from calib.report import explorer, pictures
@@ -71,7 +71,10 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
         if effect.get("experiment"):
             steps.append(f"To confirm it: {effect['experiment']}")
     verdict = diagnosis["verdict"]
-    if verdict == "effects_found":
+    lasting = [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
+    if verdict == "effects_found" and not lasting:
+        steps.append("Look what the arm touches, and repeat the recording without it: the arm's model stays as it is.")
+    elif verdict == "effects_found":
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.standing import Push, Standing
 from calib.watch.events import Estimate, Kind, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.intake import Fault, Intake, Sample
@@ -92,6 +93,8 @@ class Watcher:
         self._load = LoadWatch(arm, self._filter, known)
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
+        self._standing = Standing(arm)
+        self._push = np.nan  # when the push began that was reported last
         self._temperature = np.full(arm.n, np.nan)
         self._told: dict[Kind, float] = {}
         self._faults: dict[str, int] = {}
@@ -123,11 +126,13 @@ class Watcher:
     def _joined(self, sample: Sample) -> list[WatchEvent]:
         """A sample joins its block; of a block that is full the load is decided on at once, the rest in the next cycle."""
         self._temperature = sample.temperature
+        push = self._standing.add(sample.t, sample.q, sample.tau)
+        events = [] if push is None else self._pushed(push, sample.t)
         taken = self._aligned(sample)
         row = self._balance.add(taken.t, taken.q, taken.dq, taken.tau)
         if row is None:
-            return []
-        events = self._rest()
+            return events
+        events += self._rest()
         self._due = row
         return events + self._load_of(row)
 
@@ -177,10 +182,28 @@ class Watcher:
         size = {"mass": mass, "declared_mass": Estimate(declared.mass, 0.0, "kg")}
         return [WatchEvent(Kind.DECLARED_PAYLOAD_WRONG, row.t, (row.t, row.t), text, size)]
 
+    def _pushed(self, push: Push, t: float) -> list[WatchEvent]:
+        """A push against the standing arm, when it is certain, and when it is over."""
+        j, joint = push.joint, self.arm.joint_names[push.joint]
+        size = Estimate(float(push.torque[j]), float(push.doubt[j] / np.sqrt(12.0)), "N*m")
+        text = (
+            f"something pushes the standing arm: {joint} carries {size} more than before, of which dry friction can hold at most "
+            f"{push.doubt[j]:.3g} N m"
+        )
+        began = WatchEvent(Kind.UNEXPECTED_CONTACT, t, (push.start, t), text, {"torque": size}, joint)
+        if np.isnan(push.end):
+            self._push = push.start
+            return [began]
+        seconds = Estimate(push.end - push.start, BLOCK, "s")
+        text = f"the contact ended after {seconds.value:.2f} s"
+        ended = WatchEvent(Kind.CONTACT_ENDED, t, (push.start, push.end), text, {"duration": seconds})
+        return [ended] if self._push == push.start else [began, ended]
+
     def _faulty(self, fault: Fault) -> list[WatchEvent]:
         """A balance never reaches across a fault; the same kind of fault is told at most every `AGAIN` seconds."""
         self._delay.clear()
         self._balance.forget()
+        self._standing.forget()
         self._faults[fault.kind.value] = self._faults.get(fault.kind.value, 0) + 1
         if fault.t - self._told.get(fault.kind, -np.inf) < AGAIN:
             return []

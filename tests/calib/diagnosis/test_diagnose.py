@@ -11,8 +11,9 @@ import pytest
 
 from calib.diagnosis import selection
 from calib.diagnosis.acceptance import APART, Judged
+from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
-from calib.diagnosis.diagnose import Diagnosis, diagnose
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, ArmEffect, load_arm

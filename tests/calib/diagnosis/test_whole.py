@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.diagnosis.diagnose import Diagnosis
+from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.noise import Noise

@@ -1,0 +1,97 @@
+"""diagnosis.json: the answer of a diagnosis as data, and the corrected arm that goes with it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.claims.of_diagnosis import claims
+from calib.diagnosis.acceptance import Key
+from calib.diagnosis.corrected import Correction
+from calib.diagnosis.fit import nominal_values
+from calib.diagnosis.model import CONTACT
+from calib.diagnosis.selection import Found
+from calib.gate import Check
+from sim.arm import Arm, ArmEffect
+from sim.arm_folder import write_arm
+from sim.effects import effect_named
+
+
+@dataclass
+class Diagnosis:
+    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which no fit of torques can tell."""
+
+    answer: dict[str, Any]
+    accepted: tuple[ArmEffect, ...]
+    found: Found | None
+    correction: Correction | None = None
+    limits: tuple[ArmEffect, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
+
+    def write(self, folder: Path, arm: Arm) -> None:
+        """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
+        change = self.correction or Correction({}, ())
+        stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
+        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
+        write_arm(folder / "arm", arm, effects=change.effects, inertials=change.inertials, provenance=why)
+        (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
+
+
+def unusable(arm: Arm, trusted: Sequence[Check]) -> Diagnosis:
+    """The answer where the recordings cannot be used."""
+    return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted), (), None)
+
+
+def answer(
+    arm: Arm,
+    verdict: str,
+    effects: list[dict[str, Any]],
+    odd: list[dict[str, Any]],
+    gap: dict[str, list[float]] | None,
+    log: str,
+    trusted: Sequence[Check],
+) -> dict[str, Any]:
+    """diagnosis.json (design.md section 7)."""
+    none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}
+    return {
+        "schema": "diagnosis/1",
+        "arm": arm.name,
+        "verdict": verdict,
+        "effects": effects,
+        "unexplained": odd,
+        "gap": {"unit": "N*m", "log": log, "joints": list(arm.joint_names), **(gap or none)},
+        "data_checks": [c.entry() for c in trusted],
+        "arm_out": "arm",
+    }
+
+
+def entry(
+    arm: Arm, item: ArmEffect, std: dict[str, float], confidence: float, share: float, rivals: Sequence[Key] = ()
+) -> dict[str, Any]:
+    """One effect as diagnosis.json has it."""
+    effect = effect_named(item.effect)
+    nominal = nominal_values(arm, item)
+    return {
+        "effect": item.effect,
+        "joint": item.joint,
+        "parameters": {
+            p.name: {
+                "value": float(item.parameters[p.name]),
+                "std": float(np.nan_to_num(std[p.name], posinf=0.0)),
+                "nominal": nominal[p.name],
+                "unit": p.unit,
+            }
+            for p in effect.parameters
+        },
+        "confidence": confidence,
+        "gap_share": float(min(1.0, max(0.0, share))),
+        "indistinguishable_from": [{"effect": name, "joint": joint} for name, joint in rivals],
+        "experiment": effect.experiment or None if rivals else None,
+    }

@@ -1,0 +1,57 @@
+"""A diagnosis of an arm that stands: its inertias and frictions do not show, but a push against it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.diagnosis.answer import Diagnosis, answer, entry
+from calib.diagnosis.contact import force_spread
+from calib.diagnosis.model import CONTACT
+from calib.gate import Check
+from calib.gate.commands import LEAST_MOTION, examined
+from calib.standing import Push, pushes
+from logs.log import Log
+from sim.arm import Arm, ArmEffect
+from sim.rigid_body import RigidBody
+
+CONFIDENCE = 0.99  # dry friction cannot hold what a push is claimed of; the most that is ever stated
+
+
+def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
+    """Contacts of logs in which the arm stands; None where it moves, where something else is wrong, or where nothing pushed it."""
+    trusted: list[Check] = []
+    found: list[tuple[ArmEffect, dict[str, float]]] = []
+    for log in logs:
+        checks, _ = examined(arm, [log], LEAST_MOTION)
+        failed = {check.check for check in checks if not check.ok}
+        if failed != {"motion"}:
+            return None
+        trusted += [check for check in checks if check.ok]
+        found += [_contact(arm, log, push) for push in pushes(arm, log)]
+    if not found:
+        return None
+    trusted.append(Check("standing", True, "the arm stands: nothing but pushes against it can be found"))
+    entries = [entry(arm, item, std, CONFIDENCE, 1.0 / len(found)) for item, std in found]
+    return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, _ in found), None)
+
+
+def _contact(arm: Arm, log: Log, push: Push) -> tuple[ArmEffect, dict[str, float]]:
+    """The force f on the last link that the drives answered, -J(q)^T f = tau, as far as their dry friction lets them show it.
+
+    Gaussian in f with prior force_spread; a joint's torque is known to half of its band, as of a uniform error.
+    """
+    at = int(np.searchsorted(log.t, 0.5 * (push.start + push.end)))
+    linear, _ = RigidBody(arm).jacobian(log.q[at : at + 1])
+    columns = -linear[0].T
+    weight = 1.0 / np.where(np.isfinite(push.doubt), push.doubt / np.sqrt(12.0), np.inf)
+    information = (columns * weight[:, None]).T @ (columns * weight[:, None]) + np.eye(3) / force_spread(arm) ** 2
+    covariance = np.linalg.inv(information)
+    force = covariance @ (columns.T @ (weight**2 * push.torque))
+    step = float(np.median(np.diff(log.t)))
+    values = {"start": push.start, "duration": push.end - push.start}
+    std = {"start": step, "duration": 2 * step}
+    for axis, value, variance in zip("xyz", force, np.diag(covariance), strict=True):
+        values[f"force_{axis}"], std[f"force_{axis}"] = float(value), float(np.sqrt(variance))
+    return ArmEffect(CONTACT, None, values), std
