@@ -80,7 +80,7 @@ def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None
 
 
 def torque_of_laws(laws: Iterable[ArmEffect], arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n) N m that friction laws (sim.friction_law) add along a motion, from the load of the links alone."""
+    """(N, n) N m that friction laws (sim.effects.friction_law) add along a motion, from the load of the links alone."""
     nothing = by_stage((), arm)
     state = link_side(arm, motion, nothing)
     motor_side(state, nothing)

@@ -12,7 +12,7 @@ from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, pa
 from calib.diagnosis.model import LogModel
 from calib.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
-from sim.friction_law import FAMILIES, TERMS, FrictionLaw, formula
+from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
 FREE = 10.0  # prior standard deviations that friction may move farther beside a law
 SHAPE = 0.5  # relative deviation of an effect's shape parameter

@@ -13,7 +13,7 @@ from calib.identification.model import FRICTION, TorqueModel
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
-from sim.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
+from sim.effects.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
 from sim.prediction import by_stage, link_side, motor_side, torque_of_laws
 
 # what a fit of rows says by itself: how far beyond the torque that was measured a joint's friction may lie

@@ -13,6 +13,7 @@ from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, Pat
 from sim.effects.encoder_eccentricity import EncoderEccentricity
 from sim.effects.encoder_offset import EncoderOffset
 from sim.effects.external_contact import ExternalContact
+from sim.effects.friction_law import FrictionLaw
 from sim.effects.joint_elasticity import JointElasticity
 from sim.effects.joint_spring import JointSpring
 from sim.effects.link_inertia import LinkInertia
@@ -31,7 +32,6 @@ from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
 from sim.effects.viscous_friction import ViscousFriction
 from sim.errors import ConfigError
-from sim.friction_law import FrictionLaw
 from sim.plugins import OWN, check_names, loaded, origin, plugins
 from sim.resources import nearest
 

@@ -19,7 +19,7 @@ from calib.report.diagnosis import next_steps, remarks, sentence
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
-from sim.friction_law import formula
+from sim.effects.friction_law import formula
 from tests.calib.conftest import fourier_motion, recorded
 from tests.calib.report import examples
 

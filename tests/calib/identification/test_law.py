@@ -15,7 +15,7 @@ from calib.preprocessing import prepare
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import effect_named, with_effect
-from sim.friction_law import FAMILIES
+from sim.effects.friction_law import FAMILIES
 
 JOINT = 2
 CUTOFF = 12.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
 from sim.effects.effect import PathState
-from sim.friction_law import FAMILIES, TERMS, TURNING, WIDTHS, FrictionLaw, formula
+from sim.effects.friction_law import FAMILIES, TERMS, TURNING, WIDTHS, FrictionLaw, formula
 from sim.plant import Plant
 from sim.prediction import by_stage, link_side, motor_side, predict, torque_of_laws
 
@@ -112,3 +114,7 @@ def test_the_simulated_arm_feels_it(arm: Arm) -> None:
 def test_the_formula_names_what_is_there() -> None:
     assert formula(ZERO) == "0"
     assert formula(ZERO | {"load": -0.05, "slip_3e-3": 2.0}) == "2 z(0.003) - 0.05 z |load|"
+
+
+def test_the_module_can_be_imported_before_any_other() -> None:
+    subprocess.run([sys.executable, "-c", "import sim.effects.friction_law"], check=True)
