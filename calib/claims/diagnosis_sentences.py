@@ -9,6 +9,7 @@ from calib.quantity import rounded
 
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"
+LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
 VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration", "tau": "load", "t": "time"}
 
 
@@ -55,7 +56,8 @@ def law(n: Numbers) -> str:
 
 def possible(n: Numbers) -> str:
     how = f". To decide: {n['experiment'].rstrip('.')}" if n["experiment"] else ""
-    return f"Possibly {words(n['effect'], n['joint'])}: noise alone would look like it in {n['chance']:.2g} of such recordings{how}"
+    chance = f"{n['chance']:.2g} of" if n["chance"] >= LEAST_CHANCE else f"fewer than {LEAST_CHANCE:g} of"
+    return f"Possibly {words(n['effect'], n['joint'])}: noise alone would look like it in {chance} such recordings{how}"
 
 
 def refused(n: Numbers) -> str:

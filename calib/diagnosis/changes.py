@@ -12,6 +12,7 @@ from calib.diagnosis.baseline import Changed, Healthy, Since
 from calib.diagnosis.corrected import Correction
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -49,7 +50,7 @@ def diagnose_changes(
     )
     shown = apart or after[-1:]
     progress("learning the healthy arm")
-    reference = Healthy(arm, healthy)
+    reference = Healthy(with_unstated(arm, healthy), healthy)
     progress("comparing with the healthy arm")
     found = reference.since(after, apart)
     total = sum(c.gain for c in found.changes)

@@ -18,7 +18,13 @@ from sim.slip import SLIP_WIDTH
 
 WIDER = 1.5
 Inertial = tuple[float, np.ndarray, np.ndarray]
-FRICTION = {"coulomb_friction": ("Fc", "coulomb"), "viscous_friction": ("Fv", "viscous"), "rotor_inertia": ("Ia", "rotor")}
+# effect -> its symbol among the uncertain numbers of a model, and its key in sim.prior.spread
+ORDINARY = {
+    "coulomb_friction": ("Fc", "coulomb"),
+    "viscous_friction": ("Fv", "viscous"),
+    "rotor_inertia": ("Ia", "rotor"),
+    "torque_offset": ("offset", "offset"),
+}
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
     effects += [
         replace(e, parameters=_moved(e, start, theta))
         for e in start.effects
-        if e.effect in FRICTION and (e.effect, e.joint) not in have
+        if e.effect in ORDINARY and (e.effect, e.joint) not in have
     ]
     return Correction(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
 
@@ -92,16 +98,16 @@ def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
 
 
 def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, float]:
-    """Friction and rotors where the nuisance puts them, never below nothing; other effects as they are."""
-    if item.effect not in FRICTION or item.joint is None:
+    """Friction and rotors where the nuisance puts them, never below nothing, and offsets; other effects as they are."""
+    if item.effect not in ORDINARY or item.joint is None:
         return {name: float(value) for name, value in item.parameters.items()}
     j = arm.joint_index(item.joint)
-    symbol, spread = FRICTION[item.effect]
+    symbol, spread = ORDINARY[item.effect]
     change = float(spreads(arm)[spread][j]) * theta[f"{symbol}_{j + 1}"]
     (name, value), *_ = item.parameters.items()
     if item.effect == "rotor_inertia":
         change += ROTOR_TOGETHER * theta["Ia_all"] * value
-    return {name: float(max(0.0, value + change))}
+    return {name: float(value + change if item.effect == "torque_offset" else max(0.0, value + change))}
 
 
 def _finite(std: dict[str, float]) -> dict[str, float]:

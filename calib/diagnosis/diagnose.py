@@ -10,7 +10,7 @@ from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import Correction, correction
-from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.fit import fit
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
@@ -18,6 +18,7 @@ from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
 from calib.diagnosis.selection import Scored, add, search, without
 from calib.diagnosis.unexplained import unexplained
+from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.preprocessing import Measurement
 from logs.log import Log
@@ -39,8 +40,8 @@ def diagnose(
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
     fitted, apart = every[: len(logs)], every[len(logs) :]
     shown = apart or every[-1:]
-    start = Hypothesis.nominal(arm)
-    found = search(fitted, start, progress)
+    start = with_unstated(arm, fitted)
+    found = search(fitted, Hypothesis.nominal(start), progress)
     progress("weighing the names")
     judged = []
     for ask_rivals in (False, True) if apart else (True,):
@@ -79,8 +80,9 @@ def diagnose(
         return best.objective - add(fitted, best, s).objective
 
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
-    change = promotion.change
-    gap = _gaps(found.baseline, change, shown, fitted)
+    refit = correction(as_written(fitted, found.baseline))
+    change = promotion.change or (refit if start is not arm else None)
+    gap = _gaps(arm, {"refit": refit, "after": change}, start, shown)
     result = answer(arm, verdict, entries, [u.entry() for u in odd], gap, shown[0].name, trusted)
     result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
@@ -94,12 +96,7 @@ def diagnose(
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
-def _gaps(
-    baseline: Fit, change: Correction | None, apart: list[Measurement], fitted: list[Measurement]
-) -> dict[str, list[float]]:
+def _gaps(given: Arm, changes: dict[str, Correction | None], start: Arm, shown: list[Measurement]) -> dict[str, list[float]]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
-    start = baseline.hypothesis.start
-    refit = correction(as_written(fitted, baseline))
-    after = start if change is None else change.of(start)
-    arms = (("before", start), ("refit", refit.of(start)), ("after", after))
-    return {key: [float(x) for x in torque_rms(arm, apart)] for key, arm in arms}
+    arms = {"before": given} | {key: start if change is None else change.of(start) for key, change in changes.items()}
+    return {key: [float(x) for x in torque_rms(arm, shown)] for key, arm in arms.items()}

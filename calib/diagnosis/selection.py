@@ -15,6 +15,7 @@ from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, pure_error
 from calib.diagnosis.rows import Products
+from calib.diagnosis.unstated import unstated_keys
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
@@ -122,9 +123,10 @@ def scored(
     solved, left, bank = f.solved, f.solved.left(), bank or Bank()
     bank.turn()
     numbers: dict[tuple[str, str | None], int] = {}
+    ordinary = unstated_keys(f.hypothesis.arm)
     for c in candidates(f.models):
         numbers[c.key] = numbers.get(c.key, 0) + 1
-        if c.key in skip:
+        if c.key in skip or c.key in ordinary:
             continue
         pieces = {j: bank.piece(f, c, numbers[c.key], j) for j in c.columns[0]}
         gain, coefficients = solved.gain_of(pieces, left, c.spread)

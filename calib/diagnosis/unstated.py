@@ -1,0 +1,47 @@
+"""Friction, rotors and offsets of which nobody stated anything: they are fitted before anything is looked for, and are no effect.
+
+How dry friction builds up is fitted about a level; where that is zero there is nothing to build up, and every error at a reversal would
+look like a missing effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.diagnosis.corrected import ORDINARY
+from calib.diagnosis.fit import fit
+from calib.diagnosis.model import Hypothesis, spreads
+from calib.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from sim.effects import effect_named, with_effect
+from sim.prior import unstated
+
+ROUNDS = 2
+
+
+def unstated_keys(arm: Arm) -> set[tuple[str, str | None]]:
+    """(effect, joint) of the friction, rotors and offsets that nobody stated: to have them is no effect that is missing."""
+    missing = unstated(arm) | {"offset": np.full(arm.n, "offset" in arm.prior.unknown)}
+    return {(effect, arm.joint_names[j]) for effect, (_, key) in ORDINARY.items() for j in np.flatnonzero(missing[key])}
+
+
+def with_unstated(arm: Arm, measurements: Sequence[Measurement]) -> Arm:
+    """The arm with the friction and rotors that the measurements show where nobody stated any; offsets begin at zero."""
+    keys, here = unstated_keys(arm), arm
+    for _ in range(ROUNDS if keys else 0):  # the second time with friction to build up
+        found = fit(measurements, Hypothesis.nominal(here))
+        theta = dict(zip(found.models[0].names, found.solved.theta, strict=True))
+        filled = here
+        for effect, joint in sorted(keys, key=str):
+            j = arm.joint_index(str(joint))
+            own = here.effect(effect, joint)
+            name = effect_named(effect).parameters[0].name
+            symbol, prior = ORDINARY[effect]
+            value = own.parameters[name] if own else 0.0
+            if effect != "torque_offset":
+                value = max(0.0, value + float(spreads(here)[prior][j]) * theta[f"{symbol}_{j + 1}"])
+            filled = with_effect(filled, ArmEffect(effect, joint, {name: float(value)}))
+        here = filled
+    return here
