@@ -60,8 +60,9 @@ def spread(arm: Arm) -> dict[str, np.ndarray]:
     """Absolute standard deviations (n,) of coulomb N m, viscous N m s/rad, rotor kg m^2 and offset N m before any data.
 
     Relative to the arm's own number where that is stated: not listed in prior.unknown, and not zero (a zero without a standard
-    deviation of its own states nothing). Else as wide as an ordinary drive can be: a tenth of the largest torque, at full speed
-    for viscous friction; for a rotor what that torque accelerates at ddq_max, or the inertia of the links behind it.
+    deviation of its own states nothing); a number that was fitted is no surer than its own standard deviation. Else as wide as an
+    ordinary drive can be: a tenth of the largest torque, at full speed for viscous friction; for a rotor what that torque accelerates
+    at ddq_max, or the inertia of the links behind it.
     """
     scale, prior, n = torque_scale(arm), arm.prior, arm.n
     speed = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
@@ -79,7 +80,7 @@ def spread(arm: Arm) -> dict[str, np.ndarray]:
             own = arm.effect(effect, arm.joint_names[j])
             assert own
             value = abs(own.parameters[parameter])
-            wide[key][j] = relative[key] * value if value else own.std[parameter]
+            wide[key][j] = max(relative[key] * value, own.std.get(parameter, 0.0))
     return wide
 
 

@@ -13,6 +13,7 @@ from calib.diagnosis.rows import Rows
 from calib.diagnosis.selection import Bank, add, beside, cost, joints_of, price, without
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
+from sim.effects import effect_named
 
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) are not told apart.
 APART = 8.0
@@ -20,6 +21,7 @@ MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 MOST_SURE = 0.99  # the catalogue may not hold what the arm has
+NOTHING = 2.0  # standard deviations
 WORSE = 0.01  # relative rise of a joint's held-out RMS that a name may bring
 Key = tuple[str, str | None]
 
@@ -32,6 +34,7 @@ class Judged:
     rivals    effects that explain the recordings as well in its place, best first
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
     worse     largest relative rise of the RMS torque error of a joint it concerns, on the logs kept apart
+    nothing   whether every size of it is within NOTHING standard deviations of none
     """
 
     effect: ArmEffect
@@ -39,6 +42,7 @@ class Judged:
     rivals: tuple[Key, ...]
     held_out: float
     worse: float = 0.0
+    nothing: bool = False
 
     @property
     def vetoed(self) -> bool:
@@ -47,8 +51,8 @@ class Judged:
 
     @property
     def doubtful(self) -> bool:
-        """Whether it brings little more than its price and others would bring the same: weak evidence, and for whom is open."""
-        return bool(self.rivals) and self.lost < price(self.effect) + APART
+        """Whether it may as well be nothing, or brings little more than its price where others would bring the same."""
+        return self.nothing or (bool(self.rivals) and self.lost < price(self.effect) + APART)
 
     @property
     def confidence(self) -> float:
@@ -66,7 +70,7 @@ def judge(
 ) -> list[Judged]:
     """Every accepted effect of a fit, in its order; without `ask_rivals`, which takes most of the time, none has any."""
     out, bank = [], bank or Bank()
-    with_all = HeldOut.of(best, apart)
+    with_all, stds = HeldOut.of(best, apart), best.std()
     for i, item in enumerate(best.accepted):
         rest = without(measurements, best, i)
         lost = rest.objective - best.objective
@@ -76,8 +80,17 @@ def judge(
         without_it = HeldOut.of(rest, apart)
         joints = joints_of(item, best.hypothesis.arm)
         worse = float(np.max(with_all.rms[joints] / np.maximum(without_it.rms[joints], 1e-12))) - 1.0 if apart else 0.0
-        out.append(Judged(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse))
+        nothing = item.effect != CONTACT and _is_nothing(item, stds[i])
+        out.append(Judged(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse, nothing))
     return out
+
+
+def _is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
+    """Whether no parameter that has a zero is further than NOTHING standard deviations from it; a parameter without one has no size."""
+    sizes = [p for p in effect_named(item.effect).parameters if p.zero is not None]
+    return bool(sizes) and all(
+        abs(item.parameters[p.name] - p.zero) < NOTHING * std[p.name] for p in sizes if p.zero is not None
+    )
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,14 @@ def calibrated_arm(
         frictionloss=own["coulomb"],
     )
     known = {kind: [float(std[model.friction_column(kind, j)]) for j in range(n)] for kind in own}
+    # a rotor that stands alone in a base parameter has a standard deviation of its own
+    alone = {name: float(s) for name, s in zip(model.names, std, strict=True) if name.startswith("Ia_")}
     effects = []
     for j, joint in enumerate(arm.joint_names):
         for kind, effect in (("coulomb", "coulomb_friction"), ("viscous", "viscous_friction"), ("offset", "torque_offset")):
             effects.append(ArmEffect(effect, joint, {kind: float(own[kind][j])}, {kind: known[kind][j]}))
-        effects.append(ArmEffect("rotor_inertia", joint, {"inertia": float(tree.armature[j])}))
+        sure = {"inertia": alone[f"Ia_{j + 1}"]} if f"Ia_{j + 1}" in alone else {}
+        effects.append(ArmEffect("rotor_inertia", joint, {"inertia": float(tree.armature[j])}, sure))
     wide = [j for j in range(n) if model.slip_width[j] > SLIP_WIDTHS[0] and own["coulomb"][j] > 0]
     replaced = {("presliding_friction", arm.joint_names[j]) for j in wide}
     for j in wide:
