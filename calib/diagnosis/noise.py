@@ -18,6 +18,7 @@ DRAWS = 16
 LEAST_ROWS = 8
 CLIP = 3.0  # robust standard deviations: a few reversals do not widen the noise
 LARGEST_COLOUR = 0.95
+HALVINGS = 7
 
 
 @dataclass(frozen=True)
@@ -42,31 +43,30 @@ def noise_of(residuals: list[np.ndarray], joined: list[np.ndarray]) -> Noise:
     found = [
         scale_and_colour(r, link) if len(r) >= LEAST_ROWS else (1e-6, 0.0) for r, link in zip(residuals, joined, strict=True)
     ]
-    return Noise(np.array([max(s, 1e-9) for s, _ in found]), np.array([p for _, p in found]))
+    return Noise(np.array([max(s, 1e-9) for s, _ in found]), np.array([max(p, 0.0) for _, p in found]))
 
 
 def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
     """sigma N m and phi of one joint's noise: what columns x (R, k) leave of r (R,), with what they absorb of noise given back."""
     if len(r) < LEAST_ROWS or not x.shape[1]:
         sigma, phi = scale_and_colour(r, joined) if len(r) >= LEAST_ROWS else (0.0, 0.0)
-        return max(sigma, 1e-9), phi
+        return max(sigma, 1e-9), max(phi, 0.0)
     scale = np.sqrt(np.sum(x**2, axis=0))
     x = x[:, scale > 1e-9 * scale.max(initial=1e-300)]
     x = x / np.sqrt(np.sum(x**2, axis=0))
     gram = np.linalg.inv(x.T @ x + RIDGE * np.eye(x.shape[1]))
     e = r - x @ (gram @ (x.T @ r))
     sigma, phi = scale_and_colour(e, joined)
-    rng = np.random.default_rng(0)
-    measured = sigma, phi
-    for _ in range(2):
-        white = rng.standard_normal((len(r), DRAWS)) * np.sqrt(1 - phi**2)
-        made = lfilter([1.0], [1.0, -phi], white, axis=0)
+    white = np.random.default_rng(0).standard_normal((len(r), DRAWS))
+    # what is left of the noise is less coloured than the noise, the more so the more columns there are: the colour that leaves as much as was seen
+    low, high = 0.0, LARGEST_COLOUR
+    for _ in range(HALVINGS):
+        colour = 0.5 * (low + high)
+        made = lfilter([1.0], [1.0, -colour], white * np.sqrt(1 - colour**2), axis=0)
         left = made - x @ (gram @ (x.T @ made))
-        of = [scale_and_colour(column, joined) for column in left.T]
-        factor = float(np.mean([s for s, _ in of]))
-        sigma = max(measured[0] / max(factor, 0.3), 1e-9)
-        phi = float(np.clip(measured[1] + phi - np.mean([p for _, p in of]), 0.0, LARGEST_COLOUR))
-    return sigma, phi
+        of = np.mean([scale_and_colour(column, joined) for column in left.T], axis=0)
+        low, high = (colour, high) if of[1] < phi else (low, colour)
+    return max(sigma / max(float(of[0]), 1e-3), 1e-9), colour
 
 
 def scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
@@ -76,4 +76,4 @@ def scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
     power = float(np.mean(clipped**2))
     pairs = joined[1:]
     phi = float(np.mean(clipped[1:][pairs] * clipped[:-1][pairs])) / power if pairs.any() and power > 0 else 0.0
-    return float(np.sqrt(power)), float(np.clip(phi, 0.0, LARGEST_COLOUR))
+    return float(np.sqrt(power)), float(min(phi, LARGEST_COLOUR))

@@ -58,9 +58,7 @@ def test_what_is_stated_is_not_fitted_beforehand(ur10e: Arm) -> None:
 def test_a_number_that_was_fitted_is_no_surer_than_its_standard_deviation(ur10e: Arm) -> None:
     (own,) = [e for e in ur10e.effects if e.effect == "coulomb_friction" and e.joint == "elbow_joint"]
     value = own.parameters["coulomb"]
-    unsure = replace(
-        ur10e, effects=tuple(replace(e, std={"coulomb": 2 * value}) if e is own else e for e in ur10e.effects)
-    )
+    unsure = replace(ur10e, effects=tuple(replace(e, std={"coulomb": 2 * value}) if e is own else e for e in ur10e.effects))
     assert spread(unsure)["coulomb"][ELBOW] == pytest.approx(2 * value)
     assert spread(ur10e)["coulomb"][ELBOW] == pytest.approx(ur10e.prior.coulomb * value)
 
