@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.ur_cell import ur_cell
 from drivers import open_driver
 from drivers.ur_rtde.driver import UrDriver
 from sim.arm import load_arm
@@ -38,18 +39,6 @@ FAULTS = (
     "drop", "delay", "freeze", "reorder",
 )  # fmt: skip
 PRIORITY = 40
-CELL = """
-schema = "cell/1"
-name = "bench"
-arm = "ur10e"
-driver = "ur_rtde"
-home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
-[options]
-host = "127.0.0.{last}"
-frame_timeout = 0.1
-setpoint_timeout = 0.1
-priority = {priority}
-"""
 
 
 @dataclass
@@ -113,8 +102,8 @@ def _take_priority(priority: int) -> None:
 @contextlib.contextmanager
 def _pair(priority: int, last: int) -> Iterator[tuple[Connection, UrDriver]]:
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "bench.toml"
-        path.write_text(CELL.format(priority=priority, last=last))
+        options: dict[str, object] = {"frame_timeout": 0.1, "setpoint_timeout": 0.1, "priority": priority}
+        path = ur_cell(Path(folder) / "bench.toml", f"127.0.0.{last}", options=options)
         talk, theirs = multiprocessing.Pipe()
         process = multiprocessing.get_context("spawn").Process(target=_controller, args=(str(path), priority, theirs))
         process.start()

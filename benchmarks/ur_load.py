@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
+from benchmarks.ur_cell import ur_cell
 from logs.read import read_log
 from safety.plan import Motion, write_plan
 from sim.arm import load_arm
@@ -42,20 +43,8 @@ NAMES = {
 }  # fmt: skip
 MOTION = 20.0  # s
 HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
-CELL = """schema = "cell/1"
-name = "busy"
-arm = "ur10e"
-driver = "ur_rtde"
-home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
-[options]
-host = "127.0.0.{last}"
-serial = "20230000000"
-frame_timeout = 0.1
-watchdog = 4.0
-[motion]
-latency = 0.1
-following_error = 0.025
-"""
+OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
+LIMITS: dict[str, object] = {"latency": 0.1, "following_error": 0.025}
 
 
 @contextlib.contextmanager
@@ -102,8 +91,7 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
 
 def recorded(folder: Path, last: int, seconds: float, fault: str | None) -> dict[str, Any]:
     """One `calib record` of a motion of `seconds`; the fault comes a second after the arm has begun to move."""
-    path = folder / "busy.toml"
-    path.write_text(CELL.format(last=last))
+    path = ur_cell(folder / "busy.toml", f"127.0.0.{last}", options=OPTIONS, motion=LIMITS)
     cell = load_cell(path)
     arm = load_arm(cell.table.arm)
     plan = Motion("excitation", "excitation", motion(np.array(cell.table.home), seconds))

@@ -8,28 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.ur_cell import ur_cell
 from calib.main import main
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.emulated import open_emulator
 
-UR = """
-schema = "cell/1"
-name = "there"
-arm = "ur10e"
-driver = "ur_rtde"
-home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
-[options]
-host = "{host}"
-frame_timeout = 0.5
-"""
-
 
 @pytest.fixture
 def ur(tmp_path: Path) -> Path:
-    path = tmp_path / "there.toml"
-    path.write_text(UR.format(host="127.0.5.1"))
-    return path
+    return ur_cell(tmp_path / "there.toml", "127.0.5.1", options={"frame_timeout": 0.5})
 
 
 def test_check_prints_every_check_as_a_table_and_as_json(capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,8 +90,7 @@ def test_check_turns_the_joints_where_that_is_asked_for(tmp_path: Path, capsys: 
 def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "real.toml"
-    path.write_text(UR.format(host="192.0.2.1"))
+    path = ur_cell(tmp_path / "real.toml", "192.0.2.1")
     assert main(["check", str(path), "--move", "--yes"]) == 3
     monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
     assert main(["check", str(path), "--move"]) == 3

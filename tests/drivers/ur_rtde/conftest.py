@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.ur_cell import ur_cell
 from drivers import open_driver
 from drivers.ur_rtde.driver import UrDriver
 from sim.arm import Arm, load_arm
@@ -25,21 +26,7 @@ LONG = 20.0  # s that anything here may take
 _addresses = itertools.count(1)
 
 # The emulated controller shares a computer with the tests; the rules of time are tested with time of their own.
-CELL = """
-schema = "cell/1"
-name = "test"
-arm = "ur10e"
-driver = "ur_rtde"
-home = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]
-[options]
-host = "{host}"
-serial = "20230000000"
-frame_timeout = {frame_timeout}
-setpoint_timeout = {setpoint_timeout}
-watchdog = 4.0
-[emulation.options]
-polyscope = "{polyscope}"
-"""
+OPTIONS = {"serial": "20230000000", "watchdog": 4.0}
 
 
 @pytest.fixture(scope="session")
@@ -53,14 +40,15 @@ def cell(tmp_path: Path) -> Callable[..., Cell]:
 
     def make(polyscope: str = "5.25.1", frame_timeout: float = 0.5, setpoint_timeout: float = 0.5) -> Cell:
         k = next(_addresses)
-        path = tmp_path / f"cell{k}.toml"
         host = f"127.{1 + os.getpid() % 250}.2.{k}"
-        # a CB3 under the e-Series arm of these tests: only its protocol matters here
-        other = 'assume = ["arm-as-stated"]\n' if polyscope.startswith("3.") else ""
-        text = other + CELL.format(
-            host=host, frame_timeout=frame_timeout, setpoint_timeout=setpoint_timeout, polyscope=polyscope
+        path = ur_cell(
+            tmp_path / f"cell{k}.toml",
+            host,
+            # a CB3 under the e-Series arm of these tests: only its protocol matters here
+            ["arm-as-stated"] if polyscope.startswith("3.") else None,
+            options=OPTIONS | {"frame_timeout": frame_timeout, "setpoint_timeout": setpoint_timeout},
+            **{"emulation.options": {"polyscope": polyscope}},
         )
-        path.write_text(text)
         return load_cell(path)
 
     return make
