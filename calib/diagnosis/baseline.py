@@ -21,7 +21,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.rows import Rows, Solved, solve
-from calib.diagnosis.selection import EXTRA, Key, sensible
+from calib.diagnosis.selection import Key, plausible
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
@@ -177,10 +177,10 @@ def _scored(
         usual = null.get((c.key, number), Null(np.zeros_like(coefficients), np.zeros_like(covariance)))
         wide, beyond = covariance + usual.covariance, coefficients - usual.mean
         gain = float(beyond @ np.linalg.lstsq(wide, beyond, rcond=1e-12)[0])
-        price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(EXTRA.get(c.effect, 0.0), 0.0)
+        price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(effect_named(c.effect).surcharge, 0.0)
         worth, brings = gain - price, fall - price
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if not np.isfinite(worth) or not within(item) or not sensible(item, arm, models, gain):
+        if not np.isfinite(worth) or not within(item) or not plausible(item, arm, models, gain):
             continue
         if c.key not in best or brings > best[c.key].brings:
             columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}

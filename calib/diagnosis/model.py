@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,11 @@ class LinkSide:
         self.columns: dict[Hashable, np.ndarray] = {}
         self.whites: dict[Hashable, Any] = {}
         self._motion: dict[int, dict[str, np.ndarray]] = {}
+
+    @cached_property
+    def largest_load(self) -> np.ndarray:
+        """(n,) N m through the gears, exceeded in one sample of a hundred."""
+        return np.asarray(np.quantile(np.abs(self.path.load), 0.99, axis=0))
 
     def joint(self, j: int) -> PathState:
         """The path of joint j alone: the motion shared and read-only, all that later stages change in arrays of its own."""
@@ -324,15 +330,13 @@ def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi
     out = np.zeros((len(measurement.row_samples), n, 5 * n))
     for i in range(n):
         block = slice(10 * i, 10 * i + 10)
-        size = centre_size(arm, i)
-        step = 1e-6
+        size, step = centre_size(arm, i), 1e-6
         moves = [prior.mass * pi[block]]
         for axis in np.eye(3):
             moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
             moves.append(prior.com * size * (moved - pi[block]) / step)
         moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
-        columns = regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
-        out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(columns)
+        out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(regressor[:, : i + 1, block] @ np.stack(moves, axis=1))
     return out
 
 

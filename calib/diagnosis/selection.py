@@ -25,28 +25,10 @@ MOST_EFFECTS = 8
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 # Columns over rows where the noise is measured. Of 28 s with 0.3 the noise came out at 0.6 to 0.9 of the true one, and ripple was named in it.
 FILLED = 0.12
-LEAST_GAP = 2e-4  # rad; less than that is what dry friction's own width looks like
-LEAST_TWIST = 2e-3  # rad of the gear under the largest load; less is what dry friction gives before it slides
-BEYOND_DOUBT = 80.0  # fall of -2 log likelihood at which a smaller twist is believed
-LEAST_DELAY = 5e-4  # s beyond the ordinary lead of a drive's reading
 # Fall of -2 log likelihood that a name must bring. On clean recordings of the exam (benchmarks/exam) no effect of one parameter and
-# ordinary form brings more than some 14 (Coulomb friction 17); those in EXTRA bring more, because they imitate what the model leaves at reversals
-# (presliding, elasticity, backlash), because many are tried (contact, ripple, eccentricity), because they bend to anything, or because one cause for
-# the whole arm (a payload) is likelier than a local one that does the same (a link).
+# ordinary form brings more than some 14 (Coulomb friction 17); those that bring more have a surcharge (sim.effects).
 THRESHOLD = 18.0
 PER_PARAMETER = 3.0
-EXTRA = {
-    "coulomb_friction": 2.0,
-    "external_contact": 10.0,
-    "torque_ripple": 10.0,
-    "encoder_eccentricity": 6.0,
-    "joint_elasticity": 30.0,
-    "presliding_friction": 12.0,
-    "backlash": 8.0,
-    "nonlinear_viscous_friction": 11.0,
-    "link_inertia": 4.0,
-    "thermal_friction": -5.0,
-}
 
 
 Key = tuple[str, str | None]
@@ -103,7 +85,7 @@ class Bank:
 
 def price(item: ArmEffect) -> float:
     """What a name costs on the scale of -2 log likelihood."""
-    return THRESHOLD + EXTRA.get(item.effect, 0.0) + PER_PARAMETER * (len(parameters_of([item])) - 1)
+    return THRESHOLD + effect_named(item.effect).surcharge + PER_PARAMETER * (len(parameters_of([item])) - 1)
 
 
 def penalty(accepted: Sequence[ArmEffect]) -> float:
@@ -134,7 +116,7 @@ def scored(
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if within(item) and sensible(item, f.hypothesis.arm, f.models, gain):
+        if within(item) and plausible(item, f.hypothesis.arm, f.models, gain):
             best[c.key] = Scored(item, gain, len(coefficients))
     if (CONTACT, None) in skip or not ask_contact:
         return _ranked(best)
@@ -147,7 +129,7 @@ def scored(
 
 
 def _ranked(best: dict[Key, Scored]) -> list[Scored]:
-    return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - EXTRA.get(s.effect.effect, 0.0)))
+    return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - effect_named(s.effect.effect).surcharge))
 
 
 def measured_noise(f: Fit) -> Noise:
@@ -285,7 +267,7 @@ def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) ->
 def _settled(f: Fit) -> bool:
     """Whether no shape parameter (an exponent, a time) ran into its bound, and every effect is one that there is: what fits best beyond is
     something else."""
-    return all(sensible(e, f.hypothesis.arm, f.models, np.inf) for e in f.accepted) and all(
+    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) for e in f.accepted) and all(
         f.accepted[i].effect == CONTACT
         or not logarithmic(p)
         or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
@@ -293,21 +275,8 @@ def _settled(f: Fit) -> bool:
     )
 
 
-def sensible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:
-    """Bounds that are not a single parameter's."""
-    p = item.parameters
-    if item.effect == "payload":
-        return bool(np.linalg.norm([p["com_x"], p["com_y"], p["com_z"]]) < 0.6)
-    if item.effect == "joint_elasticity" and item.joint is not None:
-        j = arm.joint_index(item.joint)
-        load = max(float(np.quantile(np.abs(m.link.load[:, j]), 0.99)) for m in models)
-        return load / p["stiffness"] > LEAST_TWIST or (gain > BEYOND_DOUBT and load / p["stiffness"] > 0.3 * LEAST_TWIST)
-    if item.effect == "time_delay":
-        return p["delay"] > LEAST_DELAY
-    if item.effect == "presliding_friction":
-        return p["stiffness"] < 1e6
-    if item.effect == "nonlinear_viscous_friction":
-        return p["coefficient"] > 0
-    if item.effect == "backlash":
-        return p["half_gap"] > LEAST_GAP
-    return True
+def plausible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:
+    """Whether an effect is one that there may be in the recordings of the models."""
+    joints = range(arm.n) if item.joint is None else [arm.joint_index(item.joint)]
+    load = max(float(np.max(m.side.largest_load[joints])) for m in models)
+    return effect_named(item.effect).plausible(item.parameters, load, gain)

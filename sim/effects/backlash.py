@@ -15,6 +15,8 @@ LOADED, FREE = 0.3, 0.05  # of the RMS of the load: beyond the one a side of the
 MEAN = 25e-3  # s of load that are averaged first: noise in a measured acceleration does not cross a gap
 BLOW = 6e-3  # s from that mean's rise over LOADED to the middle of the blow that made it
 
+LEAST_GAP = 2e-4  # rad
+
 
 class Backlash(Effect):
     """q_motor = q + b x, x = sign(load) where the gear is loaded, x = s (1 - 2 u^3) while the motor crosses from side s, u = 0 ... 1."""
@@ -25,7 +27,12 @@ class Backlash(Effect):
     reference = "M. Nordin, P.-O. Gutman (2002), doi:10.1016/S0005-1098(02)00047-X"
     experiment = "slow motion through postures where gravity's torque on that joint changes sign"
     stage = Stage.TRANSMISSION
+    surcharge = 8.0  # it imitates what a model leaves at reversals
     parameters = (Parameter("half_gap", "rad", "half of the dead zone", lower=0.0, upper=0.1, grid=(0.002,)),)
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """The gap is wider than dry friction's own width looks like."""
+        return p["half_gap"] > LEAST_GAP
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += b x(t)."""

@@ -13,6 +13,7 @@ class CoulombFriction(Effect):
     looks = "a step of the torque where the speed changes sign, the same at every speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
     stage = Stage.FRICTION
+    surcharge = 2.0
     parameters = (Parameter("coulomb", "N*m", "level of dry friction", lower=0.0, grid=(1.0,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

@@ -177,6 +177,8 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     # tried at so many points that together they follow noise: no part of what measures the noise of a recording
     many: ClassVar[bool] = False
+    # fall of -2 log likelihood that naming it must bring beyond that of an ordinary effect; each was tuned on clean recordings of the exam
+    surcharge: ClassVar[float] = 0.0
     # at stage MOTOR: whether it uses the torque through the gear
     needs_load: ClassVar[bool] = False
 
@@ -184,6 +186,13 @@ class Effect:
     def law(self) -> str:
         """The effect as an equation: the first paragraph of its docstring, in one line."""
         return " ".join((self.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """Whether a fit that ended at p has found this effect: bounds that are not a single parameter's.
+
+        load N m is the largest through the gear in the recordings, evidence the fall of -2 log likelihood.
+        """
+        return True
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Change `state` by this effect with parameter values `p`; every stage but RIGID."""

@@ -19,6 +19,7 @@ class EncoderEccentricity(Effect):
     experiment = "a slow full turn of that joint"
     many = True
     stage = Stage.ENCODER
+    surcharge = 6.0  # many cycles are tried
     parameters = (
         Parameter("amplitude", "rad", "peak error", lower=0.0, upper=0.3, grid=(0.01,)),
         Parameter(

@@ -17,6 +17,7 @@ class ExternalContact(Effect):
     experiment = "repeat the motion in an empty cell"
     stage = Stage.FORCE
     scope = "arm"
+    surcharge = 10.0  # many windows are tried
     parameters = (
         Parameter("start", "s", "from the start of the recording", zero=None, lower=0.0, upper=1e5),
         Parameter("duration", "s", "how long it lasts", zero=None, lower=0.02, upper=60.0, grid=(1.0,)),

@@ -6,6 +6,9 @@ import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 
+LEAST_TWIST = 2e-3  # rad under the largest load
+BEYOND_DOUBT = 80.0
+
 
 class JointElasticity(Effect):
     """q_motor = q + load/K."""
@@ -16,6 +19,7 @@ class JointElasticity(Effect):
     reference = "M. W. Spong (1987), J. Dynamic Systems, Measurement, and Control 109(4), 310-319"
     experiment = "a small motion from 1 to 15 Hz in two postures"
     stage = Stage.TRANSMISSION
+    surcharge = 30.0  # it imitates what a model leaves at reversals
     parameters = (
         Parameter(
             "stiffness",
@@ -27,6 +31,11 @@ class JointElasticity(Effect):
             grid=(100.0, 300.0, 1e3, 3e3, 1e4, 3e4, 1e5),
         ),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """The gear twists by more than dry friction gives before it slides; beyond doubt, a smaller twist is believed."""
+        twist = load / p["stiffness"]
+        return twist > LEAST_TWIST or (evidence > BEYOND_DOUBT and twist > 0.3 * LEAST_TWIST)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += load/K."""

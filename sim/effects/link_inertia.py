@@ -17,6 +17,7 @@ class LinkInertia(Effect):
     reference = "C. G. Atkeson, C. H. An, J. M. Hollerbach (1986), doi:10.1177/027836498600500306"
     experiment = "a motion of all joints from that link inwards in varied postures"
     stage = Stage.RIGID
+    surcharge = 4.0  # one cause for the whole arm, a payload, is likelier than a local one
     parameters = (
         Parameter("mass", "kg", "mass of the link", zero=None, lower=0.0, upper=1e3),
         Parameter("com_x", "m", "centre of mass in the link's frame", zero=None, lower=-3.0, upper=3.0),

@@ -18,10 +18,15 @@ class NonlinearViscousFriction(Effect):
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
     experiment = "constant-speed sweeps at six or more speeds over a range of 30"
     stage = Stage.MOTOR
+    surcharge = 11.0  # it bends to anything
     parameters = (
         Parameter("coefficient", "N*m*(s/rad)^exponent", "torque at 1 rad/s", grid=(1.0,)),
         Parameter("exponent", "1", "power of the speed", zero=None, lower=0.15, upper=3.5, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0)),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """It takes energy."""
+        return p["coefficient"] > 0
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth c |dq|^e sign(dq)."""

@@ -7,6 +7,8 @@ import numpy as np
 from sim.effects.effect import Effect, Parameter, Stage, Values
 from sim.tree import KinematicTree, with_point_mass
 
+FARTHEST = 0.6  # m from the last joint
+
 
 class Payload(Effect):
     """last link += point mass m at c."""
@@ -24,6 +26,10 @@ class Payload(Effect):
         Parameter("com_y", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
         Parameter("com_z", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """Its centre of mass is near the flange."""
+        return bool(np.linalg.norm([p["com_x"], p["com_y"], p["com_z"]]) < FARTHEST)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The last link with a point mass added (parallel axis theorem)."""

@@ -6,6 +6,8 @@ import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 
+STIFFEST = 1e6  # N m/rad
+
 
 class PreslidingFriction(Effect):
     """slip rises over the width level/stiffness: d slip = dq stiffness/level, held in [-1, 1]."""
@@ -16,6 +18,7 @@ class PreslidingFriction(Effect):
     reference = "C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky (1995), doi:10.1109/9.376053"
     experiment = "reversals with amplitudes from 1 to 50 mrad"
     stage = Stage.FRICTION
+    surcharge = 12.0  # it imitates what a model leaves at reversals
     parameters = (
         Parameter(
             "stiffness",
@@ -27,6 +30,10 @@ class PreslidingFriction(Effect):
             grid=(30.0, 100.0, 300.0, 1e3, 3e3, 1e4),
         ),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """The bristles give way at all."""
+        return p["stiffness"] < STIFFEST
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """width = level / stiffness, never below the width that every bearing has."""

@@ -17,6 +17,7 @@ class ThermalFriction(Effect):
     reference = "A. C. Bittencourt, S. Gunnarsson (2012), J. Dynamic Systems, Measurement, and Control 134(5), 051013"
     experiment = "repeat one motion cold and after ten minutes of work"
     stage = Stage.FRICTION
+    surcharge = -5.0  # warming is usual
     parameters = (
         Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, grid=(0.2,)),
         Parameter(

@@ -6,6 +6,8 @@ import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 
+LEAST_DELAY = 5e-4  # s
+
 
 class TimeDelay(Effect):
     """reading(t) = tau(t - d)."""
@@ -18,6 +20,10 @@ class TimeDelay(Effect):
     stage = Stage.CHANNEL
     scope = "arm"
     parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, grid=(0.002,)),)
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """It is later than a drive's reading ordinarily is."""
+        return p["delay"] > LEAST_DELAY
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau(t) = tau(t - d), linear between samples."""

@@ -17,6 +17,7 @@ class TorqueRipple(Effect):
     experiment = "a slow full turn of that joint in both directions"
     many = True
     stage = Stage.JOINT
+    surcharge = 10.0  # many cycles are tried
     parameters = (
         Parameter("amplitude", "N*m", "peak torque", lower=0.0, grid=(0.5,)),
         Parameter(
