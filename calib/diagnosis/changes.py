@@ -68,6 +68,7 @@ def diagnose_changes(
     odd = [{"joint": arm.joint_names[j], "depends_on": [name], "rms": rms, "unit": "N*m"} for j, name, rms, _ in found.odd]
     verdict = "unexplained" if odd else "effects_found" if entries else "no_missing_effect"
     result = answer(arm, verdict, entries, odd, _gap(reference, found, shown), shown[0].name, trusted)
+    result["gap"]["held_out"] = bool(apart)
     result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}
     lasting = tuple(c.effect for c in found.changes if c.effect.effect != CONTACT)
     correction = Correction({}, tuple(ArmEffect(e.effect, e.joint, dict(e.parameters)) for e in lasting)) if lasting else None

@@ -84,6 +84,7 @@ def diagnose(
     change = promotion.change or (refit if start is not arm else None)
     gap = _gaps(arm, {"refit": refit, "after": change}, start, shown)
     result = answer(arm, verdict, entries, [u.entry() for u in odd], gap, shown[0].name, trusted)
+    result["gap"]["held_out"] = bool(apart)
     result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",

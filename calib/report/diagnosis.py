@@ -107,8 +107,13 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
             facts.append(
                 ("worst joint, before → after parameter refit → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise")
             )
-        facts.append(("held-out log", gap.get("log", "")))
+        facts.append((_which(gap), gap.get("log", "")))
     return facts
+
+
+def _which(gap: Mapping[str, Any]) -> str:
+    """What the log is on which the gap was measured; one that was fitted flatters the corrected arm."""
+    return "held-out log" if gap.get("held_out") else "fitted log (no log was held out)"
 
 
 def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -123,7 +128,7 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
         noise = np.asarray(gap["noise_floor"], float)
         page.figure(
             pictures.gaps(gap["joints"], noise, levels),
-            f"Residual RMS on the held-out log {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
+            f"Residual RMS on the {_which(gap)} {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}

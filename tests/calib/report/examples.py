@@ -42,7 +42,7 @@ def diagnosis(verdict: str = "effects_found") -> tuple[dict[str, Any], dict[str,
         "verdict": verdict,
         "effects": [effect] if verdict == "effects_found" else [],
         "unexplained": [],
-        "gap": {"unit": "N*m", "log": "validation.mcap", "joints": JOINTS, "noise_floor": [0.15] * 6, **gap},
+        "gap": {"unit": "N*m", "log": "validation.mcap", "held_out": True, "joints": JOINTS, "noise_floor": [0.15] * 6, **gap},
         "data_checks": [{"check": "gaps", "ok": True, "detail": "no sample is missing"}],
         "arm_out": "arm",
     }

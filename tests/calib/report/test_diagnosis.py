@@ -99,3 +99,12 @@ def test_without_arrays_the_page_still_tells(tmp_path: Path, visit: Callable[...
     seen = visit(diagnosis.write(tmp_path / "bad-data.html", *examples.diagnosis("bad_data")), width=480)
     assert seen.complaints == []
     assert "time runs backwards" in seen.page.inner_text("h1")
+
+
+def test_a_log_that_was_fitted_is_not_called_held_out(tmp_path: Path) -> None:
+    data, arrays = examples.diagnosis()
+    assert "held-out log validation.mcap" in diagnosis.write(tmp_path / "a.html", data, arrays).read_text()
+    data["gap"]["held_out"] = False
+    page = diagnosis.write(tmp_path / "b.html", data, arrays).read_text()
+    assert "held-out log validation.mcap" not in page
+    assert "fitted log (no log was held out)" in page
