@@ -2,7 +2,7 @@
 
     from calib import diagnose, identify, load_arm, read_log, validate
 
-What stands in __all__ is the public face: it changes only after a release that warned of it. Nothing is imported before it is asked for.
+What stands in __all__ is the public face: it changes only after a release that warned of it. Nothing is imported before it is used.
 """
 
 from __future__ import annotations

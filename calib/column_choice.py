@@ -20,21 +20,21 @@ def chosen_map(
     table: Table, file: Path, map_file: Path | None, columns: Sequence[str], rate: float | None, joints: str | None,
     joint_names: Sequence[str] | None, episode: int | None,
 ) -> tuple[ColumnMap, list[str], bool]:  # fmt: skip
-    """The map, what is doubtful about it, and whether a person said all of it."""
+    """The map, what is doubtful about it, and whether the options stated all of it."""
     if map_file is not None:
         found = read_map(map_file)
         return (replace(found, where={"episode_index": float(episode)}) if episode is not None else found), [], True
-    said = dict(_option(option) for option in columns)
+    stated = dict(_option(option) for option in columns)
     names = tuple(part.strip() for part in joints.split(",")) if joints else joint_names
-    complete = "q" in said and ("time" in said or rate is not None)
+    complete = "q" in stated and ("time" in stated or rate is not None)
     if complete:
-        return _of_options(said, rate, names, episode, str(file)), [], True
+        return _of_options(stated, rate, names, episode, str(file)), [], True
     guess, doubts = guess_map(table, names, episode)
-    if not said and rate is None:
+    if not stated and rate is None:
         return guess, doubts, False
     plain = {"joints": list(guess.joints), "time": {"column": guess.time, "unit": guess.time_unit}}
     plain |= {name: {"columns": list(part.columns), "unit": part.unit} for name, part in guess.channels.items()}
-    own = _plain(said, rate)
+    own = _plain(stated, rate)
     if "q" in own and names is None:
         plain["joints"] = _names(own["q"]["columns"])
     return of_plain({**plain, **own, "where": dict(guess.where)}, "--column"), doubts, False
@@ -76,9 +76,9 @@ def _option(text: str) -> tuple[str, tuple[list[str], str | None]]:
     return channel, (parts, unit or None)
 
 
-def _plain(said: dict[str, tuple[list[str], str | None]], rate: float | None) -> dict[str, dict]:
+def _plain(stated: dict[str, tuple[list[str], str | None]], rate: float | None) -> dict[str, dict]:
     out: dict[str, dict] = {}
-    for channel, (names, unit) in said.items():
+    for channel, (names, unit) in stated.items():
         if channel == "time":
             out["time"] = {"column": names[0], "unit": unit or "s"}
         else:
@@ -93,13 +93,13 @@ def _names(columns: Sequence[str]) -> list[str]:
 
 
 def _of_options(
-    said: dict[str, tuple[list[str], str | None]],
+    stated: dict[str, tuple[list[str], str | None]],
     rate: float | None,
     names: Sequence[str] | None,
     episode: int | None,
     where: str,
 ) -> ColumnMap:
-    plain = _plain(said, rate)
+    plain = _plain(stated, rate)
     joints = list(names) if names is not None else _names(plain["q"]["columns"])
     rows = {"episode_index": float(episode)} if episode is not None else {}
     return of_plain({"joints": joints, **plain, "where": rows}, "--column")

@@ -66,7 +66,7 @@ Configs = Annotated[
 ]
 
 
-# of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was asked for
+# of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
@@ -124,7 +124,7 @@ def conclusion(first: str, more: Iterable[str]) -> None:
 def say(sentence: str) -> None:
     """A sentence for the person, on standard output; brackets and file names stand as they are.
 
-    On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is said by `copyable`.
+    On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is printed by `copyable`.
     """
     if QUIET.get():
         return
@@ -256,7 +256,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _own(value: Any) -> Any:
-    """NumPy's scalars and arrays as Python's numbers and lists, told by what they offer: `calib --help` need not import NumPy."""
+    """NumPy's scalars and arrays as Python's numbers and lists, recognised by their methods: `calib --help` need not import NumPy."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -160,9 +160,9 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     others = len(found) - (key in found)
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     if key not in found:
-        told = "what was hidden was not found; the report says what speaks for each candidate"
+        sentence = "what was hidden was not found; the report says what speaks for each candidate"
     elif others:
-        told = f"what was hidden was found, and beside it {beside}"
+        sentence = f"what was hidden was found, and beside it {beside}"
     else:
-        told = "what was hidden was found, and nothing else"
-    return Reveal(rows, key in found and not others, told)
+        sentence = "what was hidden was found, and nothing else"
+    return Reveal(rows, key in found and not others, sentence)

@@ -29,7 +29,7 @@ PAYLOAD = """# TODO declare the tool as it is set on the pendant, or leave this 
 
 
 def of_robot(name: str, robot: Robot, arm: str) -> str:
-    """The cell of a UR that answered, pinned to its serial number where it told one."""
+    """The cell of a UR that answered, pinned to its serial number where it reported one."""
     options = {"host": robot.host} | ({"serial": robot.serial} if robot.serial else {})
     text = f"# Written by `calib init`: {robot.model or 'a robot'} with PolyScope {robot.polyscope} answered at {robot.host}.\n"
     text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm, "driver": "ur_rtde"})

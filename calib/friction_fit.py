@@ -76,16 +76,16 @@ def fit_friction(
     if len(parts) == 1:
         parts = parts[0].cut(PARTS)
     n = len(parts[0].r)
-    asked = range(n) if only is None else only
+    requested = range(n) if only is None else only
     problem = _Problem(list(parts), mean, precision)
     nothing = [np.zeros(problem.k, dtype=bool) for _ in range(n)]
     errors = [problem.left_out(nothing)]
     for chosen in sets:
         mask = np.isin(np.arange(problem.k), list(chosen))
-        errors.append(problem.left_out([mask if j in asked else nothing[j] for j in range(n)]))
+        errors.append(problem.left_out([mask if j in requested else nothing[j] for j in range(n)]))
     best = np.argmin([_rms(problem, e) for e in errors], axis=0)
-    # a law at one joint may help another, which was not asked
-    worth = [j in asked and bool(best[j]) and _helps(problem, errors[0], errors[best[j]])[j] for j in range(n)]
+    # a law at one joint may help another, which was not requested
+    worth = [j in requested and bool(best[j]) and _helps(problem, errors[0], errors[best[j]])[j] for j in range(n)]
     given = [np.isin(np.arange(problem.k), list(sets[best[j] - 1])) if worth[j] else nothing[j] for j in range(n)]
     predicted = problem.left_out(given) if any(worth) else errors[0]
     # a law at one joint moves what the joints share; what it spoils elsewhere counts

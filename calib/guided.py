@@ -31,14 +31,14 @@ NOT_VALID = -1  # exit code of a step that has to be done again though it ended 
 class Step:
     """One command of the session: its name, why it comes now, and its arguments.
 
-    folder is where it writes, relative to the session's; asks is what a person is asked before, for a step that is not taken for granted.
+    folder is where it writes, relative to the session's; question is put to the operator before a step that needs consent.
     """
 
     name: str
     why: str
     arguments: tuple[str, ...]
     folder: str = ""
-    asks: str = ""
+    question: str = ""
 
     @property
     def fine(self) -> tuple[int, ...]:
@@ -189,7 +189,7 @@ def next_step(session: Session) -> Step | None:
 
 
 def _further(session: Session) -> Step | None:
-    """The steps of the next round, while the last diagnosis leaves effects that only another motion can tell apart."""
+    """The steps of the next round, while the last diagnosis leaves effects that only another motion can distinguish."""
     for number in range(2, session.rounds + 1):
         before = _place(session, "diagnose" if number == 2 else f"diagnose-{number - 1}")
         rivals = undecided(answer(before))
@@ -205,10 +205,10 @@ def _further(session: Session) -> Step | None:
             return found
         place = _place(session, plan)
         took = session.finished(plan)
-        asks = f"{took.sentence if took else ''}\nRecord it, to decide between {' and between '.join(rivals)}?"
+        question = f"{took.sentence if took else ''}\nRecord it, to decide between {' and between '.join(rivals)}?"
         step = Step(
             record, f"Look at {place / 'plan.html'} first. Then record it.", ("record", session.cell, str(place)), f"logs-{number}",
-            asks=asks.strip(),
+            question=question.strip(),
         )  # fmt: skip
         if found := _pending(session, [step]):
             return found
@@ -292,7 +292,7 @@ def answer(folder: Path) -> dict[str, Any]:
 
 
 def undecided(found: dict[str, Any]) -> list[str]:
-    """`a and b` for the effects that the recordings could not tell apart."""
+    """`a and b` for the effects that the recordings could not distinguish."""
     return [
         f"{_words(effect)} and {_words(rival)}"
         for effect in found["effects"]

@@ -1,4 +1,4 @@
-"""One key that stops the arm: `h`, heard while the run goes on, without Enter."""
+"""One key that stops the arm: `h`, read while the run goes on, without Enter."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WAIT = 0.05
 class HaltKey:
     """While entered, listens to `stream`; without one, where it is no terminal, or in the background of one, it never asks for a stop.
 
-    `heard` says whether it listens.
+    `listening` is whether it does.
 
     Ctrl-C keeps its meaning. What the terminal was set to is restored at the end, however the end comes.
     """
@@ -43,8 +43,8 @@ class HaltKey:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     @property
-    def heard(self) -> bool:
-        """Whether a key pressed now would be heard."""
+    def listening(self) -> bool:
+        """Whether a key pressed now would be read."""
         return self._stream is not None
 
     def reason(self) -> str | None:

@@ -80,7 +80,7 @@ class LiveView:
             self._live.start()
             self._live.update(self._waiting("", 0.0), refresh=True)
         else:
-            self._say(f"{self._title}; {self._keys_line()}")
+            self._print(f"{self._title}; {self._keys_line()}")
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -102,7 +102,7 @@ class LiveView:
             self._live.update(self.screen(snapshot), refresh=True)
         else:
             self._due = now + PLAIN
-            self._say(self.line(snapshot))
+            self._print(self.line(snapshot))
 
     def prepare(self, what: str, share: float) -> None:
         """Say what is done before anything moves, and the share of it that is done."""
@@ -169,7 +169,7 @@ class LiveView:
     def _keys_line(self) -> str:
         return "   ".join(f"{key}: {what}" for key, what in self._keys.items())
 
-    def _say(self, sentence: str) -> None:
+    def _print(self, sentence: str) -> None:
         self._console.print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 

@@ -58,7 +58,7 @@ OF_FILES = {
 
 
 class Commands(TyperGroup):
-    """Imports a command only when it is asked for: completion and `calib effects` need not wait for a physics engine."""
+    """Imports a command only when it is needed: completion and `calib effects` need not wait for a physics engine."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(COMMANDS)
@@ -201,11 +201,11 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         console.warn(_of_file(error))
         return 2, _of_file(error)
     except (KeyboardInterrupt, typer.Abort):
-        told = "interrupted; nothing more was done"
+        message = "interrupted; nothing more was done"
         if invocation.folders:
             folder = invocation.folders[0]
-            told += f"; what was begun stands in {folder}, and the same again is `calib runs {folder} --again`"
-        console.warn(told)
+            message += f"; what was begun stands in {folder}, and the same again is `calib runs {folder} --again`"
+        console.warn(message)
         return 130, "interrupted by the operator"
     except Exception as error:
         return _unexpected(error, arguments, invocation)

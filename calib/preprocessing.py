@@ -166,7 +166,7 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
         inside[lo : lo + smooth.reach] = inside[max(hi - smooth.reach, lo) : hi] = False
     usable &= inside[:, None]
     ends = _ends(standing)
-    excluded += _told(log.joint_names, rate, usable, ends, standing, clipped)
+    excluded += _exclusions(log.joint_names, rate, usable, ends, standing, clipped)
     usable &= ~(ends[:, None] | standing | clipped)
     trajectory = Trajectory(t, q_s, dq, ddq)
     tau = np.where(np.isfinite(tau), tau, 0.0)
@@ -309,10 +309,10 @@ def _clipped(tau: np.ndarray, tau_max: np.ndarray) -> np.ndarray:
     return out
 
 
-def _told(
+def _exclusions(
     joints: tuple[str, ...], rate: float, usable: np.ndarray, ends: np.ndarray, standing: np.ndarray, clipped: np.ndarray
 ) -> list[Exclusion]:
-    told = [Exclusion(None, "standing ends", float(ends.sum()) / rate)] if ends.any() else []
+    exclusions = [Exclusion(None, "standing ends", float(ends.sum()) / rate)] if ends.any() else []
     for j, joint in enumerate(joints):
         for mask, reason in (
             (standing[:, j] & ~ends, "standing"),
@@ -320,8 +320,8 @@ def _told(
             (~usable[:, j] & ~ends & ~clipped[:, j], "window reaches over an end, or no reading"),
         ):
             if mask.any():
-                told.append(Exclusion(joint, reason, float(mask.sum()) / rate))
-    return told
+                exclusions.append(Exclusion(joint, reason, float(mask.sum()) / rate))
+    return exclusions
 
 
 def _names(log: Log, which: np.ndarray) -> str:

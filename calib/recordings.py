@@ -1,4 +1,4 @@
-"""The recordings that a command was given: read for one arm, and what is missing in them said aloud."""
+"""The recordings that a command was given: read for one arm, with warnings of what is missing in them."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def read_pieces(
 
 
 def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> list[T]:
-    """What `read` makes of each; one without a sample is left out and told, and is an error where no other is left."""
+    """What `read` makes of each; one without a sample is left out with a warning, and is an error where no other is left."""
     found: list[T] = []
     empty = None
     for k, path in enumerate(paths):
@@ -116,7 +116,7 @@ def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> li
             empty = error
             console.warn(f"{error}; it is left out")
             continue
-        _say(path, part, arm)
+        _warn(path, part, arm)
         found.append(part)
     if empty is not None and not found:
         raise empty
@@ -144,7 +144,7 @@ def require(path: Path) -> None:
     raise ConfigError(f"there is no recording {str(path)!r}; {nearest(str(path), there)}")
 
 
-def _say(path: Path, log: Log | Pieces, arm: Arm) -> None:
+def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
     recorded = log.metadata.get("arm")
     if recorded and recorded != arm.name:
         console.warn(

@@ -87,7 +87,7 @@ class FitResult:
     condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
     findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
     load: what the logs recorded with a load say of it, where there were any. advice: (motion, parameters that it would make known).
-    verdict: of the fitted arm on the held-out logs, or else on the training logs; judged: that joint by joint; claims: what `outcome` says.
+    verdict: of the fitted arm on the held-out logs, or else on the training logs; assessment: that joint by joint; claims: what `outcome` says.
     """
 
     arm: str
@@ -107,7 +107,7 @@ class FitResult:
     load: dict[str, Any] | None = None
     advice: tuple[tuple[str, tuple[str, ...]], ...] = ()
     verdict: Verdict = Verdict.NOTHING
-    judged: dict[str, Any] = field(default_factory=dict)
+    assessment: dict[str, Any] = field(default_factory=dict)
     claims: tuple[Claim, ...] = ()
 
     def estimate(self, name: str) -> Estimate:
@@ -120,10 +120,10 @@ class FitResult:
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and words, for JSON; not-finite bounds become null."""
         table = _plain(asdict(self))
-        del table["judged"]
+        del table["assessment"]
         return {
             "schema": "fit/1", **table, "conditioning": self.conditioning.name.lower(), "conditioning_sentence": self.conditioning.value,
-            **_plain(self.judged), "verdict": self.verdict.value, "claims": [_plain(claim.as_dict()) for claim in self.claims],
+            **_plain(self.assessment), "verdict": self.verdict.value, "claims": [_plain(claim.as_dict()) for claim in self.claims],
         }  # fmt: skip
 
     def write(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Every run has a folder, and every folder says in run.toml what was asked, of which version, about which files, and how it ended.
+"""Every run has a folder, and every folder says in run.toml what was requested, of which version, about which files, and how it ended.
 
 run.toml, schema "run/1": verb, arm and cell with their SHA-256, the command line, where and when it was started, the version,
 and, once it has ended, `[end]` with the exit code and the sentence. A run's file is locked while its program lives.
@@ -46,7 +46,7 @@ INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=Non
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its run.toml tells it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
+    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
 
     folder: Path
     verb: str

@@ -49,7 +49,7 @@ class TorqueDelay:
 
 
 def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
-    """The delay in a log; `std` tells whether its motion was fast enough. BadLog where no joint moves enough to tell."""
+    """The delay in a log; `std` shows whether its motion was fast enough. BadLog where no joint moves enough to estimate it."""
     m = prepare(log, arm, CUTOFF)
     body, motion = RigidBody(arm), m.trajectory
     gravity = body.gravity_torque(motion.q)
@@ -68,7 +68,7 @@ def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
 
 
 def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
-    """Delay and standard deviation from the rows of joint j; NaN where they do not tell."""
+    """Delay and standard deviation from the rows of joint j; NaN where they are not informative."""
     dq = m.trajectory.dq[:, j]
     sliding = m.usable[:, j] & (np.abs(dq) >= SLOW)
     use = np.concatenate([m.decimator.clean_rows(sliding[lo:hi, None])[:, 0] for lo, hi in itertools.pairwise(m.starts)])

@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims import Claim
-from calib.claims import told as sentence_of
+from calib.claims import Claim, in_one_sentence
 from calib.forward import HORIZONS, SHORT, ForwardError, forward_error
 from calib.forward_bound import forward_bound
 from calib.gate.commands import require
 from calib.identification.known import Known
 from calib.preprocessing import Measurement, prepare
-from calib.verdict import Judged, judged
+from calib.verdict import Assessment, assess
 from logs.log import Log
 from sim.arm import Arm
 from sim.prediction import predict
@@ -36,7 +35,7 @@ class LogCheck:
     """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples.
 
     signal: standard deviation of the filtered torque; motion: the error of the simulated motion over each horizon, empty where it was not
-    asked for; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
+    requested; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
     """
 
     log: str
@@ -72,14 +71,14 @@ class Validation:
 
     arm: Arm
     checks: tuple[LogCheck, ...]
-    judged: Judged
+    assessment: Assessment
     claims: tuple[Claim, ...]
     source: str = ""
 
     @property
     def outcome(self) -> str:
         """The claims in one sentence."""
-        return sentence_of(self.claims)
+        return in_one_sentence(self.claims)
 
     def as_dict(self) -> dict[str, Any]:
         """validation.json."""
@@ -113,7 +112,7 @@ class Validation:
             logs.append(entry)
         return {
             "schema": "validation/1", "arm": self.arm.name, "unit": "N*m", "joints": list(self.arm.joint_names), "logs": logs,
-            "outcome": self.outcome, **self.judged.as_dict(), "claims": [claim.as_dict() for claim in self.claims],
+            "outcome": self.outcome, **self.assessment.as_dict(), "claims": [claim.as_dict() for claim in self.claims],
         }  # fmt: skip
 
     def write(self, folder: Path) -> None:
@@ -153,16 +152,16 @@ def validate(
     for k, log in enumerate(logs):
         share = k / len(logs)
         checks.append(checked(arm, log, known if forward else None, cutoff, lambda stage, share=share: progress(stage, share)))  # type: ignore[misc]
-    found = _judged(arm, checks, most)
+    found = _assessed(arm, checks, most)
     where = checks[0].log if len(checks) == 1 else f"{len(checks)} logs"
     return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *_forward_claims(arm, checks)), known.source)
 
 
 def checked(
-    arm: Arm, log: Log, known: Known | None, cutoff: float | None = None, told: Callable[[str], None] = lambda stage: None
+    arm: Arm, log: Log, known: Known | None, cutoff: float | None = None, progress: Callable[[str], None] = lambda stage: None
 ) -> LogCheck:
-    """What the arm predicts of one log; simulated forward where it is said what is known of the arm. The log is not asked whose it is."""
-    told("torque")
+    """What the arm predicts of one log; simulated forward where `known` is given. Which arm the log is of is not checked."""
+    progress("torque")
     m = prepare(log, arm, cutoff)
     tau_hat = predict(arm, m.trajectory)
     usable = m.row_usable
@@ -170,7 +169,7 @@ def checked(
     motion: tuple[ForwardError, ...] = ()
     bound = None
     if known is not None:
-        told("forward simulation")
+        progress("forward simulation")
         motion = tuple(forward_error(arm, m, horizon) for horizon in HORIZONS)
         if motion[0].starts:
             bound = forward_bound(arm, m, motion[0].starts, SHORT.steps(m), known)
@@ -191,7 +190,7 @@ def _std(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
     return np.sqrt(np.where(usable, (x - mean) ** 2, 0.0).sum(axis=0) / count)
 
 
-def _judged(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Judged:
+def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Assessment:
     """All logs together: RMS over their rows."""
     rows = np.array([c.rows for c in checks], dtype=float)
 
@@ -201,7 +200,7 @@ def _judged(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Judged:
         return np.sqrt(power.sum(axis=0) / np.where(count > 0, count, np.nan))
 
     residual, signal = together([c.residual for c in checks]), together([c.signal for c in checks])
-    return judged(arm.joint_names, residual, signal, arm.tau_max, most)
+    return assess(arm.joint_names, residual, signal, arm.tau_max, most)
 
 
 def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:

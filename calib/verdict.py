@@ -33,8 +33,8 @@ class Verdict(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Judged:
-    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was asked of every joint."""
+class Assessment:
+    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was required of every joint."""
 
     joint_names: tuple[str, ...]
     left: np.ndarray
@@ -53,12 +53,12 @@ class Judged:
     @property
     def verdict(self) -> Verdict:
         """Of all joints together."""
-        told = [v for v in self.verdicts if v is not Verdict.NOTHING]
-        if not told:
+        decided = [v for v in self.verdicts if v is not Verdict.NOTHING]
+        if not decided:
             return Verdict.NOTHING
-        if 2 * told.count(Verdict.WRONG_ARM) >= len(told):
+        if 2 * decided.count(Verdict.WRONG_ARM) >= len(decided):
             return Verdict.WRONG_ARM
-        return Verdict.GOOD if set(told) == {Verdict.GOOD} else Verdict.POOR
+        return Verdict.GOOD if set(decided) == {Verdict.GOOD} else Verdict.POOR
 
     @property
     def worst(self) -> int | None:
@@ -93,13 +93,13 @@ class Judged:
         }
 
 
-def judged(
+def assess(
     joint_names: tuple[str, ...], residual: np.ndarray, signal: np.ndarray, tau_max: np.ndarray, most: float | None = None
-) -> Judged:  # fmt: skip
+) -> Assessment:  # fmt: skip
     """residual, signal, tau_max (n,) N m; with `most`, every joint may leave that share and no more, however small its torque."""
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.where(signal > 0, residual / signal, np.nan)
         small = SMALL * np.where(np.isfinite(tau_max), tau_max, 0.0) / np.where(signal > 0, signal, np.nan)
     share = GOOD_SHARE if most is None else most
     limit = np.full(len(left), share) if most is not None else np.fmax(share, small)
-    return Judged(tuple(joint_names), left, limit, share)
+    return Assessment(tuple(joint_names), left, limit, share)

@@ -3,7 +3,7 @@
 One entry of SENTENCES is one kind of claim; identify, validate, plan and diagnose state their conclusions in no other way.
 """
 
-from calib.claims.claim import Claim, capital, told
+from calib.claims.claim import Claim, capital, in_one_sentence
 from calib.claims.sentences import SENTENCES
 
-__all__ = ["SENTENCES", "Claim", "capital", "told"]
+__all__ = ["SENTENCES", "Claim", "capital", "in_one_sentence"]

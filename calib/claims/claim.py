@@ -27,7 +27,7 @@ class Claim:
         return {"claim": self.name, "sentence": self.sentence, **self.numbers}
 
 
-def told(claims: Sequence[Claim]) -> str:
+def in_one_sentence(claims: Sequence[Claim]) -> str:
     """The claims in one sentence."""
     return "; ".join(claim.sentence for claim in claims)
 

@@ -15,7 +15,7 @@ REMARKS = ("removed", "motion", "law", "possible", "refused", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
-    """The verdict first; then what it gains, what cannot be told apart, laws, refused effects, and what a refit alone would move."""
+    """The verdict first; then what it gains, what cannot be distinguished, laws, refused effects, and what a refit alone would move."""
     out = [verdict(answer)]
     if answer.get("effects") and "baseline" not in answer and (gain := _removed(answer)):
         out.append(gain)
@@ -36,7 +36,7 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
 
 
 def verdict(answer: Mapping[str, Any]) -> Claim:
-    """The answer to what was asked."""
+    """The answer to the question."""
     kind, healthy = answer["verdict"], answer.get("baseline")
     keys = ("effect", "joint", "parameters", "gap_share")
     effects = [{key: e[key] for key in keys} for e in answer.get("effects", [])]

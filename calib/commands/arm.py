@@ -208,18 +208,18 @@ def _finish(
 
     arm = with_limits(arm, dict(_limit(text) for text in limit or []))
     if person:
-        arm = _asked(arm)
+        arm = _with_entered_limits(arm)
     label = name or arm.name
     if not is_name(label):
         raise ConfigError(f"name {label!r}: 1 to 64 letters, digits, dots, dashes and underscores; give one with --name")
     folder = out or Path("configs") / "arms" / label
     if (folder / "arm.toml").exists():
         raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")
-    told = {"all": f"read from {source}", "limits": "the model's own, and those given to `calib arm new`"}
+    provenance = {"all": f"read from {source}", "limits": "the model's own, and those given to `calib arm new`"}
     if "shapes" in arm.incomplete:
         console.warn("no motion is cleared until these shapes are in the model; to do without them, say --no-shapes")
-    told |= {"left out": "; ".join(notes)} if notes else {}
-    written = write_arm(folder, replace(arm, torque_at=torque_at.value), name=label, provenance=told)
+    provenance |= {"left out": "; ".join(notes)} if notes else {}
+    written = write_arm(folder, replace(arm, torque_at=torque_at.value), name=label, provenance=provenance)
     if json:
         console.print_json(
             {"arm": label, "folder": folder, "joints": written.joint_names, "missing": missing_limits(written), "notes": notes}
@@ -252,7 +252,7 @@ def _locked(text: str) -> tuple[str, float]:
     return name, angle
 
 
-def _asked(arm: Arm) -> Arm:
+def _with_entered_limits(arm: Arm) -> Arm:
     from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
 
     for key in missing_limits(arm):

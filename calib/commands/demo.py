@@ -57,12 +57,12 @@ def command(
         for number, step in enumerate(steps, 1):
             console.say(f"\n{number} of {len(steps)}. {step.why}")
             console.copyable(f"   $ calib {shlex.join(step.arguments)}")
-            said, since = io.StringIO(), time.monotonic()
-            with redirect_stdout(said):
+            printed, since = io.StringIO(), time.monotonic()
+            with redirect_stdout(printed):
                 code, sentence = start(list(step.arguments))
-            (folder / f"{number}-{step.arguments[0]}.txt").write_text(said.getvalue(), encoding="utf-8")
+            (folder / f"{number}-{step.arguments[0]}.txt").write_text(printed.getvalue(), encoding="utf-8")
             if code not in step.fine:
-                console.say(said.getvalue())
+                console.say(printed.getvalue())
                 conclude(f"ended at step {number}, calib {step.arguments[0]}: {sentence}")
                 raise typer.Exit(code)
             console.say(f"   {sentence[0].upper()}{sentence[1:]}. ({time.monotonic() - since:.0f} s)")

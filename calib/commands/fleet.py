@@ -45,7 +45,7 @@ def command(
 
     with needing("fleet", "calib fleet"):
         from calib.fleet.fleet import Progress, Settings, run_fleet
-        from calib.fleet.told import arm_rows, deviation_rows, sentence
+        from calib.fleet.summary import arm_rows, deviation_rows, sentence
         from calib.report import fleet as page
 
     if scheduler is not None and not scheduler.startswith("tls://"):
@@ -58,7 +58,7 @@ def command(
     settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
     with console.progress("fleet", None) as advance:
 
-        def told(progress: Progress) -> None:
+        def show(progress: Progress) -> None:
             if progress.dashboard:
                 console.warn(f"{progress.total} arms to do; Dask's page: {progress.dashboard}")
             elif progress.status is not None:
@@ -66,13 +66,13 @@ def command(
                 advance(1, f"{count[0]} of {progress.total}, {progress.arm_id}: {progress.status.name.lower()}")
 
         count = [0]
-        found = run_fleet(folder, run, settings, told, configs)
+        found = run_fleet(folder, run, settings, show, configs)
         page.write(run / "report.html", folder, found)
-    said = sentence(found)
-    conclude(said)
+    outcome = sentence(found)
+    conclude(outcome)
     deviating = deviation_rows(found)
-    judged = all(row["status"] == "done" for row in found.rows)
-    code = 0 if judged and not deviating and not found.unassigned else 1
+    all_done = all(row["status"] == "done" for row in found.rows)
+    code = 0 if all_done and not deviating and not found.unassigned else 1
     if as_json:
         answer: dict[str, Any] = {
             "schema": "fleet/1",
@@ -89,6 +89,6 @@ def command(
         console.table(["arm", "what", "joint", "how large", "since"], deviating, "arms that deviate")
     for _, why in found.unassigned:
         console.warn(why)
-    console.say(f"{said}.")
+    console.say(f"{outcome}.")
     console.say(f"{run}: fleet.parquet, report.html, arms/")
     return code

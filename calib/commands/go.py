@@ -88,7 +88,7 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
     from calib.report import session as page
 
     while (step := guided.next_step(current)) is not None:
-        if step.asks and not yes and not _agreed(step.asks):
+        if step.question and not yes and not _agreed(step.question):
             return _left(current, step)
         current, code, sentence = _do(current, step, yes, configs)
         page.write(current)
@@ -106,10 +106,10 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
     current = guided.replace(current, closed=True)
     current.write()
     page.write(current)
-    told = guided.ending(current)
-    conclude(told[0])
+    sentences = guided.ending(current)
+    conclude(sentences[0])
     console.say("\nThe session is complete.")
-    for sentence in told:
+    for sentence in sentences:
         console.say(f"- {capital(sentence)}.")
     console.say("- Use it elsewhere:")
     console.copyable(f"   $ calib export {guided.best_arm(current)}")
@@ -128,7 +128,7 @@ def _do(current: Session, step: Step, yes: bool, configs: Path | None) -> tuple[
     console.say(f"\n{number}. {step.why}")
     console.copyable(f"   $ calib {shlex.join(arguments)}")
     printed, began = io.StringIO(), time.monotonic()
-    # a person who lets an arm move must see what is asked and what it does
+    # a person who lets an arm move must see the question and what it does
     with redirect_stdout(sys.stdout if moves and not yes else printed):
         code, sentence = start(arguments)
     (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue(), encoding="utf-8")

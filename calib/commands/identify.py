@@ -75,14 +75,14 @@ def command(
         held = read_logs(holdout or [], nominal, accept_partial, assume)
         options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only, max_error=max_error)
 
-        def told(stage: str, share: float) -> None:
+        def show(stage: str, share: float) -> None:
             advance(0, f"{stage} {share:.0%}" if share else stage)
 
         if loaded:
             carrying = read_logs(loaded, nominal, accept_partial, assume)
-            found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, told)
+            found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, show)
         else:
-            found = identify(nominal, logs, held, options, told)
+            found = identify(nominal, logs, held, options, show)
         write_calibrated(folder / "arm", nominal, found.arm)
         found.known.write(folder / "arm", found.model)
         found.result.write(folder / "result.json")

@@ -100,10 +100,10 @@ def command(
         )
     chosen: ColumnMap | None = None
     doubts: list[str] = []
-    said = True
+    complete = True
     if table is not None:
         names = model.joint_names if model else None
-        chosen, doubts, said = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
+        chosen, doubts, complete = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
     else:
         try:
             read_log(file, model.joint_names if model else None, accept_partial=True)
@@ -114,7 +114,7 @@ def command(
     folder = new_run(model or "log", "import", out)
     if table is not None and chosen is not None:
         (folder / MAP).write_text(chosen.text(), encoding="utf-8")
-        if not said and not yes:
+        if not complete and not yes:
             confirm(chosen, doubts, table, folder / MAP)
     change = None
     if model is not None:

@@ -119,8 +119,8 @@ def _addresses(networks: list[str] | None, as_json: bool) -> list[str]:
         chosen.append(network)
     if networks is None and not as_json:
         for network in finding.own_networks():
-            asked = f"Ask every address of {network} for a robot (port 29999)? Asking a network may need its owner's consent. [y/N] "
-            if console.ask(asked).strip().lower() in ("y", "yes"):
+            question = f"Ask every address of {network} for a robot (port 29999)? Asking a network may need its owner's consent. [y/N] "
+            if console.ask(question).strip().lower() in ("y", "yes"):
                 chosen.append(network)
     return [str(a) for network in chosen for a in (network.hosts() if network.num_addresses > 2 else network)]
 
@@ -137,7 +137,7 @@ def _show(found: list[Robot], adapters: list[Adapter], models: list[Path]) -> No
 
 
 def _chosen(found: list[Robot], as_json: bool) -> tuple[Robot, str]:
-    """The robot to write a cell for, and its arm; a person is asked where there are several."""
+    """The robot to write a cell for, and its arm; the operator is asked where there are several."""
     robot = found[0]
     if len(found) > 1:
         hosts = [r.host for r in found]

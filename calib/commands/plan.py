@@ -50,7 +50,7 @@ def command(
 
         calib plan ur10e --cell mock-ur10e --quick --out runs/plan
     """
-    from calib.claims import Claim, told
+    from calib.claims import Claim, in_one_sentence
     from calib.excitation.discriminate import ENOUGH, pairs_of
     from calib.excitation.session import QUICK, Session, design, open_cell, posture
     from calib.report import plan as page
@@ -66,20 +66,22 @@ def command(
     where = load_cell(cell, configs) if cell else None
     if where:
         require_postures(where, nominal)
-    asked = replace(
+    requested = replace(
         QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
         progressive=progressive, home=None if home is None else posture(home, nominal),
     )  # fmt: skip
     if discriminate is not None:
         if str(discriminate) == LATEST and not discriminate.exists():
             discriminate = latest("diagnose").folder
-        asked = replace(asked, apart=tuple(pairs_of(discriminate, nominal)))
+        requested = replace(requested, apart=tuple(pairs_of(discriminate, nominal)))
     if periods is not None:
-        asked = replace(asked, periods=periods)
+        requested = replace(requested, periods=periods)
     folder = new_run(nominal, "plan", out, where)
     stands = where or open_cell(nominal)
     with console.progress("plan") as advance:
-        designed = design(nominal, stands, asked, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage))
+        designed = design(
+            nominal, stands, requested, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)
+        )
         sealed = write_plan(folder / "sealed", nominal, designed.motions, where, designed.summary)
         for file in sorted(sealed.folder.iterdir()):
             shutil.move(file, folder / file.name)
@@ -95,7 +97,7 @@ def command(
     ]
     if "separation_sigma" in designed.summary:
         claims.append(Claim("separation", {"sigma": float(designed.summary["separation_sigma"]), "enough": ENOUGH}))
-    sentence = told(claims)
+    sentence = in_one_sentence(claims)
     then: list[str | Path] = ["record", cell or "CELL", folder]
     conclude(sentence)
     if as_json:

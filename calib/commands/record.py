@@ -84,7 +84,7 @@ def command(
     console.warn_control(where, open_driver(where, arm))
     folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
     halt = HaltKey(None if hold_to_run else sys.stdin)
-    keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"} if halt.heard else {}
+    keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"} if halt.listening else {}
     view = LiveView(
         arm,
         f"{arm.name} in {where.name}, recorded to {folder}",

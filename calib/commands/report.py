@@ -1,4 +1,4 @@
-"""`calib report RUN [RUN]`: what a run said, or two runs side by side."""
+"""`calib report RUN [RUN]`: the result of a run, or two runs side by side."""
 
 from __future__ import annotations
 

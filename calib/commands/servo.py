@@ -148,11 +148,11 @@ def scan(
         )
     if out is not None and (out.exists() or out.suffix != ".toml"):
         raise ConfigError(f"{out}: it is there already, or does not end in .toml; name a new .toml file")
-    told = {
+    options_table = {
         "interface": interface, "channel": channel, "bitrate": bitrate, "data_bitrate": data_bitrate, "bus": _pairs(bus or []),
         "rate": 200.0, "brakes": False, "servos": [],
     }  # fmt: skip
-    options, clock = validated(CanOptions, told, Path("calib servo scan")), MonotonicClock()
+    options, clock = validated(CanOptions, options_table, Path("calib servo scan")), MonotonicClock()
     link = Link.open(options, clock)
     try:
         with console.progress(f"asking everybody on {interface} {channel}"):

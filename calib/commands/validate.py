@@ -56,7 +56,7 @@ def command(
         write_predictions(folder, subject, logs, found.checks)
         page.write(folder / "report.html", found.as_dict(), [evidence.of_check(check) for check in found.checks], subject)
     conclude(found.outcome)
-    verdict = found.judged.verdict
+    verdict = found.assessment.verdict
     then: list[str | Path] = ["export", arm] if verdict is Verdict.GOOD else ["diagnose", arm, *given]
     if verdict is Verdict.NOTHING:
         then = ["plan", arm]
@@ -85,7 +85,7 @@ def command(
                 [[e.horizon.words, len(e.starts), 1e3 * e.flange, *[1e3 * float(x) for x in e.angle]] for e in moved],
                 f"{check.log}: motion simulated under the measured torque",
             )
-    joints = zip(subject.joint_names, found.judged.left, found.judged.limit, found.judged.verdicts, strict=True)
+    joints = zip(subject.joint_names, found.assessment.left, found.assessment.limit, found.assessment.verdicts, strict=True)
     console.table(
         ["joint", "residual share", "limit", "verdict"],
         [[j, f"{x:.1%}", f"{limit:.1%}", v.value] for j, x, limit, v in joints],

@@ -76,13 +76,13 @@ def command(
         folder = new_run(opened.arm, "watch", out, source=str(source))
         with WatchView(f"{opened.arm.name} from {opened.name}") as view:
 
-            def tell(event: WatchEvent) -> None:
+            def print_event(event: WatchEvent) -> None:
                 if as_json:
                     _json_line(event.as_dict())
                 view.event(event)
 
             found = watch(
-                opened, folder, seconds=seconds, samples=samples, database=table, on_event=tell, on_picture=view.update
+                opened, folder, seconds=seconds, samples=samples, database=table, on_event=print_event, on_picture=view.update
             )
     if as_json:
         _json_line(found.as_dict())
@@ -139,15 +139,15 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
     if not runs:
         raise ConfigError(f"{database}: has no run of {name!r}; it holds {', '.join(arms) or 'no arm'}")
     found = slopes(runs)
-    told = sentence(name, runs, found)
+    outcome = sentence(name, runs, found)
     folder = new_run(name, "trend", out)
-    page.write(folder / "trend.html", name, runs, found, told)
+    page.write(folder / "trend.html", name, runs, found, outcome)
     if as_json:
         console.print_json(
             {
                 "schema": "trend/1",
                 "arm": name,
-                "outcome": told,
+                "outcome": outcome,
                 "slopes": found,
                 "runs": [asdict(r) | {"started": r.started.isoformat()} for r in runs],
             }
@@ -160,5 +160,5 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
         for s in found
     ]  # fmt: skip
     console.table(["joint", "friction", "level", "in 100 days", "95 % interval", "runs"], rows)
-    console.say(f"{told}.")
+    console.say(f"{outcome}.")
     console.say(f"{folder}: trend.html")

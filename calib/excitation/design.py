@@ -37,7 +37,7 @@ class Worth:
 
 
 class Information:
-    """What a motion tells about the columns of a model, each joint's rows weighted by its torque noise."""
+    """What a motion determines of the columns of a model, each joint's rows weighted by its torque noise."""
 
     def __init__(self, model: TorqueModel, sigma: np.ndarray) -> None:
         self.model, self.sigma = model, sigma

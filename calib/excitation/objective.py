@@ -29,7 +29,7 @@ class Objective:
     """Value and gradient in the free coefficients x (n, f) of motions about one home posture.
 
     Columns: base combinations, friction, and candidates of a diagnosis that are linear: a spring and a quadratic speed law at every joint,
-    and the two tilts of the base, so that the motion tells them apart from the rest.
+    and the two tilts of the base, so that the motion distinguishes them from the rest.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
     None); with no worker at all, none, and `results` does the work itself.
 
     The processes of this computer speak TLS with keys that are made for this call alone and never written down: who cannot show one
-    cannot give them work. A scheduler at an address is spoken to with the keys of Dask's own settings (distributed.comm.tls).
+    cannot give them work. A scheduler at an address is contacted with the keys of Dask's own settings (distributed.comm.tls).
     ConfigError where nobody answers at the address. `client.dashboard_link` is the page that shows what the workers do.
     """
     if scheduler is not None:

@@ -61,7 +61,11 @@ class Fleet:
 
 
 def run_fleet(
-    address: str, out: Path, settings: Settings, told: Callable[[Progress], None] = lambda p: None, configs: Path | None = None
+    address: str,
+    out: Path,
+    settings: Settings,
+    progress: Callable[[Progress], None] = lambda p: None,
+    configs: Path | None = None,
 ) -> Fleet:
     """Every arm below `address`, into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those of
     an answer in `out` keeps that answer.
@@ -82,19 +86,19 @@ def run_fleet(
         if known is not None:
             answers[arm_id] = known
     missing = [(arm_id, job) for arm_id, job in jobs.items() if arm_id not in answers]
-    told(Progress(len(missing)))
+    progress(Progress(len(missing)))
     if missing:
         with cluster(settings.scheduler, settings.workers) as client:
             if client is not None:
-                told(Progress(len(missing), dashboard=client.dashboard_link))
+                progress(Progress(len(missing), dashboard=client.dashboard_link))
             for arm_id, data, why in results(client, work_packed, missing):
                 answers[arm_id] = _received(jobs[arm_id], data, why)
                 store(out / ARMS / arm_id, answers[arm_id])
                 shutil.rmtree(out / PORTIONS / arm_id, ignore_errors=True)
-                told(Progress(len(missing), arm_id=arm_id, status=answers[arm_id].status))
-            rows, asked = _compared(answers, arms)
+                progress(Progress(len(missing), arm_id=arm_id, status=answers[arm_id].status))
+            rows, with_siblings = _compared(answers, arms)
             changed = {answers[arm_id].row.get("model_sha256") for arm_id, _ in missing}
-            helped = [(arm_id, item) for arm_id, item in asked if item.arm.sha256 in changed]
+            helped = [(arm_id, item) for arm_id, item in with_siblings if item.arm.sha256 in changed]
             for arm_id, data, why in results(client, shrunk_packed, helped):
                 files: dict[str, bytes] = {}
                 try:
@@ -178,7 +182,7 @@ def _notes(arm: Arm | None, job: Job | None) -> list[str]:
 def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[str, dict[str, Any]], list[tuple[str, Shrunk]]]:
     """The rows, each with what the arms of its model say together, and the arms that borrow so much that they get a second folder."""
     rows = {arm_id: dict(answer.row) for arm_id, answer in answers.items()}
-    asked: list[tuple[str, Shrunk]] = []
+    with_siblings: list[tuple[str, Shrunk]] = []
     families: dict[str, list[Answer]] = {}
     for answer in answers.values():
         if answer.status is Status.DONE:
@@ -201,8 +205,8 @@ def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[st
             rows[answer.arm_id] |= _beside(together, k, answer.names)
             if together.borrowed[k].max() > BORROWED:
                 item = Shrunk(answer.arm_id, arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
-                asked.append((answer.arm_id, item))
-    return rows, asked
+                with_siblings.append((answer.arm_id, item))
+    return rows, with_siblings
 
 
 def _beside(together: Siblings, k: int, names: Sequence[str]) -> dict[str, Any]:

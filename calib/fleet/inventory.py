@@ -1,6 +1,6 @@
 """Which recordings there are, and which arm each is of: read from what a recording says of itself, not from its name.
 
-An arm is told apart by its model, the cell it stands in and its serial number: an arm that was replaced, or moved, is another one.
+An arm is identified by its model, the cell it stands in and its serial number: an arm that was replaced, or moved, is another one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is asked about one arm, and the answer: everything a worker needs and everything it gives back, and nothing else."""
+"""The request about one arm, and the answer: everything a worker needs and everything it gives back, and nothing else."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Status(Enum):
 class Job:
     """One arm: its model, its recordings (oldest first) and where portions of work that was done are kept ("": nowhere).
 
-    `program` is the version that asked: a worker that runs another one refuses, because its numbers would not be comparable.
+    `program` is the version that sent the request: a worker that runs another one refuses, because its numbers would not be comparable.
     A session is all recordings from `session_days` before the newest; it says what the arm is now, the older ones since when.
     """
 
@@ -76,7 +76,7 @@ class Answer:
 
 
 def refusal(job: Job, status: Status, sentence: str, bad_logs: tuple[str, ...] = ()) -> Answer:
-    """The answer for an arm of which nothing could be said."""
+    """The answer for an arm that could not be assessed."""
     return Answer(
         job.arm_id, status, base_row(job) | {"status": status.name.lower(), "sentence": sentence, "bad_logs": list(bad_logs)}
     )

@@ -40,12 +40,12 @@ def unpacked(data: object, arm_id: str) -> Answer:
             theta, covariance = np.array(arrays[THETA], dtype=float), np.array(arrays[COVARIANCE], dtype=float)
             files = {str(name): bytes(arrays[f"{FILE}{k}"]) for k, name in enumerate(about["files"])}
         status, row, names = Status[about["status"]], _shown(about["row"]), tuple(map(str, about["names"]))
-        told = about["arm_id"]
+        reported = about["arm_id"]
         require_row(row)
     except Exception as error:  # a damaged archive fails in a dozen ways
         raise BadLog(f"{where}: cannot be read ({printable(error)}); look at the workers of this cluster") from error
     size = len(names)
-    if told != arm_id or row.get("arm", arm_id) != arm_id or theta.shape != (size,) or covariance.shape != (size, size):
+    if reported != arm_id or row.get("arm", arm_id) != arm_id or theta.shape != (size,) or covariance.shape != (size, size):
         raise BadLog(f"{where}: is about another arm, or its numbers do not fit together; look at the workers of this cluster")
     for name in files:
         if not all(is_name(part) for part in name.split("/")):

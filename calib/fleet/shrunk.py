@@ -31,21 +31,23 @@ class Shrunk:
     siblings: int
 
 
-def shrunk_packed(asked: Shrunk) -> bytes:
+def shrunk_packed(estimate: Shrunk) -> bytes:
     """`shrunk_files`, as bytes to travel."""
-    return packed(Answer(asked.arm_id, Status.DONE, {}, shrunk_files(asked)))
+    return packed(Answer(estimate.arm_id, Status.DONE, {}, shrunk_files(estimate)))
 
 
-def shrunk_files(asked: Shrunk) -> dict[str, bytes]:
+def shrunk_files(estimate: Shrunk) -> dict[str, bytes]:
     """The files of arm_with_siblings/, by relative path; none where no such arm can exist."""
-    model = TorqueModel.of_arm(asked.arm)
+    model = TorqueModel.of_arm(estimate.arm)
     try:
-        possible = possible_arm(model, asked.theta, asked.covariance, full_nominal(asked.arm, model))
+        possible = possible_arm(model, estimate.theta, estimate.covariance, full_nominal(estimate.arm, model))
     except AnswerIsNo:
         return {}
-    std = np.sqrt(np.diag(asked.covariance))
-    found = calibrated_arm(asked.arm, model, possible, std, [f"its own recordings and {asked.siblings} arms of its model"])
+    std = np.sqrt(np.diag(estimate.covariance))
+    found = calibrated_arm(
+        estimate.arm, model, possible, std, [f"its own recordings and {estimate.siblings} arms of its model"]
+    )
     with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
         folder = Path(scratch) / FOLDER
-        write_calibrated(folder, asked.arm, found)
+        write_calibrated(folder, estimate.arm, found)
         return {f"{FOLDER}/{f.relative_to(folder)}": f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}

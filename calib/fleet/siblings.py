@@ -3,7 +3,7 @@ others know.
 
 mu and the diagonal T are found by expectation and maximisation (A. Dempster, N. Laird, D. Rubin, JRSS B 39(1), 1977) with the weights
 of Student's t (K. Lange, R. Little, J. Taylor, JASA 84(408), 1989), so that an arm that is different does not pass for the spread of
-the others. The shrunk estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu); an arm is judged against mu and T of the others
+the others. The shrunk estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu); an arm is compared with mu and T of the others
 alone.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-LEAST = 4  # arms of a model from which on a spread can be told from chance
+LEAST = 4  # arms of a model from which on a spread can be distinguished from chance
 FREEDOM = 4.0  # of Student's t
 ROUNDS = 200
 OUTLIER = 4.0  # standard deviations: 1 in 16000 by chance, for some ten thousand numbers of a fleet

@@ -1,7 +1,7 @@
 """Since when: the effects that the newest recordings show, looked for in the older ones.
 
 Along a log, e = tau_hat(arm with the effect) - tau_hat(arm without it); the amplitude a = <r, e>/<e, e> of the residual r without it
-is about 1 where the effect was there at its present size and about 0 where it was not. Rows are weighed by each joint's own residual.
+is about 1 where the effect was there at its present size and about 0 where it was not. Rows are weighted by each joint's own residual.
 """
 
 from __future__ import annotations

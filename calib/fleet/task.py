@@ -55,12 +55,12 @@ def work_packed(job: Job) -> bytes:
 
 
 def work(job: Job) -> Answer:
-    """The answer about one arm; an arm about which nothing can be said gives a row that says why, and no exception."""
+    """The answer about one arm; an arm that cannot be assessed gives a row with the reason, and no exception."""
     begin = time.process_time()
     bad: list[str] = []
     if program_version() != job.program:
-        told = f"the worker runs arm-calib {program_version()}, the command {job.program}; install the same on both"
-        return refusal(job, Status.OTHER_PROGRAM, told)
+        reason = f"the worker runs arm-calib {program_version()}, the command {job.program}; install the same on both"
+        return refusal(job, Status.OTHER_PROGRAM, reason)
     try:
         with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
             opened = _open(job, Path(scratch))

@@ -13,7 +13,7 @@ LIKELIEST, OTHERS, CONVERT = "Most likely cause: ", "Other possible causes: ", "
 
 @dataclass(frozen=True)
 class Cause:
-    """A likely cause: a sentence, how much better the arm's model fits when it is undone (0 where that was not asked), how to undo it."""
+    """A likely cause: a sentence, how much better the arm's model fits when it is undone (0 where that was not computed), how to undo it."""
 
     sentence: str
     gain: float = 0.0

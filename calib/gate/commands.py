@@ -1,4 +1,4 @@
-"""The gate as commands ask it: BadLog with the likely cause first, or the logs as they are to be read."""
+"""The gate as commands call it: BadLog with the likely cause first, or the logs as they are to be read."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Call
         read = read_as(ordered, assume)
         found = gate(arm, [read], family=lambda: family(configs))
         if found.refusal is not None:
-            raise BadLog(_said(found.refusal, log))
+            raise BadLog(_message(found.refusal, log))
         return read if assume else log
 
     return change
 
 
 def read_as(log: Log, assume: Sequence[str]) -> Log:
-    """The log read as the words say, one after the other, which its metadata tells; ConfigError for a word that is none."""
+    """The log read as the words state, one after the other, which its metadata records; ConfigError for a word that is none."""
     for c in [parsed(word, log.joint_names) for word in assume if word != AS_RECORDED]:
         log = applied(log, c)
     if AS_RECORDED in assume:
@@ -59,16 +59,16 @@ def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[
         found = gate(arm, [log], family=lambda: family(None), least_motion=least_motion)
         checks += found.checks
         if found.refusal is not None:
-            return tuple(checks), _said(found.refusal, log)
+            return tuple(checks), _message(found.refusal, log)
     if len(logs) > 1:
         found = gate(arm, logs)
         checks += [check for check in found.checks if check.of_all or not check.ok]
         if found.refusal is not None:
-            return tuple(checks), _said(found.refusal)
+            return tuple(checks), _message(found.refusal)
     return tuple(checks), None
 
 
-def _said(refusal: str, log: Log | None = None) -> str:
+def _message(refusal: str, log: Log | None = None) -> str:
     name = "these recordings" if log is None else log.path or "log"
     return f"{name}: {refusal}. To use it unchanged: --assume {AS_RECORDED}"
 

@@ -34,7 +34,7 @@ ARRAYS = {
 SIGNED = tuple(name for name in ARRAYS["all"] if name != "temperature")
 CURRENT = "tau=current"
 AS_RECORDED = "as-recorded"
-ASSUMED = "assumed"  # under which a log's metadata tells how it is read
+ASSUMED = "assumed"  # under which a log's metadata states how it is read
 
 
 @dataclass(frozen=True)
@@ -118,17 +118,17 @@ def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None
             change = {name: getattr(log, name)[:, order] for name in ARRAYS[c.part]}
         case "shift":
             change = {name: _earlier(log.t, getattr(log, name), c.factor) for name in ("tau", "current")}
-    said = [*assumed(log), c.word(log.joint_names)]
-    return replace(log, **change, metadata={**log.metadata, ASSUMED: json.dumps(said, ensure_ascii=False)})  # type: ignore[arg-type]
+    words = [*assumed(log), c.word(log.joint_names)]
+    return replace(log, **change, metadata={**log.metadata, ASSUMED: json.dumps(words, ensure_ascii=False)})  # type: ignore[arg-type]
 
 
 def assumed(log: Log) -> list[str]:
-    """How a log is read, in words of `--assume`; none where its metadata tell of none, or in no words."""
+    """How a log is read, in words of `--assume`; none where its metadata state none, or not as words."""
     try:
-        said = json.loads(log.metadata.get(ASSUMED, "[]"))
+        words = json.loads(log.metadata.get(ASSUMED, "[]"))
     except (ValueError, RecursionError):
         return []
-    return [word for word in said if isinstance(word, str)] if isinstance(said, list) else []
+    return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
 
 
 def _earlier(t: np.ndarray, x: np.ndarray, by: float) -> np.ndarray:

@@ -38,7 +38,7 @@ class Normal:
     x: list[tuple[np.ndarray, np.ndarray]]
 
     def left(self, y: np.ndarray) -> np.ndarray:
-        """(n, K) share of the columns y (R, K) that every joint's model leaves; NaN where the joint or the column tells nothing."""
+        """(n, K) share of the columns y (R, K) that every joint's model leaves; NaN where the joint or the column is not informative."""
         size = np.full((len(self.x), y.shape[1]), np.nan)
         for j, (rows, _) in enumerate(self.x):
             if len(rows):
@@ -76,9 +76,9 @@ class Normal:
 
 @dataclass(frozen=True)
 class Fit:
-    """What the fit of every joint's own column says.
+    """The fit of every joint's own column.
 
-    left (n,) standard deviation of what is left, NaN where the joint tells nothing; size (n,) that of its readings
+    left (n,) standard deviation of what is left, NaN where the joint is not informative; size (n,) that of its readings
     scale, scale_std (n,) a; dry (n,) c; signal (n,) standard deviation of a tau_j, the part that masses make
     """
 

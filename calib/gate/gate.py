@@ -25,9 +25,9 @@ from sim.trajectory import Trajectory
 
 BY_MODEL = ("limits", "torque", "size", "arm")
 MOST_OF_SIZE = 0.5
-TIE = 0.03  # readings whose gains differ by less are not told apart
+TIE = 0.03  # readings whose gains differ by less are not distinguished
 OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # how much better another arm must fit, in shape, and with the size
-OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which it is asked for
+OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which another arm is looked for
 SPREAD_OF_SCALE = 0.4
 
 
@@ -52,7 +52,7 @@ def gate(
 ) -> Gate:
     """Whether `logs` are readings of `arm`; ConfigError for a word of `assume` that is none (see `calib.gate.correction`).
 
-    `family` gives other arms that the recording may be of, when it is asked for. With `as-recorded` among `assume`, or said by every
+    `family` gives other arms that the recording may be of, when it is called. With `as-recorded` among `assume`, or stated by every
     log, nothing is refused. least_motion s: refused is a log with less of it.
     """
     with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
@@ -186,15 +186,15 @@ def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Calla
     """Another arm of as many joints, where it explains shape and size of the readings better than this one, its unit put right."""
     if family is None:
         return None
-    told = scale.scale_of(arm, s, fit).log_scale
+    log_scale = scale.scale_of(arm, s, fit).log_scale
     left = fit.left / np.where(fit.size > 0, fit.size, np.nan)
-    if not np.isfinite(told).any() or (
-        np.nanmedian(left) < OTHER_LEFT and abs(float(np.nanmedian(told))) < math.log(OTHER_SCALE)
+    if not np.isfinite(log_scale).any() or (
+        np.nanmedian(left) < OTHER_LEFT and abs(float(np.nanmedian(log_scale))) < math.log(OTHER_SCALE)
     ):
         return None
-    shape, size = _merit(fit, told - (np.nanmedian(told) if sizes else 0.0))
+    shape, size = _merit(fit, log_scale - (np.nanmedian(log_scale) if sizes else 0.0))
     loaded = fitted(replace(s, load=s.load - mounting_torque(arm, s, fit, tilt=False)), model_torque(arm, s))
-    shape = max(shape, _merit(replace(loaded, size=fit.size), told)[0])
+    shape = max(shape, _merit(replace(loaded, size=fit.size), log_scale)[0])
     best: Cause | None = None
     for candidate in family():
         if candidate.n != arm.n or candidate.name == arm.name:
@@ -207,7 +207,9 @@ def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Calla
     return best
 
 
-def _merit(fit: Fit, told: np.ndarray) -> tuple[float, float]:
+def _merit(fit: Fit, log_scale: np.ndarray) -> tuple[float, float]:
     """How well shape and size of the readings are explained, in nats."""
     left = np.log(fit.left / fit.size)
-    return -float(left[np.isfinite(left)].sum()), -float((told[np.isfinite(told)] ** 2).sum()) / (2 * SPREAD_OF_SCALE**2)
+    return -float(left[np.isfinite(left)].sum()), -float((log_scale[np.isfinite(log_scale)] ** 2).sum()) / (
+        2 * SPREAD_OF_SCALE**2
+    )

@@ -25,15 +25,15 @@ FAST_SHARE = 0.05
 
 def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
     """The speed reading must be the derivative of the position; the rows come back with their likely cause undone."""
-    table, told = readings.ratios(s), readings.told(s)
+    table, comparable = readings.ratios(s), readings.comparable(s)
     own = np.diagonal(table)
     with np.errstate(invalid="ignore"):
-        wrong = told & ~(np.abs(np.log(np.abs(own))) < math.log(readings.FACTOR)) | told & (own < 0)
+        wrong = comparable & ~(np.abs(np.log(np.abs(own))) < math.log(readings.FACTOR)) | comparable & (own < 0)
     if not wrong.any():
         return Check(
-            "speed", True, "speed is the derivative of position" if told.any() else "no speed reading, or no motion"
+            "speed", True, "speed is the derivative of position" if comparable.any() else "no speed reading, or no motion"
         ), s
-    ways = _of_ratio(own, told, wrong) or _of_columns(table, told, wrong)
+    ways = _of_ratio(own, comparable, wrong) or _of_columns(table, comparable, wrong)
     if not ways:
         worst = int(np.flatnonzero(wrong)[0])
         value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
@@ -54,14 +54,14 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
     return Check("speed", False, f"speed over the derivative of position, which should be 1: {ratio}", causes, names), s
 
 
-def _of_ratio(own: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> list[Correction]:
     """Units, gear ratios and signs that make dq the derivative of q."""
-    values = own[told & np.isfinite(own)]
+    values = own[comparable & np.isfinite(own)]
     if not len(values):
         return []
     common = float(np.median(np.abs(values)))
     apart = np.abs(np.log(np.abs(values) / common)) > math.log(readings.NEAR)
-    if len(values) >= (1 - MOST_ODD) * told.sum() and apart.mean() <= MOST_ODD:
+    if len(values) >= (1 - MOST_ODD) * comparable.sum() and apart.mean() <= MOST_ODD:
         named = [Correction("unit", part, unit=unit) for factor, (part, unit) in OF_SPEED.items()
                  if abs(math.log(common / factor)) < math.log(readings.NEAR)]  # fmt: skip
         if named:
@@ -79,7 +79,7 @@ def _of_ratio(own: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Corr
     return out
 
 
-def _of_columns(table: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+def _of_columns(table: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> list[Correction]:
     """Two joints whose speeds stand in each other's column; a speed that goes with its own position, by whatever factor, does not."""
     out = []
     wrong = wrong & ~np.isfinite(np.diagonal(table))
@@ -92,7 +92,7 @@ def _of_columns(table: np.ndarray, told: np.ndarray, wrong: np.ndarray) -> list[
 
 
 def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
-    """How much better the model fits; a correction of the speed alone changes nothing, and is believed where that of the position fits worse."""
+    """How much better the model fits; a correction of the speed alone changes nothing, and is accepted where that of the position fits worse."""
     if way.part == "dq":
         return LEAST_GAIN / 2
     before = fitted(s, model_torque(arm, s)).left
@@ -130,10 +130,10 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         return Check("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
-        told = scale.scale_of(arm, s, fit).log_scale
-        if not known and np.isfinite(told).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
-            told = told - np.nanmedian(told)
-        if np.isfinite(told).any() and np.nanmedian(np.abs(told)) < math.log(scale.ODD) and not (fast & beyond).any():
+        log_scale = scale.scale_of(arm, s, fit).log_scale
+        if not known and np.isfinite(log_scale).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
+            log_scale = log_scale - np.nanmedian(log_scale)
+        if np.isfinite(log_scale).any() and np.nanmedian(np.abs(log_scale)) < math.log(scale.ODD) and not (fast & beyond).any():
             return Check("limits", True, f"{what}; the arm's masses fit, so the stated limits are too narrow"), s
     order = sorted(range(len(ways)), key=lambda k: -gains[k])
     too = (Correction("unit", "dq", unit="deg/s"),) if np.isfinite(s.read).any() else ()

@@ -1,4 +1,4 @@
-"""What a recording can be told from itself and from the arm's limits alone: joints, clock, range, frozen readings, the same log twice."""
+"""What can be checked in a recording from itself and the arm's limits alone: joints, clock, range, frozen readings, the same log twice."""
 
 from __future__ import annotations
 
@@ -163,8 +163,8 @@ def twice(logs: Sequence[Log]) -> Check:
                 f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
             )
             return Check("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
-    said = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
-    return Check("recordings", True, said, of_all=len(logs) > 1)
+    detail = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
+    return Check("recordings", True, detail, of_all=len(logs) > 1)
 
 
 def _same(a: Log, b: Log) -> bool:
@@ -206,7 +206,7 @@ def ratios(s: Signals) -> np.ndarray:
     return out
 
 
-def told(s: Signals) -> np.ndarray:
+def comparable(s: Signals) -> np.ndarray:
     """(n,) joints that move and have a speed reading."""
     return np.array([moving(s, j).sum() >= LEAST_ROWS and np.isfinite(s.read[:, j]).all() for j in range(s.n)])
 

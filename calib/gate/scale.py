@@ -14,7 +14,7 @@ from calib.gate.readings import OVER_LOAD, SHARE
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-TELLING = 0.12  # of a joint's reading that its masses make, for its scale to be judged
+INFORMATIVE = 0.12  # of a joint's reading that its masses make, for its scale to be estimated
 SURE = 4.0  # standard deviations
 ODD, ODD_ALONE, ODD_LOADED = (
     4.0,
@@ -23,27 +23,27 @@ ODD, ODD_ALONE, ODD_LOADED = (
 )  # a scale beyond is no error of a model: of all joints alike, of one against the others, and where a load may be it
 PATTERN = 2.2  # readings fit a unit within this
 DRY_ODD = 12.0  # dry friction of one joint, as a share of tau_max, against that of the others
-LEAST_LEFT = 0.6  # a fit that leaves more says nothing about a scale
+LEAST_LEFT = 0.6  # a fit that leaves more does not determine a scale
 
 
 @dataclass(frozen=True)
 class Scale:
-    """log_scale (n,) ln a, and its std; NaN where a joint does not tell; impossible (n,) joints with readings beyond any that they can give."""
+    """log_scale (n,) ln a, and its std; NaN where a joint is not informative; impossible (n,) joints with readings beyond any that they can give."""
 
     log_scale: np.ndarray
     std: np.ndarray
     impossible: np.ndarray
 
     @property
-    def telling(self) -> np.ndarray:
-        """(n,) joints that tell."""
+    def informative(self) -> np.ndarray:
+        """(n,) joints that are informative."""
         return np.isfinite(self.log_scale)
 
 
 def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
-    """What every joint tells; loads in N m."""
+    """The scale of every joint; loads in N m."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        good = (fit.signal > TELLING * fit.size) & (fit.scale > SURE * fit.scale_std) & (fit.left < LEAST_LEFT * fit.size)
+        good = (fit.signal > INFORMATIVE * fit.size) & (fit.scale > SURE * fit.scale_std) & (fit.left < LEAST_LEFT * fit.size)
         log_scale = np.where(good, np.log(np.where(good, fit.scale, 1.0)), np.nan)
         std = np.where(good, fit.scale_std / np.where(good, fit.scale, 1.0), np.nan)
         limit = np.where(np.isfinite(arm.tau_max) & (arm.tau_max > 0), arm.tau_max, np.inf)
@@ -53,25 +53,25 @@ def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
 
 
 def causes(arm: Arm, s: Signals, fit: Fit, from_current: np.ndarray, known_unit: bool) -> list[Cause]:
-    """Likely causes of readings that are of the wrong size, best first; none where their size is right or cannot be told.
+    """Likely causes of readings that are of the wrong size, best first; none where their size is right or cannot be estimated.
 
     from_current (n,) joints whose reading is a current; known_unit: whether it was made a torque by a known constant.
     """
-    told = scale_of(arm, s, fit)
+    scale = scale_of(arm, s, fit)
     found: list[Cause] = []
-    at = told.log_scale[told.telling]
+    at = scale.log_scale[scale.informative]
     common = float(np.median(at)) if len(at) else math.nan
     if known_unit:
-        found = _common(arm, told, at, common, from_current)
+        found = _common(arm, scale, at, common, from_current)
     apart = 0.0 if not math.isfinite(common) else common
     if not found:
-        found = _alone(arm, told, apart if known_unit or len(at) > 2 else math.nan, fit)
-    if not found and told.impossible.any() and known_unit:
-        found = _beyond(arm, s, told, from_current)
+        found = _alone(arm, scale, apart if known_unit or len(at) > 2 else math.nan, fit)
+    if not found and scale.impossible.any() and known_unit:
+        found = _beyond(arm, s, scale, from_current)
     return found
 
 
-def _common(arm: Arm, told: Scale, at: np.ndarray, common: float, from_current: np.ndarray) -> list[Cause]:
+def _common(arm: Arm, scale: Scale, at: np.ndarray, common: float, from_current: np.ndarray) -> list[Cause]:
     if not len(at) or abs(common) < math.log(ODD):
         return []
     constant = arm.torque_constant
@@ -80,12 +80,12 @@ def _common(arm: Arm, told: Scale, at: np.ndarray, common: float, from_current: 
     if not from_current.any() or from_current.all():
         ways.append((_off(at - math.log(1e3)), thousand))
     if constant is not None and not from_current.any():
-        ways.append((_off(at + np.log(constant[told.telling])), Correction("current", "tau")))
+        ways.append((_off(at + np.log(constant[scale.informative])), Correction("current", "tau")))
     named = [(off, way) for off, way in ways if off < math.log(PATTERN)]
     spread = float(np.std(at)) if len(at) > 1 else 0.0
     if not named and spread > math.log(PATTERN):
         return []  # no unit does that, a wrong model does
-    low, high = _interval(told)
+    low, high = _interval(scale)
     out = [
         Cause(way.sentence(arm.joint_names), abs(common) - off, (way,), (low, high))
         for off, way in sorted(named, key=lambda pair: pair[0])
@@ -98,25 +98,25 @@ def _common(arm: Arm, told: Scale, at: np.ndarray, common: float, from_current: 
     return [*out, Cause(sentence, least, (factor,), (low, high))]
 
 
-def _interval(told: Scale) -> tuple[float, float]:
+def _interval(scale: Scale) -> tuple[float, float]:
     """95 % interval of the common scale; joints differ by more than each one's own uncertainty."""
-    at, std = told.log_scale[told.telling], told.std[told.telling]
+    at, std = scale.log_scale[scale.informative], scale.std[scale.informative]
     error = math.hypot(float(np.std(at)) / math.sqrt(len(at)), float(np.min(std)))
     middle = float(np.median(at))
     return math.exp(middle - 2 * error), math.exp(middle + 2 * error)
 
 
-def _alone(arm: Arm, told: Scale, common: float, fit: Fit) -> list[Cause]:
+def _alone(arm: Arm, scale: Scale, common: float, fit: Fit) -> list[Cause]:
     """One joint's reading against those of the others: by its masses, else by its dry friction."""
     out = []
     whole = fit.size / np.where(arm.tau_max > 0, arm.tau_max, np.nan)
     share = np.where((fit.dry > 0) & (arm.tau_max > 0) & (fit.left < LEAST_LEFT * fit.size), fit.dry / arm.tau_max, np.nan)
     for j, name in enumerate(arm.joint_names):
         others = np.delete(np.arange(arm.n), j)
-        if told.telling[j] and math.isfinite(common):
-            rest = told.log_scale[others]
+        if scale.informative[j] and math.isfinite(common):
+            rest = scale.log_scale[others]
             rest = rest[np.isfinite(rest)]
-            off = told.log_scale[j] - (float(np.median(rest)) if len(rest) else 0.0)
+            off = scale.log_scale[j] - (float(np.median(rest)) if len(rest) else 0.0)
             odd = abs(off) > math.log(ODD_ALONE) and (len(rest) > 0 or abs(off) > 2 * math.log(ODD_ALONE))
             odd &= _dry_too(share, j, off)
         else:
@@ -144,16 +144,16 @@ def _dry_too(share: np.ndarray, j: int, off: float) -> bool:
     return bool(math.log(share[j] / float(np.median(rest))) / off > 0.5)
 
 
-def _beyond(arm: Arm, s: Signals, told: Scale, from_current: np.ndarray) -> list[Cause]:
-    """Readings that the arm cannot give, where masses tell nothing; a scale that the masses confirm makes the stated limit wrong instead."""
-    right = told.telling & (np.abs(np.where(told.telling, told.log_scale, np.inf)) < math.log(ODD))
-    wrong = told.impossible & ~right
-    if not wrong.any() or (told.impossible & right).any():
+def _beyond(arm: Arm, s: Signals, scale: Scale, from_current: np.ndarray) -> list[Cause]:
+    """Readings that the arm cannot give, where masses are not informative; a scale that the masses confirm makes the stated limit wrong instead."""
+    right = scale.informative & (np.abs(np.where(scale.informative, scale.log_scale, np.inf)) < math.log(ODD))
+    wrong = scale.impossible & ~right
+    if not wrong.any() or (scale.impossible & right).any():
         return []
     most = np.nanmax(np.abs(s.load), axis=0)
     j = int(np.argmax(np.where(wrong, most / arm.tau_max, 0)))
     c = Correction("unit", "current", unit="mA") if from_current[j] else Correction("unit", "tau", unit="mNm")
-    if wrong.sum() < max(2, told.impossible.size / 2):
+    if wrong.sum() < max(2, scale.impossible.size / 2):
         c = Correction("scale", "tau", (j,), float(f"{most[j] / (0.3 * arm.tau_max[j]):.2g}"))
     factor = float(most[j] / arm.tau_max[j])
     return [Cause(c.sentence(arm.joint_names), math.log(factor), (c,), (factor, factor))]

@@ -1,6 +1,6 @@
 """Which way of reading the same data makes the arm's own model fit: the best one first, then the best one after that.
 
-The gain of a reading is sum_j ln(left before / left after), over the joints that tell. Columns and signs of torques or currents are tried
+The gain of a reading is sum_j ln(left before / left after), over the informative joints. Columns and signs of torques or currents are tried
 all at once (every column against every joint); a reversed or exchanged motion needs the model's torque anew.
 """
 
@@ -19,7 +19,7 @@ from calib.gate.signals import Signals
 from sim.arm import Arm
 
 LEAST_GAIN = 0.07  # no wrong reading of a good recording gained as much in every part of it
-SURE_GAIN = 0.4  # twice what any gained as a whole: a short chirp among friction sweeps tells little about the columns
+SURE_GAIN = 0.4  # twice what any gained as a whole: a short chirp among friction sweeps is hardly informative about the columns
 LEAST_SHIFT_GAIN = 0.25
 PARTS = 3
 MOST_STEPS = 5
@@ -142,7 +142,7 @@ def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:
 
 
 def _gain(before: np.ndarray | float, after: np.ndarray | float) -> float:
-    """sum ln(before / after); none where a joint that could be judged no longer can, or the other way round."""
+    """sum ln(before / after); none where a joint that could be assessed no longer can, or the other way round."""
     before, after = np.atleast_1d(before), np.atleast_1d(after)
     known = np.isfinite(before) & (before > 0)
     if not known.any() or np.any(known != (np.isfinite(after) & (after > 0))):

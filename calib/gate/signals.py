@@ -1,6 +1,6 @@
 """A recording in few numbers: position, its derivatives and torque, smoothed alike and thinned to some hundred rows in motion.
 
-Enough to tell units, signs, columns and arms apart, and quick: two minutes at 500 Hz cost some hundredths of a second. Nothing here is
+Enough to distinguish units, signs, columns and arms, and quick: two minutes at 500 Hz cost some hundredths of a second. Nothing here is
 good enough for identification.
 """
 

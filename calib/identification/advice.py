@@ -1,7 +1,7 @@
 """C_then = (C^-1 + G)^-1 with G = sum y y^T / sigma^2: of a menu of motions, the one after which a poorly known parameter is known best.
 
-C is the covariance of the estimate and y are the columns along the motion; no torque is needed to know what a motion would tell. The menu moves
-one joint or two, slowly or fast, about postures that the logs did not rest in; few motions are named that together serve most parameters.
+C is the covariance of the estimate and y are the columns along the motion; no torque is needed to know what a motion would determine. The menu
+moves one joint or two, slowly or fast, about postures that the logs did not rest in; few motions are named that together serve most parameters.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WORTH, NEAR = (
     0.6,
     0.7,
 )  # a motion that leaves more of the standard deviation, or does much worse than the best, is not worth the time
-MOST = 5  # motions that one operator is asked for
+MOST = 5  # motions that one operator is asked to run
 
 
 @dataclass(frozen=True)
@@ -60,19 +60,19 @@ def advice(
     # a motion is for those that it makes known, or, failing that, brings much nearer
     helped = {k: (then[:, k] < enough[k]) | (then[:, k] < WORTH * min(std[k], then[:, k].min() / NEAR)) for k in unknown}
     names, left = [name.split(" ")[0] for name in model.names], list(unknown)
-    told: list[Advice] = []
-    while left and len(told) < MOST:
+    entries: list[Advice] = []
+    while left and len(entries) < MOST:
         count = np.sum([helped[k] for k in left], axis=0)
         best = int(np.lexsort((effort, -count))[0])
         served = [k for k in left if helped[k][best]]
         if not served:
             break
         doubt = tuple((float(std[k]), float(then[best, k])) for k in served)
-        told.append(Advice(menu[best][0], tuple(names[k] for k in served), doubt, menu[best][2]))
+        entries.append(Advice(menu[best][0], tuple(names[k] for k in served), doubt, menu[best][2]))
         left = [k for k in left if k not in served]
     if left:
         doubt = tuple((float(std[k]), float(then[:, k].min())) for k in left)
-        told.append(
+        entries.append(
             Advice(
                 "record a longer `calib plan` excitation; motions of one or two joints do not excite them",
                 tuple(names[k] for k in left),
@@ -80,7 +80,7 @@ def advice(
                 None,
             )
         )
-    return tuple(told)
+    return tuple(entries)
 
 
 def sentence(item: Advice, most: int = 4) -> str:
@@ -136,7 +136,7 @@ def _motion(model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict
 
 
 def _information(model: TorqueModel, sigma: np.ndarray, path: Trajectory) -> np.ndarray:
-    """(p, p) what the rows of a motion tell at the residual that the fit left; standing joints tell nothing of their friction."""
+    """(p, p) information of a motion's rows at the residual that the fit left; standing joints carry none about their friction."""
     a = model.columns(path.q, path.dq, path.ddq)
     still = ~np.any(path.dq, axis=0)
     for j in range(model.arm.n):

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from calib.claims import Claim
 from calib.result import Estimate, FitResult, Gap
-from calib.verdict import Judged, judged
+from calib.verdict import Assessment, assess
 from sim.arm import Arm
 
 KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
 CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
 WORSE = 1.02
-ASIDE = ("projected", "out_of_bounds")  # said among the findings
+ASIDE = ("projected", "out_of_bounds")  # stated among the findings
 
 
 def shown(result: FitResult) -> tuple[Gap, str]:
-    """The residual that a fit is judged by, and which logs it is of."""
+    """The residual that a fit is assessed by, and which logs it is of."""
     return (result.holdout, "the held-out logs") if result.holdout else (result.training, "the training logs")
 
 
-def judged_by(arm: Arm, result: FitResult, most: float | None = None) -> Judged:
-    """The fitted arm, judged by the held-out logs, or by the training logs where nothing was held out."""
+def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Assessment:
+    """The fitted arm, assessed by the held-out logs, or by the training logs where nothing was held out."""
     gap, _ = shown(result)
-    return judged(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
+    return assess(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
 
 
-def claims(result: FitResult, verdict: Judged) -> tuple[Claim, ...]:
+def claims(result: FitResult, verdict: Assessment) -> tuple[Claim, ...]:
     """What the outcome says, in its order."""
     gap, where = shown(result)
     out = [verdict.claim(result.arm, where)]

@@ -1,7 +1,7 @@
 """tau_j = viscous dq + coulomb s + offset + A cos q + B sin q: friction of one joint from sweeps at constant speed, the others still.
 
-With every other joint at rest gravity on joint j is exactly A cos q_j + B sin q_j, whatever the arm weighs, so the estimate owes nothing
-to the model of the links and can serve as its prior.
+With every other joint at rest gravity on joint j is exactly A cos q_j + B sin q_j, whatever the arm weighs, so the estimate is independent
+of the model of the links and can serve as its prior.
 """
 
 from __future__ import annotations

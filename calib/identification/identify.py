@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from calib.claims import told as sentence_of
+from calib.claims import in_one_sentence
 from calib.gate.commands import require
 from calib.identification.advice import advice, sentence
 from calib.identification.calibrated import calibrated_arm
-from calib.identification.claims import ASIDE, claims, judged_by
+from calib.identification.claims import ASIDE, assessment_of, claims
 from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.estimates import base_estimates, full_estimates
 from calib.identification.findings import findings
@@ -63,7 +63,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Identification:
-    """The calibrated arm, how well it is known, the result that tells of it, and what a report draws: model, theta and measurements."""
+    """The calibrated arm, how well it is known, its result, and what a report draws: model, theta and measurements."""
 
     arm: Arm
     known: Known
@@ -89,7 +89,7 @@ def identify(
 ) -> Identification:
     """Parameters of `arm` from `logs`, checked on `holdout`; the arm that is returned can exist.
 
-    Of more than SURVEY_SECONDS of log, a part that is spread over all of it says how rows are weighed and what its dry friction is
+    Of more than SURVEY_SECONDS of log, a part that is spread over all of it decides how rows are weighted and what its dry friction is
     like; then every log is read once and only its sums stay (in `kept`, if given), so that memory does not grow with the logs.
     BadLog and ConfigError for logs that cannot serve, or are not of this arm (calib.gate); AnswerIsNo where a joint hardly moves.
     """
@@ -129,7 +129,7 @@ def identify(
     if laws and laws.effects:
         training = _with_laws(training, model, fit.measurements, laws, possible.theta)
         unseen = unseen and _with_laws(unseen, model, held, laws, possible.theta)
-    told = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
+    excluded = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
     result = FitResult(
         arm=arm.name,
         joint_names=arm.joint_names,
@@ -143,19 +143,19 @@ def identify(
         outcome="",
         full=full_estimates(model, solution, possible, pi0, full_covariance(arm)),
         findings=(*findings(arm, fit), *(sentence(item) for item in helpful)),
-        excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in told),
+        excluded=tuple((name, e.joint or "all joints", e.reason, e.seconds) for name, e in excluded),
         settings={
             "cutoff_hz": fit.cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
             "slip_width_rad": model.slip_width.tolist(), "rows_per_second": fit.measurements[0].decimator.row_rate,
         },
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
-    verdict = judged_by(arm, result, options.max_error)
+    verdict = assessment_of(arm, result, options.max_error)
     claimed = claims(result, verdict)
     aside = [claim for claim in claimed if claim.name in ASIDE]
     result = replace(
-        result, verdict=verdict.verdict, judged=verdict.as_dict(), claims=claimed,
-        outcome=sentence_of([claim for claim in claimed if claim.name not in ASIDE]),
+        result, verdict=verdict.verdict, assessment=verdict.as_dict(), claims=claimed,
+        outcome=in_one_sentence([claim for claim in claimed if claim.name not in ASIDE]),
         findings=(*(claim.sentence for claim in aside), *result.findings),
     )  # fmt: skip
     slow = fit.weights.sigma if fit.weights.slow is None else fit.weights.slow

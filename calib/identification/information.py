@@ -22,7 +22,7 @@ class Information:
 
     @staticmethod
     def none(columns: int) -> Information:
-        """What no rows say."""
+        """The information of no rows."""
         return Information(np.zeros((columns, columns)), 0)
 
     @staticmethod

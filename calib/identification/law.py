@@ -16,7 +16,7 @@ from sim.arm_table import SpeedFrom
 from sim.effects.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
 from sim.prediction import by_stage, link_side, motor_side, torque_of_laws
 
-# what a fit of rows says by itself: how far beyond the torque that was measured a joint's friction may lie
+# how far a fit of rows is trusted by itself: how far beyond the torque that was measured a joint's friction may lie
 FREE = 3.0
 CLEARLY = 0.05  # share of the error by which one reading must be better
 SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])

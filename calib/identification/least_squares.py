@@ -16,7 +16,7 @@ from calib.identification.information import Information
 from calib.identification.model import TorqueModel
 from calib.identification.noise import AR_ORDER, colour, leverage, spread
 from calib.identification.rows import Rows
-from calib.identification.sums import Reference, Sums, plain, summed, weighed, whitened
+from calib.identification.sums import Reference, Sums, plain, summed, weighted, whitened
 from sim.errors import AnswerIsNo
 
 HUBER = 2.5
@@ -27,7 +27,7 @@ LEAST_ROWS = 3 * AR_ORDER + 8
 
 @dataclass(frozen=True)
 class Prior:
-    """What was known before: mean (p,), precision (p, p); a zero precision says nothing."""
+    """What was known before: mean (p,), precision (p, p); a zero precision carries no information."""
 
     mean: np.ndarray
     precision: np.ndarray
@@ -95,7 +95,7 @@ def _settled(rows: Rows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust
     model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
     for _ in range(3 if robust else 1):
         weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
-        white, _, _, counts = weighed(rows, weights)
+        white, _, _, counts = weighted(rows, weights)
         together = _together(model, white)
         theta, gain = _solution(together, prior), inverse(together.gram[:-1, :-1] + prior.precision)
         absorbed = np.minimum(leverage(rows, weights, gain), 0.5)
@@ -115,7 +115,7 @@ def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) ->
     parts = [rows.part(k) for k in range(len(rows.measurements))]
     if len(parts) < 2:
         return np.zeros(model.arm.n, dtype=bool)
-    raw, white = [plain(part) for part in parts], [weighed(part, weights)[0] for part in parts]
+    raw, white = [plain(part) for part in parts], [weighted(part, weights)[0] for part in parts]
     left = np.zeros((2, model.arm.n))
     for k, unseen in enumerate(raw):
         others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(raw) if i != k), strict=True)]
@@ -131,7 +131,7 @@ def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) ->
 def estimate(
     model: TorqueModel, sums: Sums, weights: Reference, prior: Prior | None = None, nominal: Prior | None = None
 ) -> Solution:
-    """The estimate that sums of rows give that were weighed by `weights`; priors as `solve` takes them."""
+    """The estimate from sums of rows that were weighted by `weights`; priors as `solve` takes them."""
     p = model.p
     used = [model.used_by(j) for j in range(model.arm.n)]
     prior, condition, scaled, regularised = _regularised(model, sums.plain, prior, nominal)
@@ -140,7 +140,7 @@ def estimate(
     own = np.stack([_spread(s, u, p).gram for s, u in zip(sums.white, used, strict=True)])
     information = white.gram[:p, :p]
     trusting = inverse(information + prior.precision)
-    # rows that weigh less by Huber's function tell nothing of small changes: its slope there is zero
+    # rows that Huber's function downweights carry no information on small changes: its slope there is zero
     sure = 1 - min(float(sums.touched.sum() / max(sums.counts.sum(), 1)), 0.5)
     more = np.ones(p)
     if weights.shortfall is not None:
@@ -160,7 +160,7 @@ def estimate(
 def ordinary(
     model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """theta (p,), its std (p,) and the condition number from arrays (N, n) as they are: each joint weighed by its own residual.
+    """theta (p,), its std (p,) and the condition number from arrays (N, n) as they are: each joint weighted by its own residual.
 
     For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `solve` is for.
     """
@@ -213,13 +213,13 @@ def _condition(r: np.ndarray) -> float:
 
 
 def _together(model: TorqueModel, sums: Sequence[Information], variance: np.ndarray | None = None) -> Information:
-    """All joints' rows in the model's columns and the torque, each joint's weighed by 1 / variance (n,)."""
+    """All joints' rows in the model's columns and the torque, each joint's weighted by 1 / variance (n,)."""
     scale = np.ones(len(sums)) if variance is None else variance
     return Information.merged([_spread(s, model.used_by(j), model.p, scale[j]) for j, s in enumerate(sums)])
 
 
 def _spread(own: Information, used: np.ndarray, p: int, variance: float = 1.0) -> Information:
-    """A joint's own columns in their places among all p and the torque, weighed by 1 / variance."""
+    """A joint's own columns in their places among all p and the torque, weighted by 1 / variance."""
     wide = np.zeros((len(own.r), p + 1))
     wide[:, used], wide[:, p] = own.r[:, :-1], own.r[:, -1]
     return Information(wide / np.sqrt(variance), own.rows)

@@ -34,7 +34,7 @@ def identify_with_load(
         found = identify(arm, logs, holdout, options, progress)
         same = replace(options, slip_width=found.model.slip_width, cutoff=found.result.settings["cutoff_hz"])
         load = load_between(found.model, found.solution, fitted(arm, loaded, same, progress).solution)
-        return _told(found, load, None), load
+        return _with_load(found, load, None), load
     provisional = arm if arm.torque_constant is not None else replace(arm, torque_constant=np.ones(arm.n))
     free = fitted(provisional, logs, options, progress)
     same = replace(options, slip_width=free.model.slip_width, cutoff=free.cutoff)
@@ -43,17 +43,17 @@ def identify_with_load(
     if by_current.any():
         constant = np.array(provisional.torque_constant)
         constant[by_current] /= load.scale[by_current]
-        told = (
+        origin = (
             f"from {known_mass:g} kg at the flange, by calib identify; std {_row(constant * load.scale_std / load.scale)} N m/A"
         )
         provisional = replace(
-            provisional, torque_constant=constant, provenance={**provisional.provenance, "torque_constant": told}
+            provisional, torque_constant=constant, provenance={**provisional.provenance, "torque_constant": origin}
         )
     found = identify(provisional if by_current.any() else arm, logs, holdout, options, progress)
-    return _told(found, load, known_mass), load
+    return _with_load(found, load, known_mass), load
 
 
-def _told(found: Identification, load: Load, known_mass: float | None) -> Identification:
+def _with_load(found: Identification, load: Load, known_mass: float | None) -> Identification:
     at = ", ".join(f"{c * 1e3:.0f} ± {s * 1e3:.1g}" for c, s in zip(load.com, load.com_std, strict=True))
     sentence = f"the loaded logs carry {load.mass:.4g} kg" + ("" if known_mass else f" ± {load.mass_std:.2g}")
     sentence += f" more, at {at} mm in the last link's frame"

@@ -43,7 +43,7 @@ class Colour:
 def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Colour:
     """Each joint's noise, by Yule-Walker on what the residuals of theta (p,) would be if they were not fitted.
 
-    variance (n,) by which theta weighed the joints, gain (p, p) the inverse of its information.
+    variance (n,) by which theta weighted the joints, gain (p, p) the inverse of its information.
     """
     n, p = rows.model.arm.n, rows.model.p
     rng = np.random.default_rng(0)

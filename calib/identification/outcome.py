@@ -53,12 +53,12 @@ def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
         cells = []
         for kind, _ in shown:
             e = result.estimate(f"{kind}_{j + 1}")
-            cells.append(as_said(e))
+            cells.append(as_text(e))
         rows.append([joint, *cells])
     return ["joint", *[title for _, title in shown]], rows
 
 
-def as_said(e: Estimate) -> str:
+def as_text(e: Estimate) -> str:
     """An estimate as value ± standard deviation; where the data alone put it out of bounds, how large it may be, and what is written."""
     changed = f", written {e.written:.4g}" if is_changed(e) or e.out_of_bounds else ""
     if e.out_of_bounds:

@@ -1,4 +1,4 @@
-"""Sums piece by piece: of each piece of log only its sums are kept, on disk if asked, so that work that was done is not done again."""
+"""Sums piece by piece: of each piece of log only its sums are kept, on disk if requested, so that work that was done is not done again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.version import program_version
 
 @dataclass(frozen=True)
 class Portion:
-    """What one piece of log said, and what of it was left out."""
+    """The sums of one piece of log, and what of it was left out."""
 
     name: str
     sums: Sums

@@ -28,7 +28,7 @@ def reversal_rows(m: Measurement, arm: Arm) -> np.ndarray:
 
 
 def reverses_often(measurements: Sequence[Measurement], arm: Arm) -> np.ndarray:
-    """(n,) whether more than MOST of a joint's usable rows are reversals: then they must stay, and the bias is told instead."""
+    """(n,) whether more than MOST of a joint's usable rows are reversals: then they must stay, and the bias is reported instead."""
     usable = np.sum([m.row_usable.sum(axis=0) for m in measurements], axis=0)
     lost = np.sum([(reversal_rows(m, arm) & m.row_usable).sum(axis=0) for m in measurements], axis=0)
     return np.asarray(lost > MOST * usable)

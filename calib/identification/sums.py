@@ -21,9 +21,9 @@ MEMORY_SECONDS = 1.0
 @dataclass(frozen=True)
 class Reference:
     """What the weights of rows rest on: theta (p,) for their residuals, colour ar (n, k) and scale sigma (n,) N m of the innovations,
-    and the number of sigmas `huber` beyond which a row weighs less.
+    and the number of sigmas `huber` beyond which a row gets less weight.
 
-    A joint whose ar is zero is not whitened. rows: how many weighed rows told this; colouring and shortfall (p,): what the noise's colour makes of
+    A joint whose ar is zero is not whitened. rows: how many weighted rows this rests on; colouring and shortfall (p,): what the noise's colour makes of
     each variance, and by what the products of neighbouring scores understate it (calib.identification.noise); slow (n,) N m: its
     strength at low frequency.
     """
@@ -40,12 +40,12 @@ class Reference:
 
 @dataclass(frozen=True)
 class Sums:
-    """What the rows said that were weighed by one reference.
+    """The sums of rows that were weighted by one reference.
 
     plain    per joint the rows [A_j b_j] as they are; apart: usable rows that the fit leaves out
-    white    per joint the rows [A_j b_j], whitened and weighed
+    white    per joint the rows [A_j b_j], whitened and weighted
     scores   (p, p) products of neighbouring scores with Bartlett's weights
-    touched  (n,) rows that weigh less because they stick out; counts (n,) all whitened rows
+    touched  (n,) rows that get less weight as outliers; counts (n,) all whitened rows
     """
 
     plain: tuple[Information, ...]
@@ -93,7 +93,7 @@ class Sums:
 
 def summed(rows: Rows, weights: Reference) -> Sums:
     """One pass over the rows."""
-    white, scores, touched, counts = weighed(rows, weights)
+    white, scores, touched, counts = weighted(rows, weights)
     return Sums(plain(rows), plain(rows, apart=True), white, scores, touched, counts)
 
 
@@ -108,8 +108,8 @@ def plain(rows: Rows, apart: bool = False) -> tuple[Information, ...]:
     return tuple(out)
 
 
-def weighed(rows: Rows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
-    """Whitened and weighed rows per joint, products of scores, rows touched and rows in all."""
+def weighted(rows: Rows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened and weighted rows per joint, products of scores, rows touched and rows in all."""
     n, p = rows.model.arm.n, rows.model.p
     white, scores = [Information.none(len(u) + 1) for u in rows.used], np.zeros((p, p))
     touched, counts = np.zeros(n), np.zeros(n)

@@ -1,4 +1,4 @@
-"""The page of `calib fleet`: which arms deviate, in what, since when; how the arms of a model differ; what could not be judged."""
+"""The page of `calib fleet`: which arms deviate, in what, since when; how the arms of a model differ; what could not be assessed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.siblings import OUTLIER
-from calib.fleet.told import arm_rows, deviation_rows, sentence, trouble_rows
+from calib.fleet.summary import arm_rows, deviation_rows, sentence, trouble_rows
 from calib.report import figure
 from calib.report.page import Page, Verdict
 

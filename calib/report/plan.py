@@ -250,7 +250,7 @@ def _worth(page: Page, arm: Arm, worth: Mapping[str, Any]) -> None:
         "nominal, because no motion of this plan shows them well enough."
     )
     rows = [
-        [joint, *(", ".join(_told(n) for n in names if _joint(n) == k) or None for names in lists)]
+        [joint, *(", ".join(_parameter_text(n) for n in names if _joint(n) == k) or None for names in lists)]
         for k, joint in enumerate(arm.joint_names, 1)
     ]
     page.table(
@@ -267,7 +267,7 @@ def _joint(parameter: str) -> int:
     return int(number) if number.isdecimal() else 0
 
 
-def _told(parameter: str) -> str:
+def _parameter_text(parameter: str) -> str:
     first, *others = parameter.split()
     return PARAMETERS.get(first.rpartition("_")[0], first.rpartition("_")[0]) + ("*" if others else "")
 

@@ -21,8 +21,8 @@ PAGES = ("plan.html", "report.html")
 def write(session: Session) -> Path:
     """Write the page of a session into its folder; returns its path."""
     # a complete session is what its diagnosis found; an open one is where it stands
-    answers = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []
-    last = next(reversed(answers or session.done), None)
+    diagnoses = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []
+    last = next(reversed(diagnoses or session.done), None)
     sentence = f"{last.sentence[:1].upper()}{last.sentence[1:]}" if last else "Nothing was done yet"
     verdict: Verdict = "good" if session.closed else "open"
     facts = [

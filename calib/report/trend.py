@@ -17,9 +17,9 @@ WORDS = {"coulomb": "dry friction", "viscous": "viscous friction"}
 def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sentence: str) -> Path:
     """Write the page; returns its path."""
     worn = any(s.wears for s in slopes)
-    judged = any(s.interval is not None for s in slopes)
+    has_interval = any(s.interval is not None for s in slopes)
     facts = [("runs", len(runs)), ("from", f"{runs[0].started:%Y-%m-%d}"), ("to", f"{runs[-1].started:%Y-%m-%d}")]
-    page = Page(arm, sentence, "found" if worn else "good" if judged else "open", facts, "trend")
+    page = Page(arm, sentence, "found" if worn else "good" if has_interval else "open", facts, "trend")
     page.section("Friction, run by run", "Each point is a run with its 95 % interval; the line is the change over time.")
     joints = list(dict.fromkeys(s.joint for s in slopes))
     by = {(s.joint, s.kind): s for s in slopes}

@@ -44,10 +44,10 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
             row = [joint, entry["residual"][k], entry["residual_unfiltered"][k], entry["signal"][k], _percent(entry, k)]
             bound = (forward or {}).get("bound") or [None] * len(names)
             rows.append(row + ([_milli(forward["rms"][k]), _milli(bound[k]), _milli(forward["travel"][k])] if forward else []))
-        told = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
+        note = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
         if forward and forward.get("bound_from"):
-            told += f"; the bound should hold in 95 % of logs, from what {forward['bound_from']}"
-        page.table(headers, rows, f"RMS on {entry['log']}{told}")
+            note += f"; the bound should hold in 95 % of logs, from what {forward['bound_from']}"
+        page.table(headers, rows, f"RMS on {entry['log']}{note}")
     left_out = [[entry["log"], *item] for entry in result["logs"] for item in entry["excluded"]]
     if left_out:
         page.section("What was left out, and why").table(["log", "joint", "reason", "seconds"], left_out)

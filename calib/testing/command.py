@@ -29,9 +29,9 @@ def check_command(name: str, arguments: list[str] | None = None) -> tuple[Promis
     out.keep("-h is the same", lambda: _run([*words, "-h"])[1] == text)
 
     def refused() -> str:
-        code, said, complaint = _run([*words, "--no-such-option"])
-        if code != 2 or said or "Traceback" in complaint:
-            return f"exit code {code}, {said!r}"
+        code, printed, complaint = _run([*words, "--no-such-option"])
+        if code != 2 or printed or "Traceback" in complaint:
+            return f"exit code {code}, {printed!r}"
         return "" if "no option --no-such-option" in " ".join(complaint.split()) else complaint
 
     out.keep("an unknown option is refused with 2, in a sentence on standard error", refused)

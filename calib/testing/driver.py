@@ -25,7 +25,7 @@ def check_driver(
     standing: np.ndarray | None = None,
     position: Callable[[Driver], np.ndarray] | None = None,
 ) -> tuple[Promise, ...]:
-    """Every promise of a driver, tried on devices that `make` opens anew; none may move by more than 2e-3 rad unless it is told to.
+    """Every promise of a driver, tried on devices that `make` opens anew; none may move by more than 2e-3 rad unless it is commanded to.
 
     standing (n,) rad: where the device stands before it is connected; position(driver): where it really stands, from outside, if the
     emulator can say. Without either a motion in `connect` is only seen where it goes on afterwards.

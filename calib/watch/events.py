@@ -1,4 +1,4 @@
-"""What a watcher says: about the arm, or about the readings, and never the one for the other."""
+"""What a watcher reports: about the arm, or about the readings, and never the one for the other."""
 
 from __future__ import annotations
 

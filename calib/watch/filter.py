@@ -33,7 +33,7 @@ NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estima
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """What a row said before it was used: used (n,) joints, y (k,), S (k, k), H (k, x), gain (x, k), decay (x,), nis and its degrees."""
+    """The innovation of a row, before it is used: used (n,) joints, y (k,), S (k, k), H (k, x), gain (x, k), decay (x,), nis and its degrees."""
 
     used: np.ndarray
     y: np.ndarray
@@ -45,7 +45,7 @@ class Innovation:
 
     @property
     def degrees(self) -> int:
-        """How many joints the row could tell of."""
+        """For how many joints the row was informative."""
         return len(self.y)
 
 
@@ -76,7 +76,7 @@ class TorqueFilter:
     """Follows payload and friction; `mass_scale` kg is what an arm of this strength carries, `friction` (n,) N m what its joints have."""
 
     def __init__(self, arm: Arm, coulomb: np.ndarray, viscous: np.ndarray, first: np.ndarray) -> None:
-        """`first` (4,) [m, m c] is what is believed to be mounted."""
+        """`first` (4,) [m, m c] is the prior of what is mounted."""
         n = self.n = arm.n
         self.mass_scale, self.reach = carrying_scale(arm)
         cruise = 0.25 * np.where(np.isfinite(arm.dq_max), arm.dq_max, 2.0)
@@ -99,9 +99,9 @@ class TorqueFilter:
         self._slow = (0.3 * torque + 0.05 * friction) ** 2
         self._floor = 1e-4 * self.dry**2
         self._moved = 0.0
-        self._asked: tuple[Row, np.ndarray] | None = None
+        self._usable: tuple[Row, np.ndarray] | None = None
         # what the last three rows left, newest first, of which joints, and how many rows there were without a pause
-        self._left, self._told, self._rows = np.zeros((3, n)), np.zeros((3, n), dtype=bool), 0
+        self._left, self._recent_used, self._rows = np.zeros((3, n)), np.zeros((3, n), dtype=bool), 0
         # mean products of what is left: with itself, with the row before, with the one before that
         self._products = np.stack([self._white + self._slow, 0.25 * self._white + 0.95 * self._slow, 0.9 * self._slow])
         self.covariance = np.diag(
@@ -142,11 +142,11 @@ class TorqueFilter:
         self.covariance[self.unknown, self.unknown] = np.diag(self._slow)
 
     def usable(self, row: Row) -> np.ndarray:
-        """(n,) joints whose row tells something: they slide one way, fast enough, and every number is finite."""
-        if self._asked is None or self._asked[0] is not row:
+        """(n,) joints whose row is informative: they slide one way, fast enough, and every number is finite."""
+        if self._usable is None or self._usable[0] is not row:
             finite = np.isfinite(row.residual) & np.isfinite(row.payload).all(axis=1)
-            self._asked = (row, row.sliding & (row.slowest >= SLOWEST) & finite)
-        return self._asked[1]
+            self._usable = (row, row.sliding & (row.slowest >= SLOWEST) & finite)
+        return self._usable[1]
 
     def left(self, row: Row, x: np.ndarray) -> np.ndarray:
         """(n,) N m that payload and friction of state x leave of a row."""
@@ -155,7 +155,7 @@ class TorqueFilter:
         return out
 
     def add(self, row: Row, learn: bool = True, trust: bool = False) -> Innovation | None:
-        """One row; None where no joint tells anything. `learn` follows the sizes of the noise; `trust` takes outliers at full weight."""
+        """One row; None where no joint is informative. `learn` follows the sizes of the noise; `trust` takes outliers at full weight."""
         used = self.usable(row)
         self._predict(row.seconds)
         if not used.any():
@@ -192,14 +192,14 @@ class TorqueFilter:
     def _learn(self, row: Row, used: np.ndarray) -> None:
         """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.
 
-        Neighbouring rows share half of their window, so only rows two apart tell of e alone; what neighbours share beyond e counts
+        Neighbouring rows share half of their window, so only rows two apart depend on e alone; what neighbours share beyond e counts
         as white noise with its long-run variance.
         """
         self._rows += 1
         self._moved += row.seconds * (self._rows >= 3)
         gain = row.seconds / min(max(self._moved, LEARNT), NOISE_MEMORY) if self._rows >= 3 else 0.0
         self._slow, self._spread, self._white = sizes(
-            self._left, self._told, self.left(row, self.x), used, gain, np.exp(-row.seconds / MEMORY), CLIP, self._floor, self._products,
+            self._left, self._recent_used, self.left(row, self.x), used, gain, np.exp(-row.seconds / MEMORY), CLIP, self._floor, self._products,
             self._slow, self._spread, self._white,
         )  # fmt: skip
 

@@ -34,7 +34,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What is wrong with the readings at t; `message` says it with values."""
+    """What is wrong with the readings at t; `message` states it with values."""
 
     kind: Kind
     t: float

@@ -2,7 +2,7 @@
 
 A. S. Willsky and H. L. Jones (1976), doi:10.1109/TAC.1976.1101146: a jump at theta leaves a known trace G(k; theta) in the filter's
 innovations. For each theta of the last rows C = sum G^T S^-1 G and d = sum G^T S^-1 y are kept; twice the log likelihood ratio is
-d^T C^-1 d, the most likely jump C^-1 d. Two kinds are weighed: a body at the flange (4 numbers), and any torque on the joints (n).
+d^T C^-1 d, the most likely jump C^-1 d. Two kinds are compared: a body at the flange (4 numbers), and any torque on the joints (n).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CANDIDATES = 16
 ROWS_LEAST = 3  # a reading that is wrong once touches two rows
 # Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. Where much of the
 # torque is slow model error (`imperfection`, its size over that of the white noise: from 1 up on a real UR10e, about a half on a mock)
-# more is asked, and more than the last while has shown. The least is what noise alone reaches once in a thousand hours.
+# more is required, and more than the last while has shown. The least is what noise alone reaches once in a thousand hours.
 THRESHOLD, THRESHOLD_SLOPE, THRESHOLD_LEAST, THRESHOLD_MOST = -20.0, 110.0, 45.0, 150.0
 OVER_RECENT, RECENT = 1.6, 20.0
 AS_LIKELY = 9.0  # difference of the ratio up to which the instant may be another: three standard deviations

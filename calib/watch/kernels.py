@@ -161,21 +161,21 @@ def updated(used, payload, slip, speed, left, x, covariance, white, spread, doub
 
 
 @numba.njit(cache=True)
-def sizes(left, told, now, used, gain, fade, clip, floor, products, slow, spread, white):  # type: ignore[no-untyped-def]
+def sizes(left, recent_used, now, used, gain, fade, clip, floor, products, slow, spread, white):  # type: ignore[no-untyped-def]
     """Sizes of slow and white noise of each joint from what rows leave: `now` (n,) of the `used` joints, and the two rows before.
 
-    left, told (3, n) are the last three rows, newest first, clipped at `clip` deviations, and move back one place here; products (3, n)
+    left, recent_used (3, n) are the last three rows, newest first, clipped at `clip` deviations, and move back one place here; products (3, n)
     are mean products with the row itself, the one before, and the one before that, which nothing is learnt of where `gain` is 0; slow,
     spread and white (n,) N^2 m^2 come out as new arrays.
     """
     n = len(now)
     left[2], left[1] = left[1], left[0]
-    told[2], told[1], told[0] = told[1], told[0], used
+    recent_used[2], recent_used[1], recent_used[0] = recent_used[1], recent_used[0], used
     out = np.empty((3, n))
     for j in range(n):
         limit = clip * np.sqrt(white[j] + slow[j])
         left[0, j] = min(max(now[j], -limit), limit)
-        if told[0, j] and told[1, j] and told[2, j]:
+        if recent_used[0, j] and recent_used[1, j] and recent_used[2, j]:
             for i in range(3):
                 products[i, j] += gain * (left[0, j] * left[i, j] - products[i, j])
         at_once, next_, after = products[0, j], products[1, j], products[2, j]

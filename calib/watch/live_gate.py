@@ -1,6 +1,6 @@
 """The gate of physics on the first motion that a live watch sees: until then nobody knows whose readings they are, or in which units.
 
-It is asked once, when enough motion was seen or at the end, in a thread of its own so that no reading is missed. What happens to the arm
+It runs once, when enough motion was seen or at the end, in a thread of its own so that no reading is missed. What happens to the arm
 later is for the watch itself to report: a contact or a load is no wrong recording.
 """
 
@@ -36,23 +36,23 @@ class LiveGate:
         self._stretch: list[JointState] = []
         self._moved = 0.0
         self._pool = ThreadPoolExecutor(1, "calib-gate")
-        self._asked: Future[str | None] | None = None
+        self._pending: Future[str | None] | None = None
 
     def add(self, state: JointState) -> str | None:
         """One reading, in the order of time."""
-        if self._asked is not None:
-            return self._asked.result() if self._asked.done() else None
+        if self._pending is not None:
+            return self._pending.result() if self._pending.done() else None
         if np.isfinite(state.t_device) and not (self._kept and state.t_device - self._kept[-1].t_device < 0.9 * self._period):
             self._kept.append(state)
             self._count(state)
             if self._moved >= ENOUGH:
-                self._asked = self._pool.submit(_refusal, self._arm, self._name, list(self._kept))
+                self._pending = self._pool.submit(_refusal, self._arm, self._name, list(self._kept))
         return None
 
     def end(self) -> str | None:
         """The answer about all that was read, however little it was."""
         self._pool.shutdown()
-        return self._asked.result() if self._asked is not None else _refusal(self._arm, self._name, list(self._kept))
+        return self._pending.result() if self._pending is not None else _refusal(self._arm, self._name, list(self._kept))
 
     def _count(self, state: JointState) -> None:
         self._stretch.append(state)

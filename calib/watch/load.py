@@ -32,7 +32,7 @@ KNOWN = 0.04  # of the mass scale: standard deviation at which it is known
 
 @dataclass
 class _Open:
-    """A change that is not decided: when it began, what was believed before, motion since, how well old and new belief do."""
+    """A change that is not decided: when it began, the estimate before, motion since, how well old and new estimate fit."""
 
     began: tuple[float, float]
     before: Snapshot
@@ -45,7 +45,7 @@ class _Open:
 
 
 class LoadWatch:
-    """Rows in, events out. `declared` (4,) [m, m c] is what is said to be mounted, NaN where nobody says; it may change at any time."""
+    """Rows in, events out. `declared` (4,) [m, m c] is the declared payload, NaN where none is declared; it may change at any time."""
 
     def __init__(self, arm: Arm, filter_: TorqueFilter, known: np.ndarray) -> None:
         """`known` (4,) [m, m c] is the payload that the arm's own model already has."""
@@ -103,7 +103,7 @@ class LoadWatch:
             return [], None
         jump = self._detector.add(innovation, row.seconds, self._filter.imperfection)
         if self._open is not None:
-            return self._judge(row, used, innovation, jump), innovation
+            return self._follow_change(row, used, innovation, jump), innovation
         if jump is not None and trusted:
             return self._begin(row, jump), innovation
         return self._claimed(row, trusted), innovation
@@ -122,7 +122,7 @@ class LoadWatch:
         text = f"the load changed by {change}; whether it is a payload is known after {CONFIRM:g} s of motion"
         return [WatchEvent(Kind.LOAD_CHANGED, row.t, (first, last), text, {"mass_change": change})]
 
-    def _judge(self, row: Row, used: np.ndarray, innovation: Innovation, jump: Jump | None) -> list[WatchEvent]:
+    def _follow_change(self, row: Row, used: np.ndarray, innovation: Innovation, jump: Jump | None) -> list[WatchEvent]:
         open_ = self._open
         assert open_ is not None
         open_.moved += row.seconds
@@ -146,7 +146,7 @@ class LoadWatch:
         return []
 
     def _as_before(self, row: Row, used: np.ndarray, open_: _Open) -> bool:
-        """Whether what was believed before explains the rows again, where it would not if the change were still there."""
+        """Whether the estimate before the change explains the rows again, where it would not if the change were still there."""
         old = self._filter.left(row, open_.before.x)[used] / self._filter.noise[used]
         new = self._filter.left(row, self._filter.x)[used] / self._filter.noise[used]
         apart = float(np.mean((old - new) ** 2))

@@ -1,7 +1,7 @@
 """int w (tau - h) dt + int w' p dt = int w d dt: what the model leaves of the torque, without any acceleration.
 
 p = (M + I_a) dq is the momentum and h = g - C^T dq, so that dp/dt = tau - h + (what the model lacks). The observer of A. De Luca and
-R. Mattone (2003), doi:10.1109/ROBOT.2003.1241998, weighs the past by an exponential; here the weight w is a triangle over two
+R. Mattone (2003), doi:10.1109/ROBOT.2003.1241998, weights the past by an exponential; here the weight w is a triangle over two
 blocks of samples, which keeps the balance exact for any sampling instants and makes the noise of neighbouring rows nearly white:
 
     d = (int w (tau - h) dt - (mean p of this block - mean p of the block before)) / int w dt

@@ -2,7 +2,7 @@
 
 DIR/events.jsonl   one event a line, as they came
 DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading
-DIR/watch.json     what was believed at the end; the same goes into the table of trends
+DIR/watch.json     the estimates at the end; the same goes into the table of trends
 """
 
 from __future__ import annotations
@@ -70,10 +70,10 @@ def watch(
     database: Path | None = None,
     on_event: Callable[[WatchEvent], None] = lambda event: None,
     on_picture: Callable[[float, Watcher], None] = lambda share, watcher: None,
-    asked_to_end: Callable[[], bool] = lambda: False,
+    end_requested: Callable[[], bool] = lambda: False,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
 ) -> Watched:
-    """Watch to the end of the log, for `seconds` of the device's clock, or until `asked_to_end`; on_picture gets the share done.
+    """Watch to the end of the log, for `seconds` of the device's clock, or until `end_requested`; on_picture gets the share done.
 
     BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
     """
@@ -90,7 +90,7 @@ def watch(
         "rate": source.rate,
         **source.facts,
     }
-    first = last = asked = written = np.nan
+    first = last = last_declared = written = np.nan
     with (
         (folder / "events.jsonl").open("w", encoding="utf-8") as lines,
         Recorder(folder / "watch.mcap", source.arm.joint_names, metadata) as recorder,
@@ -102,8 +102,8 @@ def watch(
                 if samples or not state.t_device - written < 1.0:
                     written = state.t_device
                     recorder.write(replace(state, t_device=source.t_origin + state.t_device))
-                if not last - asked < DECLARED_EVERY:
-                    asked, watcher.declared = last, source.declared_now()
+                if not last - last_declared < DECLARED_EVERY:
+                    last_declared, watcher.declared = last, source.declared_now()
                 for event in watcher.add(state):
                     events.append(event)
                     recorder.event(event.level, event.kind.value, event.message, source.t_origin + event.t)
@@ -112,7 +112,7 @@ def watch(
                     on_event(event)
                 on_picture((last - first) / source.duration if source.duration else 0.0, watcher)
                 refusal = gate.add(state) if gate is not None else None
-                if asked_to_end() or refusal is not None:
+                if end_requested() or refusal is not None:
                     break
         except KeyboardInterrupt:
             recorder.event(INFO, "watch", "ended by the operator", source.t_origin + (last if np.isfinite(last) else 0.0))

@@ -27,7 +27,7 @@ from sim.joint_state import JointState
 
 @dataclass(frozen=True)
 class Source:
-    """Readings of an arm: `states` gives each once, in order; `declared_now` what is said to be mounted, asked at any time.
+    """Readings of an arm: `states` gives each once, in order; `declared_now` the payload that is declared at that time.
 
     duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s on the
     device clock is where the readings' own time is zero; facts go into the record; gated: nobody has examined the readings before.
@@ -82,9 +82,9 @@ def open_source(
         table = cell.table.payload
 
         def declared_now() -> Declared | None:
-            said = driver.declared_payload()
-            if said is not None:
-                return Declared(said[0], said[1], "the controller")
+            declared = driver.declared_payload()
+            if declared is not None:
+                return Declared(declared[0], declared[1], "the controller")
             return None if table is None else Declared(table.mass, (table.com[0], table.com[1], table.com[2]), "the cell file")
 
         def states() -> Iterator[JointState]:
@@ -106,13 +106,13 @@ def from_log(
 ) -> Source:  # fmt: skip
     """The readings of a log, of the arm that it names or that is named for it; BadLog where it cannot be that arm's."""
     about = read_log(path, accept_partial=accept_partial)
-    said = about.metadata.get("arm")
-    if not (arm or said):
+    arm_of_log = about.metadata.get("arm")
+    if not (arm or arm_of_log):
         raise ConfigError(f"{path}: does not say which arm it is of; name it with --arm")
     model = load_arm(arm, configs) if arm else recorded_arm(path, configs)
-    if said and model.name != said:
+    if arm_of_log and model.name != arm_of_log:
         raise BadLog(
-            f"{path}: was recorded of {said}, the arm given is {model.name}: nothing that it shows would be about this arm; "
+            f"{path}: was recorded of {arm_of_log}, the arm given is {model.name}: nothing that it shows would be about this arm; "
             "leave --arm out, or name an arm folder of that arm"
         )
     log = read_as(read_log(path, model.joint_names, accept_partial=accept_partial), assume)
@@ -154,7 +154,7 @@ def _mounting(log: Log) -> np.ndarray | None:
 
 
 def _declared(log: Log) -> Declared | None:
-    """What the device, else the cell file, said was mounted while the log was recorded."""
+    """The payload that the device, else the cell file, declared while the log was recorded."""
     about = log.metadata
     try:
         if "device_payload_mass" in about:

@@ -83,9 +83,9 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class Slope:
-    """How the friction of a joint changes: relative change in 100 days with its 95 % interval; None where too few runs tell.
+    """How the friction of a joint changes: relative change in 100 days with its 95 % interval; None where there are too few runs.
 
-    `wears` asks for more than the interval: an arm has a dozen frictions, and one in twenty would be called worn by chance.
+    `wears` requires more than the interval: an arm has a dozen frictions, and one in twenty would be called worn by chance.
     """
 
     joint: str

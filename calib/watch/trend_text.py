@@ -12,15 +12,15 @@ PLOTS_MOST = 4
 
 
 def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
-    """What the trends say, the largest first."""
+    """The trends in one sentence, the largest first."""
     worn = sorted((s for s in slopes if s.wears), key=lambda s: -abs(s.per_100_days or 0.0))
     if worn:
-        told = ", ".join(
+        changes = ", ".join(
             f"{s.kind} friction of {s.joint} changes by {s.per_100_days:+.0%} in 100 days ({s.interval[0]:+.0%} to {s.interval[1]:+.0%})"
             for s in worn
             if s.interval is not None and s.per_100_days is not None
         )
-        return f"{arm}, {len(runs)} runs: {told}"
+        return f"{arm}, {len(runs)} runs: {changes}"
     if all(s.interval is None for s in slopes):
         return f"{arm}, {len(runs)} runs: too few for a trend"
     return f"{arm}, {len(runs)} runs: no joint's friction changes for sure"

@@ -34,7 +34,7 @@ class ValidityWatch:
         self._reference = np.full(n, np.nan)
         self._recent = np.zeros(n)
         self._worse = np.zeros(n)
-        self._told = False
+        self._reported = False
 
     @property
     def residual(self) -> np.ndarray:
@@ -43,7 +43,7 @@ class ValidityWatch:
 
     @property
     def seconds(self) -> np.ndarray:
-        """(n,) s of motion that told something."""
+        """(n,) s of informative motion."""
         return self._seconds
 
     def add(self, row: Row, settled: bool) -> list[WatchEvent]:
@@ -93,10 +93,10 @@ class ValidityWatch:
     def _against_reference(self, row: Row, used: np.ndarray) -> list[WatchEvent]:
         worse = self._recent > WORSE**2 * np.where(np.isfinite(self._reference), self._reference, np.inf) ** 2
         self._worse = np.where(worse, self._worse + row.seconds * used, 0.0)
-        if self._told or not np.any(self._worse > HOLDS):
-            self._told = self._told and bool(worse.any())
+        if self._reported or not np.any(self._worse > HOLDS):
+            self._reported = self._reported and bool(worse.any())
             return []
-        self._told = True
+        self._reported = True
         j = int(np.argmax(self._worse))
         now = Estimate(float(np.sqrt(self._recent[j])), float(self._filter.noise[j]) / np.sqrt(RECENT), "N*m")
         joint = self._arm.joint_names[j]

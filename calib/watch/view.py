@@ -69,14 +69,14 @@ class WatchView:
                 _number(p.residual[j]), _number(f.temperature), f"{p.seconds[j]:.0f}",
             )  # fmt: skip
         good = CONSISTENT[0] < p.nis < CONSISTENT[1]
-        told = (
+        consistency = (
             "–" if np.isnan(p.nis) else f"{p.nis:.2f}" + ("" if good else f", expected {CONSISTENT[0]:g} to {CONSISTENT[1]:g}")
         )
         done = f"   {share:.0%}" if share else ""
         return Group(
             Text(f"{self._title}   {p.t:.1f} s{done}", style="bold"),
             Text(printable(p.sentence)),
-            Text.assemble("consistency (NIS/degrees) ", (told, "" if good or np.isnan(p.nis) else "yellow")),
+            Text.assemble("consistency (NIS/degrees) ", (consistency, "" if good or np.isnan(p.nis) else "yellow")),
             grid,
             *(
                 Text(line(e), style="bold red" if e.level >= ERROR else "yellow" if e.level >= WARN else "")

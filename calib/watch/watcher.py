@@ -1,4 +1,4 @@
-"""A watcher takes readings, one after the other, and says what changed about the arm. It only ever reads.
+"""A watcher takes readings, one after the other, and reports what changed about the arm. It only ever reads.
 
 Blocks of about 20 ms make rows of the momentum balance; the filter follows payload and friction; load, wear and validity decide.
 """
@@ -22,14 +22,14 @@ from sim.arm import Arm
 from sim.joint_state import JointState
 
 BLOCK = 0.02  # s
-AGAIN = 10.0  # s before the same kind of fault is told again
+AGAIN = 10.0  # s before the same kind of fault is reported again
 NIS_MEMORY = 10.0  # s of motion
 DECLARED_SHARE = 0.05  # of the declared mass that it may be off
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What somebody says is mounted at the flange: kg, m in the last link's frame, and who says it."""
+    """The declared payload at the flange: kg, m in the last link's frame, and who declared it."""
 
     mass: float
     com: tuple[float, float, float]
@@ -41,7 +41,7 @@ class Picture:
     """What a watcher believes now.
 
     nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
-    consistent, NaN before the first motion. seconds (n,) of motion that told something; residual (n,) N m RMS that nothing explains;
+    consistent, NaN before the first motion. seconds (n,) of informative motion; residual (n,) N m RMS that nothing explains;
     hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves.
     """
 
@@ -96,7 +96,7 @@ class Watcher:
         self._standing = Standing(arm)
         self._push = np.nan  # when the push began that was reported last
         self._temperature = np.full(arm.n, np.nan)
-        self._told: dict[Kind, float] = {}
+        self._reported_at: dict[Kind, float] = {}
         self._faults: dict[str, int] = {}
         self._nis = np.nan
         self._samples = 0
@@ -120,7 +120,7 @@ class Watcher:
             events += self._joined(sample)
         if fault is not None:
             events += self._rest() + self._faulty(fault)
-        # an event is told when the newest reading is there, not when the block ended that shows it
+        # an event is reported when the newest reading is there, not when the block ended that shows it
         return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
 
     def _joined(self, sample: Sample) -> list[WatchEvent]:
@@ -142,7 +142,7 @@ class Watcher:
         return [] if row is None else self._wear_of(row)
 
     def picture(self) -> Picture:
-        """What is believed now."""
+        """The estimates now."""
         return Picture(
             t=self._row.t if self._row is not None else np.nan, payload=self._load.mass(), com=self._load.com() if self._load.settled else None,
             settled=self._load.settled, deciding=self._load.deciding, fits=self._validity.fits, friction=self._wear.now(self._temperature),
@@ -169,7 +169,7 @@ class Watcher:
         return events + self._compared(row)
 
     def _compared(self, row: Row) -> list[WatchEvent]:
-        """Whether what is declared is what is mounted; told once for every declared value."""
+        """Whether what is declared is what is mounted; reported once for every declared value."""
         declared = self.declared
         if declared is None or not self._validity.fits or self._load.deciding or self._complained == declared.mass:
             return []
@@ -200,14 +200,14 @@ class Watcher:
         return [ended] if self._push == push.start else [began, ended]
 
     def _faulty(self, fault: Fault) -> list[WatchEvent]:
-        """A balance never reaches across a fault; the same kind of fault is told at most every `AGAIN` seconds."""
+        """A balance never reaches across a fault; the same kind of fault is reported at most every `AGAIN` seconds."""
         self._delay.clear()
         self._balance.forget()
         self._standing.forget()
         self._faults[fault.kind.value] = self._faults.get(fault.kind.value, 0) + 1
-        if fault.t - self._told.get(fault.kind, -np.inf) < AGAIN:
+        if fault.t - self._reported_at.get(fault.kind, -np.inf) < AGAIN:
             return []
-        self._told[fault.kind] = fault.t
+        self._reported_at[fault.kind] = fault.t
         return [
             WatchEvent(fault.kind, fault.t, (fault.t, fault.t), f"{fault.message}; left out, it says nothing about the arm")
         ]

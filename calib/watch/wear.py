@@ -51,7 +51,7 @@ class WearWatch:
         self._moved = np.zeros(n)
         self._square = np.zeros(n)
         self._sure = np.zeros(n)
-        self._told = np.zeros(n, dtype=bool)
+        self._reported = np.zeros(n, dtype=bool)
         self._due = 0.0
 
     def now(self, temperature: np.ndarray) -> list[JointFriction]:
@@ -82,8 +82,8 @@ class WearWatch:
         seconds, self._due = self._due, 0.0
         beyond, which = self._beyond(temperature)
         self._sure = np.where(beyond, self._sure + seconds * used, 0.0)
-        events = [self._event(row.t, int(j), int(which[j])) for j in np.flatnonzero((self._sure >= HOLDS) & ~self._told)]
-        self._told = (self._told & beyond) | (self._sure >= HOLDS)
+        events = [self._event(row.t, int(j), int(which[j])) for j in np.flatnonzero((self._sure >= HOLDS) & ~self._reported)]
+        self._reported = (self._reported & beyond) | (self._sure >= HOLDS)
         return events
 
     def _values(self) -> np.ndarray:

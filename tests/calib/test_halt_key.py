@@ -1,4 +1,4 @@
-"""The key that stops is heard on a terminal without Enter, other keys are not, and the terminal is given back as it was."""
+"""The key that stops is read on a terminal without Enter, other keys are not, and the terminal is given back as it was."""
 
 import io
 import os
@@ -58,7 +58,7 @@ def test_the_terminal_is_restored_after_an_error(terminal: tuple[int, io.TextIOW
 def test_what_is_no_terminal_is_not_listened_to() -> None:
     with HaltKey(io.StringIO("h")) as key:
         assert key.reason() is None
-        assert not key.heard
+        assert not key.listening
 
 
 def test_in_the_background_of_a_terminal_the_run_goes_on_without_the_key() -> None:
@@ -69,7 +69,7 @@ def test_in_the_background_of_a_terminal_the_run_goes_on_without_the_key() -> No
         "job = os.fork()\n"
         "if job == 0:\n"
         "    os.setpgid(0, 0)\n"
-        "    with HaltKey(sys.stdin) as key: os._exit(10 + key.heard)\n"
+        "    with HaltKey(sys.stdin) as key: os._exit(10 + key.listening)\n"
         "state = os.waitpid(job, os.WUNTRACED)[1]\n"
         "if os.WIFSTOPPED(state): os.kill(job, 9)\n"
         "sys.exit(os.WEXITSTATUS(state) if os.WIFEXITED(state) else 1)"

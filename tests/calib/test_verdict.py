@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.verdict import GOOD_SHARE, Verdict, judged
+from calib.verdict import GOOD_SHARE, Verdict, assess
 
 NAMES = ("a", "b", "c", "d")
 SIGNAL, MOST = np.full(4, 10.0), np.full(4, 100.0)
@@ -25,7 +25,7 @@ NAN = float("nan")
     ],
 )
 def test_the_worst_joint_decides(left: tuple[float, ...], verdict: Verdict, code: int, worst: str | None) -> None:
-    found = judged(NAMES, np.array(left) * SIGNAL, SIGNAL, MOST)
+    found = assess(NAMES, np.array(left) * SIGNAL, SIGNAL, MOST)
     assert found.verdict is verdict
     assert found.verdict.exit_code == code
     claim = found.claim("arm", "the log")
@@ -38,13 +38,13 @@ def test_the_worst_joint_decides(left: tuple[float, ...], verdict: Verdict, code
 def test_a_joint_that_hardly_bears_anything_is_judged_by_its_largest_torque() -> None:
     signal = np.array([10.0, 10.0, 10.0, 1.0])
     small = np.array([0.1, 0.1, 0.1, 0.45])
-    assert judged(NAMES, small, signal, MOST).verdict is Verdict.GOOD
-    assert judged(NAMES, small, signal, MOST, most=0.2).verdict is Verdict.POOR
-    assert judged(NAMES, small, signal, np.full(4, np.inf)).verdict is Verdict.POOR
+    assert assess(NAMES, small, signal, MOST).verdict is Verdict.GOOD
+    assert assess(NAMES, small, signal, MOST, most=0.2).verdict is Verdict.POOR
+    assert assess(NAMES, small, signal, np.full(4, np.inf)).verdict is Verdict.POOR
 
 
 def test_max_error_is_the_limit_of_every_joint() -> None:
     residual = np.array([1.0, 3.0, 1.0, 1.0])
-    assert judged(NAMES, residual, SIGNAL, MOST, most=0.3).verdict is Verdict.GOOD
-    assert judged(NAMES, residual, SIGNAL, MOST, most=0.29).verdict is Verdict.POOR
-    assert judged(NAMES, residual, SIGNAL, MOST, most=0.0).verdict is Verdict.POOR
+    assert assess(NAMES, residual, SIGNAL, MOST, most=0.3).verdict is Verdict.GOOD
+    assert assess(NAMES, residual, SIGNAL, MOST, most=0.29).verdict is Verdict.POOR
+    assert assess(NAMES, residual, SIGNAL, MOST, most=0.0).verdict is Verdict.POOR

@@ -67,7 +67,7 @@ def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:
     gate = LiveGate(base("servo6 2")[0], "a-cell", 100.0)
     standing = JointState(0.0, 0.0, log.q[0], 0 * log.q[0], log.tau[0], log.current[0], log.temperature[0])
     assert all(gate.add(replace(standing, t=0.01 * k, t_device=0.01 * k)) is None for k in range(3000))
-    assert gate._asked is None
+    assert gate._pending is None
     assert gate.end() is None
 
 

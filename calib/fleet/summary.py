@@ -17,18 +17,18 @@ def sentence(fleet: Fleet) -> str:
     rows = fleet.rows
     done = [row for row in rows if row["status"] == "done"]
     deviating = [row for row in done if deviates(row)]
-    told = f"{len(done)} of {len(rows)} arms judged"
-    told += (
+    text = f"{len(done)} of {len(rows)} arms judged"
+    text += (
         f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else ", none deviates" if done else ""
     )
     if len(done) < len(rows):
-        told += f"; {len(rows) - len(done)} could not be judged"
+        text += f"; {len(rows) - len(done)} could not be judged"
     if fleet.unassigned:
         few = len(fleet.unassigned) == 1
-        told += (
+        text += (
             f"; {len(fleet.unassigned)} recording{' does' if few else 's do'} not say whose {'it is' if few else 'they are'}"
         )
-    return told
+    return text
 
 
 def arm_rows(fleet: Fleet) -> list[list[Any]]:
@@ -60,7 +60,7 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
 
 
 def trouble_rows(fleet: Fleet) -> list[list[str]]:
-    """Arm, status, why: arms that could not be judged, and recordings that could not be used."""
+    """Arm, status, why: arms that could not be assessed, and recordings that could not be used."""
     out = [[row["arm"], Status[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"]
     out += [
         [row["arm"], "judged without a recording", bad]
@@ -73,7 +73,7 @@ def trouble_rows(fleet: Fleet) -> list[list[str]]:
 
 
 def since(effect: Mapping[str, Any]) -> str:
-    """Since when an effect has been there, as far as the recordings tell."""
+    """Since when an effect has been there, as far as the recordings show."""
     when = str(effect["since"])[:10]
     if not when:
         return "not seen alone"
