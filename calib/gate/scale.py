@@ -14,7 +14,7 @@ from calib.gate.readings import OVER_LOAD, SHARE
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-INFORMATIVE = 0.12  # of a joint's reading that its masses make, for its scale to be estimated
+INFORMATIVE = 0.12  # of a joint's reading that its masses make, for its scale to be estimated; and more than what nothing explains
 SURE = 4.0  # standard deviations
 ODD, ODD_ALONE, ODD_LOADED = (
     4.0,
@@ -43,7 +43,8 @@ class Scale:
 def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
     """The scale of every joint; loads in N m."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        good = (fit.signal > INFORMATIVE * fit.size) & (fit.scale > SURE * fit.scale_std) & (fit.left < LEAST_LEFT * fit.size)
+        shown = fit.signal > np.maximum(INFORMATIVE * fit.size, fit.left)
+        good = shown & (fit.scale > SURE * fit.scale_std) & (fit.left < LEAST_LEFT * fit.size)
         log_scale = np.where(good, np.log(np.where(good, fit.scale, 1.0)), np.nan)
         std = np.where(good, fit.scale_std / np.where(good, fit.scale, 1.0), np.nan)
         limit = np.where(np.isfinite(arm.tau_max) & (arm.tau_max > 0), arm.tau_max, np.inf)
