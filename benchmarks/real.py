@@ -159,11 +159,11 @@ def errors(prediction: Path, recording: Path, cutoff: float) -> tuple[np.ndarray
     return (measured - predicted)[keep], measured[keep]
 
 
-def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path) -> tuple[np.ndarray, np.ndarray]:
+def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path, stage: str) -> tuple[np.ndarray, np.ndarray]:
     """RMSE (n,) N m over the recordings kept apart, and the standard deviation of the torque there."""
     found = []
     for k, (log, recording) in enumerate(tests):
-        out = folder / f"{arm.parent.name}_{k}"
+        out = folder / f"predicted_{stage}_{k}"
         calib("validate", str(arm), str(log), "--no-forward", "--out", str(out))
         found.append(errors(out / "prediction.csv", recording, s.cutoff))
     e, tau = (np.concatenate(x) for x in zip(*found, strict=True))
@@ -196,7 +196,10 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     answer = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())
     for stage in ("identified", "diagnosed"):
-        rmse, spread = score(folder / stage / "arm", s, logs[1], folder)
+        where = (
+            folder / stage if (folder / stage / "arm").is_dir() else folder / "identified"
+        )  # where every correction was refused
+        rmse, spread = score(where / "arm", s, logs[1], folder, stage)
         ratio = rmse / np.array(s.reference) if s.reference else rmse / spread
         unit = "of plain least squares" if s.reference else "of the torque's standard deviation"
         rows.append({

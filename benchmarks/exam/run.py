@@ -68,7 +68,8 @@ def examine(case: Case, exam: Exam) -> Row:
     if (answer / "seconds.json").exists():
         row.cpu = json.loads((answer / "seconds.json").read_text(encoding="utf-8"))["cpu"]
     if exam.final and row.truth and row.answer:
-        for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", answer / "arm")):
+        corrected = answer / "arm" if (answer / "arm").is_dir() else folder / "arm.xml"
+        for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", corrected)):
             if not (exam.keep and (answer / tag / "prediction.csv").exists()):
                 run_calib(exam, answer / "exam.log", "validate", arm, folder / "final.mcap", "--out", answer / tag)
         row.ratio = after_over_before(answer / "nominal" / "prediction.csv", answer / "corrected" / "prediction.csv")

@@ -66,8 +66,8 @@ def refused(n: Numbers) -> str:
 
 def refit(n: Numbers) -> str:
     moves = [
-        f"{m['parameter']}{' at ' + m['joint'] if m['joint'] else ''} {m['change']:+.3g} {unit(m['unit'])} "
-        f"({abs(m['prior_deviations']):.0f} times its tolerance)"
+        f"{m['name']}{' at ' + m['joint'] if m['joint'] else ''} {m['to'] - m['from']:+.3g} {unit(m['unit'])} "
+        f"({abs(m['to'] - m['from']) / m['prior_std']:.0f} times its tolerance)"
         for m in n["parameters"][:4]
     ]
     return f"A parameter refit without any effect moves {listed(moves)}"

@@ -31,7 +31,7 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     keys = ("effect", "joint", "chance", "experiment")
     out += [Claim("possible", {key: x[key] for key in keys}) for x in answer.get("possible", [])]
     out += [Claim("refused", {"text": text}) for text in answer.get("refused", [])]
-    far = [m for m in answer.get("calibration", []) if abs(m["prior_deviations"]) > FAR]
+    far = [m for m in answer.get("calibration", []) if abs(m["to"] - m["from"]) > FAR * m["prior_std"]]
     return (*out, Claim("refit", {"parameters": far})) if far else tuple(out)
 
 

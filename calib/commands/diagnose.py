@@ -63,12 +63,16 @@ def command(
         else:
             found, _ = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))
         found.write(folder, subject)
+        answer = found.answer
         advance(0, "comparing before and after")
         shown = evidence.of_diagnosis(
-            subject, load_arm(str(folder / "arm")), apart[0] if apart else logs[len(logs) - 1], found, apart[1:]
+            subject,
+            load_arm(str(folder / "arm")) if answer["arm_out"] else subject,
+            apart[0] if apart else logs[len(logs) - 1],
+            found,
+            apart[1:],
         )
         page.write(folder / "report.html", found.answer, shown, subject)
-    answer = found.answer
     conclude(page.sentence(answer))
     code = {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)
     if as_json:
@@ -91,5 +95,5 @@ def command(
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")
     console.conclusion(page.sentence(answer), page.next_steps(answer))
-    console.say(f"{folder}: diagnosis.json, arm/, report.html")
+    console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] else ''}report.html")
     return code

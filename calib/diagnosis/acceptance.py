@@ -50,6 +50,17 @@ class Judged:
         return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.worse > WORSE)
 
     @property
+    def refusal(self) -> str:
+        """Why motions that were not fitted speak against it."""
+        where = f" at {self.effect.joint}" if self.effect.joint else ""
+        why = (
+            f"the torque error of a joint that it concerns rises by {self.worse:.0%}"
+            if self.worse > WORSE
+            else "their likelihood falls"
+        )
+        return f"{self.effect.effect}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
+
+    @property
     def doubtful(self) -> bool:
         """Whether it may as well be nothing, or brings little more than its price where others would bring the same."""
         return self.nothing or (bool(self.rivals) and self.lost < price(self.effect) + APART)

@@ -36,12 +36,14 @@ class Diagnosis:
         self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
 
     def write(self, folder: Path, arm: Arm) -> None:
-        """diagnosis.json and the corrected arm; a contact is an event and does not belong to the arm."""
+        """diagnosis.json, and the corrected arm unless every correction was refused; a contact is an event and does not belong to the arm."""
+        (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
+        if self.answer["arm_out"] is None:
+            return
         change = self.correction or Correction({}, ())
         stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
         why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
-        write_arm(folder / "arm", arm, effects=change.effects, inertials=change.inertials, provenance=why)
-        (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
+        write_arm(folder / self.answer["arm_out"], arm, effects=change.effects, inertials=change.inertials, provenance=why)
 
 
 def unusable(arm: Arm, trusted: Sequence[Check]) -> Diagnosis:

@@ -11,68 +11,91 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import DELAY_SPREAD, centre_size, spreads
+from calib.diagnosis.model import DELAY_MEAN, DELAY_SPREAD, centre_size, spreads
+from calib.diagnosis.rows import Solved
 from sim.arm import Arm
 
 MOVED, EVIDENT = 1.0, 9.0  # prior standard deviations, and Wald statistic, to be listed
 FRICTION = {
-    "Fc": ("Coulomb friction", "coulomb", "N*m"),
-    "Fv": ("viscous friction", "viscous", "N*m*s/rad"),
-    "Ia": ("reflected inertia", "rotor", "kg*m^2"),
-    "offset": ("torque offset", "offset", "N*m"),
+    "Fc": ("Coulomb friction", "coulomb_friction", "coulomb", "N*m"),
+    "Fv": ("viscous friction", "viscous_friction", "viscous", "N*m*s/rad"),
+    "Ia": ("reflected inertia", "rotor_inertia", "rotor", "kg*m^2"),
+    "offset": ("torque offset", "torque_offset", "offset", "N*m"),
 }
 
 
 @dataclass(frozen=True)
 class Moved:
-    """One number of the arm: what it is, its change and unit, in prior standard deviations, and the Wald statistic of that change."""
+    """One number of the arm: its value before and after the refit, its standard deviation then and that of its prior, and gap_share.
 
-    what: str
+    gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought.
+    """
+
+    name: str
     joint: str | None
-    change: float
+    before: float
+    after: float
     unit: str
-    deviations: float
-    evidence: float
+    std: float
+    prior_std: float
+    gap_share: float
+
+    @property
+    def deviations(self) -> float:
+        """Prior standard deviations by which it moved."""
+        return (self.after - self.before) / self.prior_std
 
     def entry(self) -> dict[str, object]:
         """As diagnosis.json has it."""
         return {
-            "parameter": self.what,
-            "joint": self.joint,
-            "change": self.change,
-            "unit": self.unit,
-            "prior_deviations": self.deviations,
-            "wald": self.evidence,
-        }
+            "name": self.name, "joint": self.joint, "from": self.before, "to": self.after, "unit": self.unit, "std": self.std,
+            "prior_std": self.prior_std, "gap_share": self.gap_share,
+        }  # fmt: skip
 
 
 def calibration(refit: Fit) -> list[Moved]:
     """The numbers that moved by more than a prior standard deviation and significantly, farthest first."""
-    arm, names = refit.hypothesis.start, refit.models[0].names
-    theta, variance = refit.solved.theta, np.diag(refit.solved.inverse)
-    out = []
-    for name, moved, spread in zip(names, theta, variance, strict=False):
-        evidence = float(moved**2 / max(float(spread), 1e-12))
+    arm, solved = refit.hypothesis.start, refit.solved
+    theta, variance = solved.theta, np.maximum(np.diag(solved.inverse), 1e-12)
+    brought, out = _brought(solved), []
+    for name, moved, spread in zip(refit.models[0].names, theta, variance, strict=False):
+        evidence = float(moved**2 / spread)
         if abs(moved) >= MOVED and evidence >= EVIDENT and (found := _meaning(arm, name)) is not None:
-            what, joint, unit, size = found
-            out.append(Moved(what, joint, float(moved) * size, unit, float(moved), evidence))
+            what, joint, value, unit, size = found
+            share = min(1.0, evidence / max(brought, 1e-12))
+            out.append(Moved(what, joint, value, value + float(moved) * size, unit, float(np.sqrt(spread)) * size, size, share))
     return sorted(out, key=lambda x: -abs(x.deviations))
 
 
-def _meaning(arm: Arm, name: str) -> tuple[str, str | None, str, float] | None:
-    """What a nuisance parameter is, its joint, its unit and one prior standard deviation of it."""
+def _brought(solved: Solved) -> float:
+    """Fall of chi2 by the whole refit."""
+    fall = 0.0
+    for j, (r, left) in enumerate(zip(solved.rows.r, solved.left(), strict=True)):
+        fall += float(np.sum(solved.noise.whiten(j, r, solved.rows.joined[j]) ** 2) - np.sum(left**2))
+    return fall
+
+
+def _meaning(arm: Arm, name: str) -> tuple[str, str | None, float, str, float] | None:
+    """What a nuisance parameter is, its joint, the arm's own value, its unit and one prior standard deviation of it."""
     if name == "delay":
-        return "delay of the torque reading", None, "ms", 1e3 * DELAY_SPREAD
+        return "delay of the torque reading", None, 1e3 * DELAY_MEAN, "ms", 1e3 * DELAY_SPREAD
     match = re.fullmatch(r"(m|cx|cy|cz|I|Fc|Fv|Ia|offset)_(\d+)", name)
     if match is None:
         return None
     kind, j = match[1], int(match[2]) - 1
     joint, prior = arm.joint_names[j], arm.prior
     if kind in FRICTION:
-        what, key, unit = FRICTION[kind]
-        return what, joint, unit, float(spreads(arm)[key][j])
+        what, effect, key, unit = FRICTION[kind]
+        own = arm.effect(effect, joint)
+        return what, joint, next(iter(own.parameters.values())) if own else 0.0, unit, float(spreads(arm)[key][j])
     if kind == "m":
-        return "mass of the link", joint, "kg", float(prior.mass * arm.tree.mass[j])
+        return "mass of the link", joint, float(arm.tree.mass[j]), "kg", float(prior.mass * arm.tree.mass[j])
     if kind == "I":
-        return "inertia of the link", joint, "times", float(prior.inertia)
-    return f"centre of mass along {kind[1]}", joint, "m", float(prior.com * centre_size(arm, j))
+        return "inertia of the link", joint, 1.0, "times", float(prior.inertia)
+    return (
+        f"centre of mass along {kind[1]}",
+        joint,
+        float(arm.tree.com[j]["xyz".index(kind[1])]),
+        "m",
+        float(prior.com * centre_size(arm, j)),
+    )

@@ -43,11 +43,12 @@ def diagnose(
     start = with_unstated(arm, fitted)
     found = search(fitted, Hypothesis.nominal(start), progress)
     progress("weighing the names")
-    judged = []
+    judged, vetoed = [], []
     for ask_rivals in (False, True) if apart else (True,):
         judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
         while refused := [i for i, j in enumerate(judged) if j.vetoed or j.doubtful]:
             worst = min(refused, key=lambda i: judged[i].held_out)
+            vetoed += [judged[worst].refusal] if judged[worst].vetoed else []
             found.best = without(fitted, found.best, worst)
             judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
     progress("looking at what is left")
@@ -84,12 +85,15 @@ def diagnose(
     change = promotion.change or (refit if start is not arm else None)
     gap = _gaps(arm, {"refit": refit, "after": change}, start, shown)
     result = answer(arm, verdict, entries, [u.entry() for u in odd], gap, shown[0].name, trusted)
+    refusals = [*dict.fromkeys(vetoed), *[r.text for r in promotion.refused]]
+    if change is None and refusals:
+        result["arm_out"] = None
     result["gap"]["held_out"] = bool(apart)
     result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
     result |= {
         "noise_source": "what an additive basis and all candidate effects leave of the recordings",
         "possible": [] if odd else possible(found.ladder[-1] if found.ladder else [], tried(arm.n), have, brought),
-        "refused": [r.text for r in promotion.refused],
+        "refused": refusals,
         "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],
         "calibration": [x.entry() for x in calibration(found.baseline)],

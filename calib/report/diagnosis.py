@@ -74,10 +74,12 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
     lasting = [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
     if verdict == "effects_found" and not lasting:
         steps.append("Look what the arm touches, and repeat the recording without it: the arm's model stays as it is.")
-    elif verdict == "effects_found":
+    elif verdict == "effects_found" and diagnosis["arm_out"]:
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
+    elif diagnosis["arm_out"] is None and diagnosis.get("refused"):
+        steps.append("The arm stays as it was: no correction that was tried predicts these recordings better.")
     elif verdict == "no_missing_effect":
         steps.append("Nothing to do: the model agrees with these recordings.")
     elif verdict == "unexplained":

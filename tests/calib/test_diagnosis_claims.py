@@ -134,7 +134,10 @@ def test_recordings_that_cannot_be_used_claim_their_causes_and_nothing_else(
     }
 
 
-MOVES = [{"parameter": "mass", "joint": "elbow_joint", "change": 0.3, "unit": "kg", "prior_deviations": d} for d in (9.0, -2.0)]
+MOVES = [
+    {"name": "mass", "joint": "elbow_joint", "from": 12.0, "to": 12.0 + 0.1 * d, "unit": "kg", "prior_std": 0.1}
+    for d in (9.0, -2.0)
+]
 LAW = {"joint": "elbow_joint", "formula": "3.1 z(0.003)", "rms_without": 2.0, "rms_with": 1.5}
 
 
@@ -166,7 +169,7 @@ def test_what_else_is_claimed() -> None:
     assert set(made) == {"missing", "removed", "motion", "alike", "law", "possible", "refused", "refit"}
     assert "20 mm with the nominal arm" in made["motion"].sentence
     assert "25%" in made["law"].sentence
-    assert [abs(m["prior_deviations"]) > FAR for m in made["refit"].numbers["parameters"]] == [True]
+    assert [m["to"] - m["from"] > FAR * m["prior_std"] for m in made["refit"].numbers["parameters"]] == [True]
     assert made["alike"].sentence.endswith("cannot be distinguished from payload")
     assert len(remarks(answer)) == 6
     assert made["possible"].sentence.endswith(

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from calib.diagnosis.corrected import Correction
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import _Written, promoted
 from calib.diagnosis.selection import Scored, add, started
 from calib.preprocessing import Measurement
+from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import at, recording
 
@@ -83,3 +88,18 @@ def test_neighbouring_rows_that_say_the_same_count_less() -> None:
 
 def _written(errors: np.ndarray) -> _Written:
     return _Written(Correction({}, ()), (), errors, np.sqrt(np.mean(errors**2, axis=0)))
+
+
+def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_path: Path) -> None:
+    found = diagnose(ur10e, [recording(ur10e, 1, SPRING), recording(ur10e, 2, SPRING)], [recording(ur10e, 3)])
+    found.write(tmp_path, ur10e)
+    answer = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert answer["effects"] == []
+    assert any(text.startswith("joint_spring at elbow_joint was fitted and is left out") for text in answer["refused"])
+    assert answer["arm_out"] is None
+    assert not (tmp_path / "arm").exists()
+    assert answer["gap"]["after"] == answer["gap"]["before"]
+    for moved in answer["calibration"]:
+        assert abs(moved["to"] - moved["from"]) >= moved["prior_std"]
+        assert 0 <= moved["gap_share"] <= 1
+    assert not any("Nothing to do" in step for step in next_steps(answer))

@@ -44,9 +44,9 @@ def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
 def test_what_else_was_found_is_said() -> None:
     """Fitted laws with what they remove, refused effects, and parameters that a refit moves far; small moves are left out."""
     moves = [
-        {"parameter": "mass", "joint": "elbow_joint", "change": 0.31, "unit": "kg", "prior_deviations": 6.2},
-        {"parameter": "viscous friction", "joint": "elbow_joint", "change": 0.1, "unit": "N*m*s/rad", "prior_deviations": -2.9},
-        {"parameter": "base tilt", "joint": None, "change": -0.02, "unit": "rad", "prior_deviations": -4.0},
+        {"name": "mass", "joint": "elbow_joint", "from": 12.0, "to": 12.31, "unit": "kg", "prior_std": 0.05},
+        {"name": "viscous friction", "joint": "elbow_joint", "from": 1.0, "to": 1.1, "unit": "N*m*s/rad", "prior_std": 0.0345},
+        {"name": "base tilt", "joint": None, "from": 0.0, "to": -0.02, "unit": "rad", "prior_std": 0.005},
     ]
     law = {"joint": "wrist_1_joint", "formula": "3.1 z(0.003)", "rms_without": 2.0, "rms_with": 1.5}
     data = examples.diagnosis()[0] | {
