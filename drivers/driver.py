@@ -20,8 +20,8 @@ from sim.joint_state import JointState, Status
 class DeviceInfo:
     """What a device says of itself on connecting; recorded with every log.
 
-    payload_mass (kg) and payload_com (3,) (m, last link's frame) are what the device believes; None where it does not say.
-    gravity (3,) m/s^2 in the base frame, from the mounting the device believes; None where it does not say.
+    payload_mass (kg) and payload_com (3,) (m, last link's frame) are what the device assumes; None where it does not report them.
+    gravity (3,) m/s^2 in the base frame, from the mounting the device assumes; None where it does not report it.
     """
 
     model: str
@@ -52,7 +52,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class DeviceStop:
-    """How the device brakes on its own when told to stop or when the link is lost; `safety.clear` proves room for it.
+    """How the device brakes on its own when commanded to stop or when the link is lost; `safety.clear` proves room for it.
 
     reaction s: for so long it may go on at the last speed; deceleration rad/s^2 after that, of every joint, or with `proportional`
     of the fastest joint while the others keep their share of its speed. The default is slower than any device that we know of.
@@ -96,7 +96,7 @@ class Driver(ABC):
     def listen(self) -> DeviceInfo:
         """Open the connection only to read, while something else moves the arm: nothing is sent that could change the device.
 
-        `send` stays refused until `connect`. DeviceError where a device of this kind cannot be read without being asked.
+        `send` stays refused until `connect`. DeviceError where a device of this kind cannot be read without a request.
         """
         raise DeviceError(
             f"{self.arm.name}: its devices answer only the program that commands them, so nobody can listen beside it; record a log "
@@ -108,7 +108,7 @@ class Driver(ABC):
         return self.connect()
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
-        """Mass kg and centre of mass m (last link's frame) that the device now believes to carry; None where it does not say."""
+        """Mass kg and centre of mass m (last link's frame) that the device now assumes as payload; None where it does not report it."""
         return None
 
     @abstractmethod
@@ -139,7 +139,7 @@ class Driver(ABC):
         return ""
 
     def checks(self) -> list[Check]:
-        """What this kind of device is asked before motion, beyond `drivers.preflight`; connected, and without moving it."""
+        """Checks of this kind of device before motion, beyond `drivers.preflight`; connected, and without moving it."""
         return []
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:

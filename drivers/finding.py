@@ -43,12 +43,12 @@ class Adapter:
 def own_networks() -> list[ipaddress.IPv4Network]:
     """The private networks of this computer, each no wider than 256 addresses about its own; loopback is none."""
     found = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
             request = struct.pack("256s", name.encode()[:15])
             try:
                 address, mask = (
-                    socket.inet_ntoa(fcntl.ioctl(asking.fileno(), code, request)[20:24]) for code in (_ADDRESS, _NETMASK)
+                    socket.inet_ntoa(fcntl.ioctl(probe.fileno(), code, request)[20:24]) for code in (_ADDRESS, _NETMASK)
                 )
             except OSError:  # an interface without an IPv4 address
                 continue
@@ -64,22 +64,22 @@ def robots(hosts: Iterable[str]) -> list[Robot]:
     """The UR controllers among these hosts, by their dashboard servers (PolyScope X has none: name its host in the cell file)."""
     addresses = list(hosts)[:MOST_HOSTS]
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        answers = pool.map(_asked, addresses)
-        return [found for found in answers if found is not None]
+        found_robots = pool.map(_robot_at, addresses)
+        return [found for found in found_robots if found is not None]
 
 
-def _asked(host: str) -> Robot | None:
+def _robot_at(host: str) -> Robot | None:
     try:
         socket.create_connection((host, dashboard.PORT), timeout=PATIENCE).close()
-        (told,) = dashboard.ask(host, "PolyscopeVersion")
-        number = re.search(r"(\d+)\.(\d+)[.\d]*", told)
+        (polyscope,) = dashboard.ask(host, "PolyscopeVersion")
+        number = re.search(r"(\d+)\.(\d+)[.\d]*", polyscope)
         if number is None:
             return None
         version = (int(number[1]), int(number[2]))
-        said = dashboard.said(host, version, 0)
+        info = dashboard.controller_info(host, version, 0)
     except (OSError, DeviceError, UnicodeError):
         return None  # nobody, or something else on that port
-    return Robot(host, said.polyscope, said.model, said.serial, tuple(family.called(said.model, version[0])))
+    return Robot(host, info.polyscope, info.model, info.serial, tuple(family.called(info.model, version[0])))
 
 
 def can_adapters() -> list[Adapter]:

@@ -89,7 +89,7 @@ class MockDriver(Driver):
             if self._stopping is not None:
                 self._decelerate()
             elif not self._commanded:
-                # a drive closes its loop, told something new or not
+                # a drive closes its loop, commanded something new or not
                 self.plant.command(self._q_cmd, self._dq_cmd, self._tau_cmd)
             self._commanded = False
             self.plant.advance(period)

@@ -33,7 +33,7 @@ UNEVEN = 0.15
 
 
 def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
-    """The checks of a connected driver: those that every device is asked, and those of its own kind (`driver.checks`).
+    """The checks of a connected driver: those of every device, and those of its own kind (`driver.checks`).
 
     Reads `seconds` of samples; sends nothing.
     """
@@ -75,8 +75,8 @@ def _identity(arm: Arm, info: DeviceInfo) -> Check:
 
 
 def _status(driver: Driver, state: JointState) -> Check:
-    said = state.status.value + (f": {state.detail}" if state.detail else "")
-    return Check("status", state.status in driver.ready, said, "bring the device to its running state and check again")
+    text = state.status.value + (f": {state.detail}" if state.detail else "")
+    return Check("status", state.status in driver.ready, text, "bring the device to its running state and check again")
 
 
 def _position(arm: Arm, states: list[JointState]) -> Check:
@@ -119,9 +119,9 @@ def _payload(cell: Cell, info: DeviceInfo) -> Check:
     com = np.array(declared.com if declared else (0.0, 0.0, 0.0))
     off = float(np.linalg.norm(np.array(info.payload_com) - com))
     ok = abs(info.payload_mass - mass) <= MASS_TOLERANCE and (mass <= MASS_TOLERANCE or off <= COM_TOLERANCE)
-    believed = ", ".join(f"{x:.3f}" for x in info.payload_com)
+    reported = ", ".join(f"{x:.3f}" for x in info.payload_com)
     return Check(
-        "payload", ok, f"the device believes {info.payload_mass:.3f} kg at ({believed}) m; the cell file declares {mass:.3f} kg",
+        "payload", ok, f"the device believes {info.payload_mass:.3f} kg at ({reported}) m; the cell file declares {mass:.3f} kg",
         "set the payload that is really mounted on the device, and the same in [payload] of the cell file",
         "payload-as-declared",
     )  # fmt: skip

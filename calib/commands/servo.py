@@ -161,8 +161,8 @@ def scan(
         if not as_json:
             console.table(
                 ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad rad/s N*m"],
-                [[f.name, "FD" if f.fd else "classical", f.told.serial or "not reported", f.told.firmware, _on(f), f.told.q,
-                  1e3 * f.told.watchdog, _ranges(f)] for f in found],
+                [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, _on(f), f.described.q,
+                  1e3 * f.described.watchdog, _ranges(f)] for f in found],
             )  # fmt: skip
             for note in result.notes:
                 console.say(note)
@@ -184,7 +184,7 @@ def scan(
         })  # fmt: skip
     elif out is not None:
         console.say(f"{out}: written; fill in its lines with TODO, then: calib check {out}")
-    problems = [problem for f in found for problem in f.told.problems]
+    problems = [problem for f in found for problem in f.described.problems]
     if problems:
         raise AnswerIsNo("; ".join(problems))
 
@@ -228,16 +228,16 @@ def _pairs(words: list[str]) -> dict[str, str | int]:
 
 
 def _on(found: Found) -> str:
-    return {True: "on", False: "off", None: "not reported"}[found.told.on]
+    return {True: "on", False: "off", None: "not reported"}[found.described.on]
 
 
 def _ranges(found: Found) -> str:
-    r = found.told.ranges
+    r = found.described.ranges
     return "not reported" if r is None else f"{r.q:g} {r.dq:g} {r.tau:g}"
 
 
 def _described(found: Found) -> dict[str, object]:
-    t = found.told
+    t = found.described
     return {
         "protocol": found.protocol, "node": found.node, "feedback": found.feedback, "fd": found.fd, "serial": t.serial, "firmware": t.firmware,
         "watchdog": t.watchdog, "ranges": t.ranges.model_dump() if t.ranges else None, "on": t.on, "q": t.q, "problems": t.problems,

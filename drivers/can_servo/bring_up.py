@@ -25,7 +25,7 @@ PROTOCOLS: dict[str, type[Drive]] = {
     "odrive": ODrive,
 }
 
-ANSWER_TIME, TRIES = 0.1, 3  # s for one answer, and how often it is asked for
+ANSWER_TIME, TRIES = 0.1, 3  # s for one answer, and how often it is requested
 LINGER = 0.003  # s in which a second drive with the same identifier would answer too
 QUIET_TIME = 0.05  # s of listening before the first frame
 
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 
 def make_drives(options: CanOptions) -> list[Drive]:
-    """The drives of a cell, not yet asked."""
+    """The drives of a cell, not yet contacted."""
     return [PROTOCOLS[servo.protocol or ""](servo, options) for servo in options.servos]
 
 
@@ -43,15 +43,15 @@ class Enquiry:
     def __init__(self, link: Link, clock: Clock, patience: float = ANSWER_TIME, tries: int = TRIES) -> None:
         self.link, self.clock, self.patience, self.tries = link, clock, patience, tries
 
-    def ask(self, message: can.Message, answers: Callable[[can.Message], T | None], what: str) -> T:
-        """The first answer that `answers` understands; NoAnswer where none comes, DeviceError where two do."""
+    def ask(self, message: can.Message, read: Callable[[can.Message], T | None], what: str) -> T:
+        """The first answer that `read` understands; NoAnswer where none comes, DeviceError where two do."""
         errors = self.link.error_frames
         for _ in range(self.tries):
             self.link.send([message])
             end = self.clock.now() + self.patience
             found: list[T] = []
-            while (heard := self.link.receive(end)) is not None:
-                answer = answers(heard)
+            while (received := self.link.receive(end)) is not None:
+                answer = read(received)
                 if answer is not None:
                     found.append(answer)
                     if len(found) == 1:
@@ -129,7 +129,7 @@ def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> 
 
 
 def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> list[float]:
-    """Each drive's silence timeout, set where it can be and read back, s; NaN where it cannot tell and the cell accepts that.
+    """Each drive's silence timeout, set where it can be and read back, s; NaN where it cannot be read and the cell accepts that.
 
     Without it a drive follows its last command for ever once the host has died, so an unread watchdog is a refusal.
     """

@@ -1,4 +1,4 @@
-"""Which drive moves which joint, and which way: somebody turns each joint by hand, and the drives are only asked where they stand."""
+"""Which drive moves which joint, and which way: somebody turns each joint by hand, and only the positions of the drives are read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
 
-OTHERS = 0.5  # part of what tells a turn that no other drive may move
+OTHERS = 0.5  # part of what counts as a turn that no other drive may move
 STILL = 0.02  # rad within STILL_TIME of a joint at rest
 STILL_TIME = 0.5  # s
 PATIENCE = 120.0  # s for one joint

@@ -1,4 +1,4 @@
-"""CubeMars AK drives in MIT mode; layout configs/can/cubemars.dbc. They tell neither ranges, nor watchdog, nor serial number."""
+"""CubeMars AK drives in MIT mode; layout configs/can/cubemars.dbc. They report neither ranges, nor watchdog, nor serial number."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, SelfDescription, data_frame
 
 
 class CubeMars(Drive):
@@ -28,7 +28,7 @@ class CubeMars(Drive):
         return message.arbitration_id, message.data[0]
 
     def is_command(self, message: can.Message) -> bool:
-        # A V1.x drive answers on its own identifier, so only the first byte tells its answer from another host's command.
+        # A V1.x drive answers on its own identifier, so only the first byte distinguishes its answer from another host's command.
         return not message.is_extended_id and message.arbitration_id == self.servo.node and self.key_of(message) != self.key
 
     def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
@@ -63,8 +63,8 @@ class CubeMars(Drive):
             return None
         return message.data[0], message.arbitration_id
 
-    def tell(self, ask: Ask) -> Told:
-        return Told(
+    def describe(self, ask: Ask) -> SelfDescription:
+        return SelfDescription(
             problems=(
                 f"{self.name}: it tells nothing of itself; ranges stand in its manual, and so does how its timeout is set",
             )

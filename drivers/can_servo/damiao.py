@@ -1,4 +1,4 @@
-"""Damiao drives in MIT mode; layout configs/can/damiao.dbc. They tell their ranges, watchdog, mode and serial number."""
+"""Damiao drives in MIT mode; layout configs/can/damiao.dbc. They report their ranges, watchdog, mode and serial number."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import can
 from pydantic import ValidationError
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame, told
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, SelfDescription, answer_or_none, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -27,7 +27,7 @@ ERRORS = {
 class Damiao(Drive):
     """One answer for each command, none unasked; an error stays until it is cleared.
 
-    `answers_refresh` is whether the firmware answers order CC; older ones are asked with the order off, which holds nothing up.
+    `answers_refresh` is whether the firmware answers order CC; older ones are polled with the order off, which holds nothing up.
     """
 
     protocol = "damiao"
@@ -67,7 +67,7 @@ class Damiao(Drive):
         )  # fmt: skip
 
     def identify(self, ask: Ask) -> Identity:
-        mode = self._told(ask, MODE)
+        mode = self._register_or_none(ask, MODE)
         if mode is None:
             return self._without_registers(ask)
         self._require_mit(mode)
@@ -82,8 +82,8 @@ class Damiao(Drive):
                 f"{stated.dq:g}, {stated.tau:g}; one of the two is wrong: correct the cell file, or the drive with the maker's tool"
             )
         self.set_ranges(ranges)
-        self._find_how_to_ask(ask)
-        serial, firmware, timeout = (self._told(ask, number) for number in (SERIAL, SOFTWARE, TIMEOUT))
+        self._find_state_request(ask)
+        serial, firmware, timeout = (self._register_or_none(ask, number) for number in (SERIAL, SOFTWARE, TIMEOUT))
         return Identity(
             "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
             math.nan if timeout is None else timeout * TICK, ranges,
@@ -100,9 +100,9 @@ class Damiao(Drive):
         node, what, register, raw = frames.register_reply(bytes(message.data))
         return (node, message.arbitration_id) if (what, register, raw) == (READ, ESC_ID, node) else None
 
-    def tell(self, ask: Ask) -> Told:
+    def describe(self, ask: Ask) -> SelfDescription:
         problems, ranges, reading = [], None, None
-        mode, serial, firmware, timeout = (self._told(ask, number) for number in (MODE, SERIAL, SOFTWARE, TIMEOUT))
+        mode, serial, firmware, timeout = (self._register_or_none(ask, number) for number in (MODE, SERIAL, SOFTWARE, TIMEOUT))
         try:
             self._require_mit(mode)
         except DeviceError as error:
@@ -110,13 +110,13 @@ class Damiao(Drive):
         try:
             ranges = self._spans(ask)
             self.set_ranges(ranges)
-            self._find_how_to_ask(ask)
+            self._find_state_request(ask)
             if self.answers_refresh:
                 reading = ask(self.refresh()[0], lambda m: self.decode(m) if self.key_of(m) == self.key else None, self.name)
         except DeviceError as error:
             problems.append(str(error))
         assert reading is None or isinstance(reading, Reading)
-        return Told(
+        return SelfDescription(
             "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
             math.nan if timeout is None else timeout * TICK, ranges, reading.on if reading else None, reading.q if reading else math.nan,
             (*problems, reading.error) if reading and reading.error else tuple(problems),
@@ -124,7 +124,7 @@ class Damiao(Drive):
 
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
         ticks = round(seconds / TICK)
-        before = self._told(ask, TIMEOUT)
+        before = self._register_or_none(ask, TIMEOUT)
         if before is None:
             return math.nan
         if before != ticks:
@@ -154,21 +154,21 @@ class Damiao(Drive):
         try:
             return RangeTable(q=spans[0], dq=spans[1], tau=spans[2])
         except ValidationError as error:
-            said = ", ".join(f"{x:g}" for x in spans)
+            read_back = ", ".join(f"{x:g}" for x in spans)
             raise DeviceError(
-                f"{self.name}: PMAX, VMAX, TMAX read as {said}; no drive spans that (0.1 to 10000 rad and rad/s, 0.01 to 10000 N m): set them "
+                f"{self.name}: PMAX, VMAX, TMAX read as {read_back}; no drive spans that (0.1 to 10000 rad and rad/s, 0.01 to 10000 N m): set them "
                 "with the maker's tool"
             ) from error
 
     def _without_registers(self, ask: Ask) -> Identity:
-        """A firmware that knows no registers: it is there, and says nothing of itself."""
+        """A firmware that knows no registers: it is there, and reports nothing of itself."""
         self.answers_refresh = False
         ask(self.disable(), lambda m: self.key_of(m) == self.key or None, f"{self.name}: registers and first order")
         ranges = self.stated_ranges()
         self.set_ranges(ranges)
         return Identity("", "unknown", math.nan, ranges)
 
-    def _find_how_to_ask(self, ask: Ask) -> None:
+    def _find_state_request(self, ask: Ask) -> None:
         """Older firmware does not answer the order that only asks for the state; then the order off is the question."""
         self.answers_refresh = True
         try:
@@ -179,9 +179,9 @@ class Damiao(Drive):
     def _frame(self, identifier: int, data: bytes) -> can.Message:
         return data_frame(identifier, data, fd=bool(self.servo.fd))
 
-    def _told(self, ask: Ask, number: int) -> int | None:
+    def _register_or_none(self, ask: Ask, number: int) -> int | None:
         """A register, or None for a firmware that does not have it."""
-        return told(lambda: self._read(ask, number))
+        return answer_or_none(lambda: self._read(ask, number))
 
     def _read(self, ask: Ask, number: int) -> int:
         return self._request(ask, READ, number, 0)
@@ -190,11 +190,11 @@ class Damiao(Drive):
         node = self.servo.node
 
         def reply(message: can.Message) -> int | None:
-            # A register reply carries the identifier of the feedback; only its first four bytes tell them apart.
+            # A register reply carries the identifier of the feedback; only its first four bytes distinguish them.
             if message.arbitration_id != self.servo.feedback or message.is_extended_id or message.dlc != 8:
                 return None
-            told, what, register, raw = frames.register_reply(bytes(message.data))
-            return raw if (told, what, register) == (node, order, number) else None
+            sender, what, register, raw = frames.register_reply(bytes(message.data))
+            return raw if (sender, what, register) == (node, order, number) else None
 
         answer = ask(
             self._frame(REGISTERS, frames.register(node, order, number, value)), reply, f"{self.name}: register {number}"

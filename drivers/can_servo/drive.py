@@ -21,16 +21,16 @@ class NoAnswer(DeviceError):
     """A drive did not answer a question; it may answer others."""
 
 
-# Sends a frame and returns what `answers` made of the first frame it did not return None for; NoAnswer after the last try.
+# Sends a frame and returns what the second argument made of the first frame for which it did not return None; NoAnswer after the last try.
 Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], object]
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one feedback frame says, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
+    """The contents of one feedback frame, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
 
     q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol
-    does not tell; error is empty or the drive's complaint.
+    does not report it; error is empty or the drive's complaint.
     """
 
     q: float
@@ -43,7 +43,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a drive says of itself; `serial` is empty where it cannot tell, `watchdog` s is NaN there and 0 where it is off."""
+    """What a drive reports of itself; `serial` is empty where it reports none, `watchdog` s is NaN there and 0 where it is off."""
 
     serial: str
     firmware: str
@@ -52,8 +52,8 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What a drive that nobody has described says of itself; what it does not tell is empty, None or NaN.
+class SelfDescription:
+    """What a drive that no cell file describes reports of itself; what it does not report is empty, None or NaN.
 
     ranges as in the cell file, watchdog s, q rad on the drive's side; problems are sentences about what must be set before it can be used.
     """
@@ -71,7 +71,7 @@ class Drive(ABC):
     """Encodes commands and decodes answers of one drive; knows nothing of time or of other drives.
 
     Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes` marks a protocol whose drives send unasked;
-    hand_turn rad on the drive's side tells that somebody turns the joint by hand.
+    hand_turn rad on the drive's side shows that somebody turns the joint by hand.
     `cycle` lists (extended, data bytes) of the frames of one control cycle, `beats` frames a second beside them.
     """
 
@@ -137,7 +137,7 @@ class Drive(ABC):
 
     @abstractmethod
     def is_command(self, message: can.Message) -> bool:
-        """Whether a frame commands this drive: heard from outside, it means a second host."""
+        """Whether a frame commands this drive: received from outside, it means a second host."""
 
     @abstractmethod
     def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
@@ -157,7 +157,7 @@ class Drive(ABC):
 
     @abstractmethod
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
-        """Set the silence after which the drive switches off, and return what it reads back, s; NaN where it cannot tell."""
+        """Set the silence after which the drive switches off, and return what it reads back, s; NaN where it cannot be read."""
 
     @staticmethod
     @abstractmethod
@@ -170,8 +170,8 @@ class Drive(ABC):
         """(node, identifier of its answers) of the drive that answers `question`; None for another frame."""
 
     @abstractmethod
-    def tell(self, ask: Ask) -> Told:
-        """What the drive says of itself, without anything being known of it but its identifiers; reads only, as `question` does."""
+    def describe(self, ask: Ask) -> SelfDescription:
+        """What the drive reports of itself, without anything being known of it but its identifiers; reads only, as `question` does."""
 
     def position_question(self) -> can.Message | None:
         """Asks for the position alone; None for a drive that pushes."""
@@ -199,7 +199,7 @@ class Drive(ABC):
         """Make the present angle the drive's zero."""
 
     def stated_ranges(self) -> RangeTable:
-        """The cell file's ranges, for a drive that cannot tell them."""
+        """The cell file's ranges, for a drive that cannot report them."""
         if self.servo.ranges is None:
             raise DeviceError(
                 f"{self.name}: this drive cannot tell its ranges and the cell file does not state them; add ranges to its servo"
@@ -207,8 +207,8 @@ class Drive(ABC):
         return self.servo.ranges
 
 
-def told(ask: Callable[[], T]) -> T | None:
-    """What a question brings, or None for a firmware that does not answer it."""
+def answer_or_none(ask: Callable[[], T]) -> T | None:
+    """The answer to a request, or None for a firmware that does not answer it."""
     try:
         return ask()
     except NoAnswer:

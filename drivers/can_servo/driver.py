@@ -57,7 +57,7 @@ class CanServo(Driver):
         self._link: Link | None = None
         self._listener: Listener | None = None
         self._fault: DeviceError | None = None
-        self._on = self._asked = False
+        self._on = self._requested = False
         self._holder = Holder(self._keep, min(1.0 / options.rate, options.watchdog / 4))
 
     @classmethod
@@ -73,7 +73,7 @@ class CanServo(Driver):
             self.drives: list[Drive] = make_drives(self.options)
             self.budget = require_budget(self.drives, self.rate, self.options, f"{self.arm.name} on {self.options.channel}")
             self._link, self._fault = self._open_link(), None
-            self._on = self._asked = False
+            self._on = self._requested = False
             try:
                 enquiry = Enquiry(self._link, self.clock)
                 listen(self._link, self.clock, self.drives, self.options.ignore)
@@ -83,7 +83,7 @@ class CanServo(Driver):
                 steps = [(d.q_step, d.dq_step) for d in self.drives]
                 self.windows = [window_for(q, dq, self.rate) for q, dq in steps]
                 self._speed = [Differentiator(w, step) if w else None for w, (step, _) in zip(self.windows, steps, strict=True)]
-                # A drive that sends by its own clock is waited for; one that answers is asked again at the next instant.
+                # A drive that sends by its own clock is waited for; one that answers gets another request at the next instant.
                 self._patience = PERIODS_MAX / self.rate
                 self._next = self.clock.now()
                 self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
@@ -116,7 +116,7 @@ class CanServo(Driver):
         return DeviceInfo(f"{self.arm.n} {self.options.protocols} drives", "", "not asked", self.rate, extra={"bus": where})
 
     def read(self) -> JointState:
-        """All joints' answers to the last command; without one, the drives are asked at the next instant of the schedule.
+        """All joints' answers to the last command; without one, the drives get a request at the next instant of the schedule.
 
         After `listen`, the next answers to whoever commands the drives.
         """
@@ -125,7 +125,7 @@ class CanServo(Driver):
         with self._lock:
             self._require()
             try:
-                if not self._asked:
+                if not self._requested:
                     self._transmit(range(self.arm.n))
                 while True:
                     self.joints.collect(self._next)
@@ -137,7 +137,7 @@ class CanServo(Driver):
                         break
                     self.joints.lost += len(missing)
                     self._transmit(missing)
-                self._asked = False
+                self._requested = False
                 return self._state()
             except DeviceError as error:
                 raise self._latch(error) from None
@@ -249,7 +249,7 @@ class CanServo(Driver):
         self.joints.drain()
         self.joints.expect(joints)
         self._link.send(messages)
-        self._asked = True
+        self._requested = True
 
     def _state(self) -> JointState:
         readings = [r for r in self.joints.readings if r is not None]
@@ -281,10 +281,10 @@ class CanServo(Driver):
 
     def _switch_on(self) -> None:
         assert self._link is not None
-        self._asked = False
+        self._requested = False
         self._target.stand(self.read().q, self.clock.now())
         switch_on(self._link, self.joints, self.clock, self._target.frames)
-        self._on, self._asked, self._sent_at = True, False, self.clock.now()
+        self._on, self._requested, self._sent_at = True, False, self.clock.now()
         self._next = self._sent_at + 1.0 / self.rate
         if self._background:
             self._holder.hold()

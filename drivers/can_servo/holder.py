@@ -1,4 +1,4 @@
-"""Keeps an arm without brakes from falling after a stop, for as long as nobody else speaks to its drives."""
+"""Keeps an arm without brakes from falling after a stop, for as long as nobody else commands its drives."""
 
 from __future__ import annotations
 

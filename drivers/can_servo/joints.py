@@ -1,4 +1,4 @@
-"""What is known of each joint at this instant: its last reading, how old it is, and what its drive owes an answer for."""
+"""What is known of each joint at this instant: its last reading, how old it is, and which answers of its drive are outstanding."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sim.clock import Clock
 from sim.errors import DeviceError
 
 PERIODS_MAX = 3  # a joint that is silent for so long is a fault
-OWED_MAX = 20  # periods in which a late answer is still owed; after that it is lost
-UNASKED_MAX = 2  # answers in a row that nobody asked for
+OUTSTANDING_MAX = 20  # periods in which a late answer may still come; after that it is lost
+UNREQUESTED_MAX = 2  # answers in a row that nobody requested
 STRANGER_SHARE = 0.5  # a node that talks this much of what all drives do is babbling
 REJECTED_MAX = 3  # damaged frames in a row
 
@@ -24,7 +24,7 @@ REJECTED_MAX = 3  # damaged frames in a row
 class Joints:
     """Sorts frames to joints; `take` raises a DeviceError for everything that a healthy bus does not carry.
 
-    fresh[j] says that joint j has answered since `expect` was last called.
+    fresh[j] is whether joint j has answered since `expect` was last called.
     """
 
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float, ignore: Sequence[int]) -> None:
@@ -34,27 +34,27 @@ class Joints:
         self.fresh = [True] * len(drives)
         self.lost = 0
         self._waiting_since = [clock.now()] * len(drives)
-        self._owed: list[deque[float]] = [deque() for _ in drives]
-        self._unasked = [0] * len(drives)
+        self._outstanding: list[deque[float]] = [deque() for _ in drives]
+        self._unrequested = [0] * len(drives)
         self._surplus = [False] * len(drives)
         self._rejected = [0] * len(drives)
         self._strangers: deque[tuple[float, int]] = deque()
         self._ignore = set(ignore)
         self.rejected = 0
 
-    def expect(self, asked: Iterable[int]) -> None:
+    def expect(self, joints: Iterable[int]) -> None:
         """Answers are due from these joints; a reading that is there already is not one."""
         now = self.clock.now()
-        for j in asked:
+        for j in joints:
             if not self._surplus[j]:
-                self._unasked[j] = 0
+                self._unrequested[j] = 0
             self._surplus[j] = False
             if self.fresh[j]:
                 self.fresh[j], self._waiting_since[j] = False, now
-            owed = self._owed[j]
-            while owed and now - owed[0] > OWED_MAX * self.period:
-                owed.popleft()
-            owed.append(now)
+            outstanding = self._outstanding[j]
+            while outstanding and now - outstanding[0] > OUTSTANDING_MAX * self.period:
+                outstanding.popleft()
+            outstanding.append(now)
 
     def drain(self) -> None:
         """Sort in everything that is there already, without waiting."""
@@ -80,12 +80,12 @@ class Joints:
             return
         self._rejected[j] = 0
         if not drive.pushes:
-            if self._owed[j]:
-                self._owed[j].popleft()
+            if self._outstanding[j]:
+                self._outstanding[j].popleft()
             else:
                 self._surplus[j] = True
-                self._unasked[j] += 1
-                if self._unasked[j] >= UNASKED_MAX:
+                self._unrequested[j] += 1
+                if self._unrequested[j] >= UNREQUESTED_MAX:
                     raise DeviceError(
                         f"{drive.name}: it answers twice: two drives have this identifier; give each its own with the maker's tool"
                     )

@@ -21,7 +21,7 @@ WIDE_OF = {b"t": False, b"T": True, b"r": False, b"R": True, b"d": False, b"D": 
 
 
 class LawicelBus(slcanBus):
-    """`refused` counts frames that the adapter answered with BELL; `state` is what its last status reply said.
+    """`refused` counts frames that the adapter answered with BELL; `state` is its last status reply.
 
     Bytes are read in blocks and written at once: the parent reads one byte a call and waits until each frame has drained.
     """

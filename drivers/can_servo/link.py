@@ -87,7 +87,7 @@ class Link:
         return accepted
 
     def receive(self, until: float) -> can.Message | None:
-        """The next data frame, waiting until the instant `until`; None where none came. Error frames are judged here."""
+        """The next data frame, waiting until the instant `until`; None where none came. Error frames are evaluated here."""
         self._require()
         while True:
             self._look()
@@ -130,7 +130,7 @@ class Link:
             raise self.fail("the transmit queue is full: the bus does not take the frames, check cable and termination")
 
     def _look(self) -> None:
-        """Bus state and refusals, as far as the interface tells them."""
+        """Bus state and refusals, as far as the interface reports them."""
         bus = self.bus
         if isinstance(bus, LawicelBus):
             if bus.refused > self._bells:

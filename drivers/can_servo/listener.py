@@ -20,9 +20,9 @@ SHARED = ("socketcan", "socketcand", "virtual", "udp_multicast")  # several prog
 
 
 class Listener:
-    """`read` gives one state for each round of answers, in which every joint has spoken once.
+    """`read` gives one state for each round of answers, in which every joint has sent once.
 
-    A joint that speaks again before all have spoken means that an answer was lost: the round is given up and a new one begins, so that
+    A joint that sends again before all have sent means that an answer was lost: the round is given up and a new one begins, so that
     a state never mixes two rounds. Answers of drives that are switched off are passed over: they carry no torque, and replies to
     questions about registers look like them.
     """
@@ -42,9 +42,9 @@ class Listener:
         while (message := self.link.receive(end)) is not None:
             if self._take(message) and len(self._round) == len(self.drives):
                 return self._state()
-        heard = ", ".join(self.drives[j].servo.joint for j in self._round) or "none of its drives"
+        received = ", ".join(self.drives[j].servo.joint for j in self._round) or "none of its drives"
         raise DeviceError(
-            f"{self.link.where}: in {PATIENCE:g} s not all drives have answered anybody, heard: {heard}; drives answer only the program "
+            f"{self.link.where}: in {PATIENCE:g} s not all drives have answered anybody, heard: {received}; drives answer only the program "
             "that commands them, so start that program first, and look whether this one is on the same bus"
         )
 
@@ -60,7 +60,7 @@ class Listener:
             self.lost += 1
             self._round = {}
         if not self._round:
-            # the instant at which the frame was on the wire, where the interface tells it
+            # the instant at which the frame was on the wire, where the interface reports it
             self._began = message.timestamp or self.clock.now()
         self._round[j] = reading
         return True

@@ -25,7 +25,7 @@ WATCHDOG = (
 def cell_text(name: str, arm: Arm, options: CanOptions, joints: Mapping[str, tuple[Found, int]]) -> str:
     """A cell file, TOML: for each joint its drive and the sign of its direction."""
     protocol = Counter(found.protocol for found, _ in joints.values()).most_common(1)[0][0]
-    rest = [round(sign * found.told.q, 4) for found, sign in joints.values()]
+    rest = [round(sign * found.described.q, 4) for found, sign in joints.values()]
     top: dict[str, Any] = {"schema": "cell/1", "name": name, "arm": arm.name, "driver": "can_servo"}
     text = HEAD + tomli_w.dumps(top)
     text += (
@@ -34,14 +34,14 @@ def cell_text(name: str, arm: Arm, options: CanOptions, joints: Mapping[str, tup
         else "# TODO "
     )
     text += tomli_w.dumps({"rest": rest}, indent=0).replace("\n", " ").strip() + "\n\n"
-    told: dict[str, Any] = {
+    options_table: dict[str, Any] = {
         "interface": options.interface, "channel": options.channel, "bitrate": options.bitrate, "data_bitrate": options.data_bitrate,
         "bus": options.bus, "protocol": protocol, "rate": 200.0, "watchdog": 0.1, "brakes": False,
     }  # fmt: skip
-    text += "[options]\n" + tomli_w.dumps({k: v for k, v in told.items() if v not in (None, {}) and k != "bus"})
+    text += "[options]\n" + tomli_w.dumps({k: v for k, v in options_table.items() if v not in (None, {}) and k != "bus"})
     if options.bus:
         text += "bus = { " + ", ".join(tomli_w.dumps({k: v}).strip() for k, v in options.bus.items()) + " }\n"
-    count = Counter(found.told.serial for found, _ in joints.values())
+    count = Counter(found.described.serial for found, _ in joints.values())
     unique, fast = {s for s, n in count.items() if s and n == 1}, options.data_bitrate is not None
     return text + "".join(_servo(joint, found, sign, protocol, fast, unique) for joint, (found, sign) in joints.items())
 
@@ -54,8 +54,8 @@ def _servo(joint: str, found: Found, sign: int, protocol: str, fast: bool, uniqu
         servo["feedback"] = found.feedback
     if found.fd != (found.protocol == "damiao" and fast):
         servo["fd"] = found.fd
-    if found.told.serial in unique:
-        servo["serial"] = found.told.serial
+    if found.described.serial in unique:
+        servo["serial"] = found.described.serial
     servo["direction"] = sign
     text = "\n[[options.servos]]\n" + tomli_w.dumps(servo)
     if found.protocol == "odrive":

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, Told, data_frame, told
+from drivers.can_servo.drive import Ask, Drive, Identity, Reading, SelfDescription, answer_or_none, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -106,8 +106,8 @@ class ODrive(Drive):
         return None
 
     def identify(self, ask: Ask) -> Identity:
-        version = told(lambda: ask(self._remote(VERSION), self._answer(VERSION), f"{self.name}: version"))
-        address = told(lambda: ask(self._remote(ADDRESS), self._answer(ADDRESS), f"{self.name}: serial number"))
+        version = answer_or_none(lambda: ask(self._remote(VERSION), self._answer(VERSION), f"{self.name}: version"))
+        address = answer_or_none(lambda: ask(self._remote(ADDRESS), self._answer(ADDRESS), f"{self.name}: serial number"))
         if version is None and address is None:  # firmware before 0.6 knows neither, but every one sends its heartbeat
             ask(self._remote(HEARTBEAT), self._answer(HEARTBEAT), f"{self.name}: version, serial number and heartbeat")
         firmware = ".".join(str(x) for x in version[4:7]) if isinstance(version, bytes) else "unknown"
@@ -131,9 +131,9 @@ class ODrive(Drive):
             return None
         return node, message.arbitration_id
 
-    def tell(self, ask: Ask) -> Told:
+    def describe(self, ask: Ask) -> SelfDescription:
         identity = self.identify(ask)
-        return Told(identity.serial, identity.firmware, identity.watchdog, identity.ranges)
+        return SelfDescription(identity.serial, identity.firmware, identity.watchdog, identity.ranges)
 
     def position_question(self) -> None:
         return None

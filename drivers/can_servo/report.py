@@ -36,10 +36,10 @@ def _watchdogs(driver: CanServo) -> Check:
 
 
 def _serials(driver: CanServo) -> Check:
-    told = [i.serial for i in driver.identities if i.serial]
-    if not told:
+    serials = [i.serial for i in driver.identities if i.serial]
+    if not serials:
         return Check("serial numbers", None, "these drives do not tell theirs: look that each identifier sits on its joint")
-    return Check("serial numbers", True, f"{len(told)} of {driver.arm.n} drives answer with the numbers of the cell file")
+    return Check("serial numbers", True, f"{len(serials)} of {driver.arm.n} drives answer with the numbers of the cell file")
 
 
 def _temperatures(driver: CanServo) -> Check:

@@ -1,4 +1,4 @@
-"""RobStride drives on their private protocol; layout configs/can/robstride.dbc. They tell a unique number, not their ranges."""
+"""RobStride drives on their private protocol; layout configs/can/robstride.dbc. They report a unique number, not their ranges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, Told, data_frame
+from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, SelfDescription, data_frame
 from sim.errors import DeviceError
 
 HOST = 0xFD
@@ -19,7 +19,7 @@ RUNNING = 2
 FAULTS = ("under-voltage", "over-current", "over-temperature", "magnetic encoder", "overload or hall encoder", "not calibrated")
 
 
-class NotTold(DeviceError):
+class NotReported(DeviceError):
     """The drive answers that it does not have a parameter."""
 
 
@@ -86,14 +86,14 @@ class RobStride(Drive):
             return None
         return identifier >> 8, HOST
 
-    def tell(self, ask: Ask) -> Told:
+    def describe(self, ask: Ask) -> SelfDescription:
         problems, q = [], math.nan
         serial, watchdog = self._serial(ask), self._timeout(ask)
         try:
             q = self.joint_side(frames.as_float(self._read(ask, POSITION)))
         except DeviceError as error:
             problems.append(str(error))
-        return Told(serial, watchdog=watchdog, q=q, problems=tuple(problems))
+        return SelfDescription(serial, watchdog=watchdog, q=q, problems=tuple(problems))
 
     def position_question(self) -> can.Message:
         return self._frame(READ, frames.parameter(POSITION))
@@ -144,7 +144,7 @@ class RobStride(Drive):
         """Parameter 0x7028 in s; NaN for firmware that does not have it, as CyberGear's manual does not list it."""
         try:
             return self._read(ask, CAN_TIMEOUT) * TICK
-        except (NoAnswer, NotTold):
+        except (NoAnswer, NotReported):
             return math.nan
 
     def _serial(self, ask: Ask) -> str:
@@ -162,10 +162,10 @@ class RobStride(Drive):
             identifier = message.arbitration_id
             if self.key_of(message) != self.key or identifier >> 24 != READ:
                 return None
-            told, raw = frames.unpack_parameter(bytes(message.data))
-            if told == index and identifier >> 16 & 0xFF:
-                raise NotTold(f"{self.name}: it refuses to tell parameter 0x{index:04X}; use a firmware that can be asked")
-            return raw if told == index else None
+            replied, raw = frames.unpack_parameter(bytes(message.data))
+            if replied == index and identifier >> 16 & 0xFF:
+                raise NotReported(f"{self.name}: it refuses to tell parameter 0x{index:04X}; use a firmware that can be asked")
+            return raw if replied == index else None
 
         answer = ask(self._frame(READ, frames.parameter(index)), reply, f"{self.name}: parameter 0x{index:04X}")
         assert isinstance(answer, int)

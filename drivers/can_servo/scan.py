@@ -1,6 +1,6 @@
-"""Which drives are on a bus? Every identifier is asked in every protocol, classical and CAN FD; no torque is switched on or off.
+"""Which drives are on a bus? Every identifier is queried in every protocol, classical and CAN FD; no torque is switched on or off.
 
-CubeMars drives, and Damiao drives that know no registers, answer only orders; the mildest is off, so they are asked only where the arm is supported.
+CubeMars drives, and Damiao drives that know no registers, answer only orders; the mildest is off, so they are queried only where the arm is supported.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import can
 
 from drivers.can_servo.bring_up import PROTOCOLS, Enquiry
-from drivers.can_servo.drive import Drive, Told
+from drivers.can_servo.drive import Drive, SelfDescription
 from drivers.can_servo.link import Link
 from sim.can_wiring import CanOptions, ServoTable
 from sim.clock import Clock
@@ -27,13 +27,13 @@ CUBEMARS_STATUS = 0x29  # bits 28-8 of the identifier of what CubeMars drives se
 
 @dataclass(frozen=True)
 class Found:
-    """A drive that answered: its identifiers and frame format, what it tells of itself, and the object that speaks to it."""
+    """A drive that answered: its identifiers and frame format, what it reports of itself, and the object that commands it."""
 
     protocol: str
     node: int
     feedback: int
     fd: bool
-    told: Told
+    described: SelfDescription
     drive: Drive
 
     @property
@@ -44,15 +44,15 @@ class Found:
 
 @dataclass(frozen=True)
 class Scan:
-    """The drives on a bus, and sentences about what else was heard or not asked."""
+    """The drives on a bus, and sentences about what else was received or not queried."""
 
     found: tuple[Found, ...]
     notes: tuple[str, ...]
 
 
 def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
-    """Ask everybody; DeviceError where the bus is not sound. `supported`: drives may be asked with the order off."""
-    beating, notes = _unasked(link, clock)
+    """Query every identifier; DeviceError where the bus is not sound. `supported`: drives may be queried with the order off."""
+    beating, notes = _unrequested(link, clock)
     seen: dict[tuple[str, int], list[can.Message]] = {}
     for protocol, kind in PROTOCOLS.items():
         if kind.question_switches_off and not supported:
@@ -76,7 +76,7 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
     ]
     enquiry = Enquiry(link, clock, patience=0.05, tries=2)
     found = [_described(enquiry, protocol, node, answers, options) for (protocol, node), answers in sorted(seen.items())]
-    serials = Counter(f.told.serial for f in found if f.told.serial)
+    serials = Counter(f.described.serial for f in found if f.described.serial)
     notes += [f"{n} drives tell the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
     if link.error_frames:
         notes.append(
@@ -85,13 +85,13 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
     return Scan(tuple(found), tuple(notes))
 
 
-def _unasked(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
-    """What is on the bus before anybody is asked: nodes with an ODrive's heartbeat, and sentences about everything that no drive sends."""
-    end, heard = clock.now() + HEARTBEAT_TIME, Counter[tuple[bool, int]]()
+def _unrequested(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
+    """What is on the bus before any query: nodes with an ODrive's heartbeat, and sentences about everything that no drive sends."""
+    end, counts = clock.now() + HEARTBEAT_TIME, Counter[tuple[bool, int]]()
     while (message := link.receive(end)) is not None:
-        heard[message.is_extended_id, message.arbitration_id] += 1
+        counts[message.is_extended_id, message.arbitration_id] += 1
     notes = []
-    for (wide, identifier), count in sorted(heard.items()):
+    for (wide, identifier), count in sorted(counts.items()):
         if wide and identifier >> 8 == CUBEMARS_STATUS:
             notes.append(
                 f"node {identifier & 0xFF} looks like a CubeMars drive in servo mode: set it to MIT mode with the maker's tool"
@@ -100,7 +100,7 @@ def _unasked(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
             notes.append(
                 f"identifier {identifier:#x} was on the bus before anybody was asked ({count} frames): is another program running?"
             )
-    return {identifier >> 5 for wide, identifier in heard if not wide and identifier & 0x1F == 1}, notes
+    return {identifier >> 5 for wide, identifier in counts if not wide and identifier & 0x1F == 1}, notes
 
 
 def _sweep(link: Link, clock: Clock, kind: type[Drive], nodes: Sequence[int], fd: bool) -> Iterator[tuple[int, can.Message]]:
@@ -127,14 +127,14 @@ def _described(enquiry: Enquiry, protocol: str, node: int, answers: list[can.Mes
     servo = ServoTable(joint=f"{protocol} node {node}", node=node, feedback=min(feedback, 0x7FF), fd=fd)
     drive = kind(servo, options)
     if len(answers) > 1:
-        told = Told(
+        described = SelfDescription(
             problems=(
                 f"{drive.name}: {len(answers)} drives answer to this identifier; give each its own with the maker's tool",
             )
         )
     else:
         try:
-            told = drive.tell(enquiry.ask)
+            described = drive.describe(enquiry.ask)
         except DeviceError as error:
-            told = Told(problems=(str(error),))
-    return Found(protocol, node, feedback, fd, told, drive)
+            described = SelfDescription(problems=(str(error),))
+    return Found(protocol, node, feedback, fd, described, drive)

@@ -20,7 +20,7 @@ from sim.clock import Clock, MonotonicClock
 from sim.errors import DeviceError
 
 Order = Literal["clear", "zero", "off"]
-MOVED = 0.01  # rad between two looks that tell a joint that is not at rest
+MOVED = 0.01  # rad between two looks from which a joint is not at rest
 ZERO_REACHED = 0.01  # rad from the new zero that the drive may then report
 
 

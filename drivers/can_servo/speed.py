@@ -30,7 +30,7 @@ class Differentiator:
     """dq(t_k) = slope at t_k of the parabola fitted to the last M positions; exact for constant acceleration.
 
     A position that has been the same for a time T bounds it to q_step / T: a joint that dry friction has caught stands at once, and a
-    parabola would speak of speed for the rest of its window.
+    parabola would show speed for the rest of its window.
     """
 
     def __init__(self, samples: int, q_step: float) -> None:

@@ -51,7 +51,7 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
 
 
 def switch_off(link: Link, joints: Joints, clock: Clock) -> list[str]:
-    """Torque off, said again until every drive that can tell says that it is off; the names of those that do not."""
+    """Torque off, sent again until every drive that can report it reports that it is off; the names of those that do not."""
     drives, end, again = joints.drives, clock.now() + SWITCH_TIME, -math.inf
     while clock.now() < end and not link.failed:
         try:

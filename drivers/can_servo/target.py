@@ -1,4 +1,4 @@
-"""What the drives are told next: a streamed target, or one that brakes along its path and then stands."""
+"""The next command of the drives: a streamed target, or one that brakes along its path and then stands."""
 
 from __future__ import annotations
 

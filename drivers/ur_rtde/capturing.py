@@ -36,7 +36,7 @@ def captured(
     try:
         end = time.monotonic() + seconds
         version = receiver.version
-        messages += _asked(options, version, begin)
+        messages += _interrogated(options, version, begin)
         while (now := time.monotonic()) < end:
             receiver.next(min(end, now + 1.0))
             progress(1.0 - (end - now) / seconds)
@@ -46,7 +46,7 @@ def captured(
     return head, sorted(messages, key=lambda m: m.t)
 
 
-def _asked(options: UrOptions, version: tuple[int, ...], begin: float) -> list[Message]:
+def _interrogated(options: UrOptions, version: tuple[int, ...], begin: float) -> list[Message]:
     found = []
 
     def add(channel: str, question: str, answer: bytes) -> None:
@@ -57,12 +57,12 @@ def _asked(options: UrOptions, version: tuple[int, ...], begin: float) -> list[M
     if version[0] >= 10:
         for path in dict.fromkeys(path for path, _ in robot_api.QUESTIONS.values()):
             try:
-                told = robot_api.fetch(options.host, options.robot_api_port, path)
+                values = robot_api.fetch(options.host, options.robot_api_port, path)
             except OSError:
                 break
-            add("robot_api", path, json.dumps({key: _json_without_names(key, value) for key, value in told.items()}).encode())
+            add("robot_api", path, json.dumps({key: _json_without_names(key, value) for key, value in values.items()}).encode())
     else:
-        questions = dashboard.asked_of(version)
+        questions = dashboard.questions_for(version)
         for question, answer in zip(questions, dashboard.ask(options.host, *questions), strict=True):
             add("dashboard", question, without_names(question, answer).encode())
     try:

@@ -1,4 +1,4 @@
-"""What a UR controller is asked before motion, and what the operator does on the pendant where the answer is no."""
+"""The checks of a UR controller before motion, and what the operator does on the pendant where the answer is no."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 from drivers.driver import Check
 from drivers.ur_rtde.condition import other_program, power, safety, slider
-from drivers.ur_rtde.dashboard import Said
+from drivers.ur_rtde.dashboard import ControllerInfo
 from drivers.ur_rtde.options import UrOptions
 from sim.joint_state import Status
 
@@ -16,24 +16,24 @@ OLDEST = {3: (3, 10), 5: (5, 6), 10: (10, 10)}
 
 
 def readiness(
-    values: dict[str, tuple[float, ...]], told: Said, version: tuple[int, ...], assumed: Collection[str]
+    values: dict[str, tuple[float, ...]], info: ControllerInfo, version: tuple[int, ...], assumed: Collection[str]
 ) -> list[Check]:
     """Version, remote control, safety, power, program and slider, as one frame and the controller have them; nothing changes."""
-    checks = [_version(version, told)]
-    if told.remote is not None:
+    checks = [_version(version, info)]
+    if info.remote is not None:
         checks.append(
             Check(
-                "remote control", told.remote, "the robot is in remote control" if told.remote else "the robot is in local control",
+                "remote control", info.remote, "the robot is in remote control" if info.remote else "the robot is in local control",
                 "switch the pendant from Local to Remote Control (top right corner; enable it first in Settings > System > Remote "
                 "Control)",
             )
         )  # fmt: skip
-    if told.operational_mode:
-        checks.append(Check("operational mode", None, f"the operational mode is {told.operational_mode.lower()}"))
+    if info.operational_mode:
+        checks.append(Check("operational mode", None, f"the operational mode is {info.operational_mode.lower()}"))
     for name, answer in (
         ("safety", safety(int(values["safety_status_bits"][0]), assumed)),
         ("power", power(int(values["robot_mode"][0]))),
-        ("program", other_program(int(values["runtime_state"][0]), told.program)),
+        ("program", other_program(int(values["runtime_state"][0]), info.program)),
         ("speed slider", slider(values["target_speed_fraction"][0])),
     ):
         status, sentence, remedy = answer
@@ -41,29 +41,29 @@ def readiness(
     return checks
 
 
-def _version(version: tuple[int, ...], told: Said) -> Check:
+def _version(version: tuple[int, ...], info: ControllerInfo) -> Check:
     oldest = OLDEST.get(version[0])
     text = ".".join(map(str, version[:3]))
     ok = oldest is not None and version[:2] >= oldest
     known = ", ".join(f"{a}.{b}" for a, b in OLDEST.values())
     return Check(
-        "PolyScope", ok, f"PolyScope {told.polyscope}, controller {text}",
+        "PolyScope", ok, f"PolyScope {info.polyscope}, controller {text}",
         f"update PolyScope: the oldest versions that this driver was made for are {known}",
         "version-works",
     )  # fmt: skip
 
 
-def serial(told: Said, options: UrOptions) -> Check:
+def serial(info: ControllerInfo, options: UrOptions) -> Check:
     """Whether this is the robot of the cell file: its serial number, pinned there at first use."""
-    if not told.serial:
+    if not info.serial:
         return Check("serial", None, "this version does not tell its serial number")
     if options.serial is None:
         return Check(
-            "serial", None if _emulated(options.host) else False, f"the robot says serial number {told.serial}, the cell file names none",
-            f'see that it is the robot you mean, then write serial = "{told.serial}" into [options] of the cell file', "serial-as-found",
+            "serial", None if _emulated(options.host) else False, f"the robot says serial number {info.serial}, the cell file names none",
+            f'see that it is the robot you mean, then write serial = "{info.serial}" into [options] of the cell file', "serial-as-found",
         )  # fmt: skip
     return Check(
-        "serial", told.serial == options.serial, f"the robot says serial number {told.serial}, the cell file {options.serial}",
+        "serial", info.serial == options.serial, f"the robot says serial number {info.serial}, the cell file {options.serial}",
         "another robot answers at this address: correct host, or serial if the robot was replaced", "serial-as-found",
     )  # fmt: skip
 

@@ -40,7 +40,7 @@ class CommandProcess:
         self._options, self._rate, self._version = options, rate, version
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process, closed in end()
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process, closed in end()
         self._sent = self._taken = 0
         self._waiting_since: float | None = None
         self.failure: str | None = None
@@ -65,7 +65,7 @@ class CommandProcess:
         command = [sys.executable, "-P", str(script), json.dumps(settings), str(theirs.fileno())]
         with theirs:
             self._process = subprocess.Popen(
-                command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
+                command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output
             )
         self._channel = ours
         self._expect(b"R", START_TIMEOUT)
@@ -75,7 +75,7 @@ class CommandProcess:
         assert self._channel is not None
         self._channel.send(b"G")
         self._expect(b"K", TAKE_TIMEOUT)
-        self._heard = os.fstat(self._said.fileno()).st_size
+        self._output_seen = os.fstat(self._output.fileno()).st_size
 
     def _expect(self, wanted: bytes, timeout: float) -> None:
         assert self._channel is not None
@@ -101,8 +101,8 @@ class CommandProcess:
         """Take what the command process says; DeviceError where it failed, or says anything that it does not in good health."""
         if self.failure is None and self._channel is not None:
             while self.failure is None and select.select([self._channel], [], [], 0.0)[0]:
-                self._hear(_received(self._channel))
-            if self.failure is None and os.fstat(self._said.fileno()).st_size > self._heard:
+                self._handle(_received(self._channel))
+            if self.failure is None and os.fstat(self._output.fileno()).st_size > self._output_seen:
                 self._fail("ur_rtde lost its connection")
             late = self._waiting_since is not None and time.monotonic() - self._waiting_since > UNTAKEN
             if self.failure is None and late:
@@ -130,10 +130,10 @@ class CommandProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        if not self._said.closed:
-            self._said.close()
+        if not self._output.closed:
+            self._output.close()
 
-    def _hear(self, message: bytes) -> None:
+    def _handle(self, message: bytes) -> None:
         if message[:1] == b"A":
             self._taken = NUMBER.unpack(message[1:])[0]
             self._waiting_since = None if self._taken == self._sent else time.monotonic()
@@ -152,12 +152,12 @@ class CommandProcess:
         """Remember why, and end the process at once: from here on it could only do harm."""
         if self._process is not None:
             self._process.kill()
-        self._said.seek(0)
-        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
-        text = f"{reason} {' '.join(said)}"
+        self._output.seek(0)
+        lines = self._output.read().decode("utf-8", "replace").strip().splitlines()
+        text = f"{reason} {' '.join(lines)}"
         remedy = next((r for word, r in REMEDIES if word in text), None)
-        heard = f" ({said[-1]})" if said and remedy is None else ""
-        self.failure = f"{self._options.host}: commands are not taken: {reason}{heard}; " + (
+        last_line = f" ({lines[-1]})" if lines and remedy is None else ""
+        self.failure = f"{self._options.host}: commands are not taken: {reason}{last_line}; " + (
             remedy or "see what the pendant says, clear it there, then connect again"
         )
 

@@ -44,7 +44,7 @@ class Commander:
         self.target: tuple[list[float], list[float]] | None = None
 
     def run(self) -> None:
-        """Until the channel closes or an end is asked for: take setpoints; between them hold, and keep the watchdog fed.
+        """Until the channel closes or an end is requested: take setpoints; between them hold, and keep the watchdog fed.
 
         Setpoints that come late and together are sent one a period, a little faster until nothing waits: never a jump to the newest.
         """
@@ -62,7 +62,7 @@ class Commander:
                     self.rest()
                     if order[:1] != b"S":
                         return
-                    tell(self.channel, b"S")
+                    send_to_parent(self.channel, b"S")
                     continue
                 late.extend(m for m in messages if m[:1] == b"Q")
                 last = time.monotonic()
@@ -88,7 +88,7 @@ class Commander:
             moving = any(self.target[1])
             self.rest()
             if moving:
-                tell(self.channel, b"T")
+                send_to_parent(self.channel, b"T")
 
     def waiting(self) -> list[bytes]:
         """All messages that have come; an empty one where the other end is gone."""
@@ -101,7 +101,7 @@ class Commander:
         number, *values = SETPOINT.unpack(message[1:])
         self.target = (values[:6], values[6:])
         self.servo(values[:6])
-        tell(self.channel, b"A" + NUMBER.pack(number))
+        send_to_parent(self.channel, b"A" + NUMBER.pack(number))
 
     def servo(self, q: list[float]) -> None:
         if not self.control.servoJ(q, 0.0, 0.0, self.period, self.lookahead, self.gain):
@@ -149,7 +149,7 @@ def control_program(major: int, minor: int) -> bytes:
 def took_control(settings: dict[str, Any], channel: socket.socket) -> Any:
     """A control interface whose program runs; None where the supervisor did not allow it.
 
-    First the registers are claimed, which fails without harm where another client has them; then the supervisor is asked, and the
+    First the registers are claimed, which fails without harm where another client has them; then the supervisor is consulted, and the
     program is sent at once. The interface never uploads: one that does would do it again, unasked, whenever its connection breaks.
     """
     import rtde_control
@@ -160,7 +160,7 @@ def took_control(settings: dict[str, Any], channel: socket.socket) -> Any:
     )
     program = control_program(*settings["version"])
     with socket.create_connection((settings["host"], SCRIPT_PORT), timeout=PHASE_TIMEOUT) as script:
-        tell(channel, b"R")
+        send_to_parent(channel, b"R")
         if _received(channel) != b"G":
             return None
         script.sendall(program)
@@ -183,19 +183,19 @@ def main() -> None:
             os._exit(0)
         if not control.setWatchdog(settings["watchdog"]):
             raise Lost("setWatchdog")
-        tell(channel, b"K")
+        send_to_parent(channel, b"K")
         Commander(control, channel, settings).run()
         control.stopScript()
     except Lost as error:
-        tell(channel, b"E" + f"{error} was not taken".encode())
+        send_to_parent(channel, b"E" + f"{error} was not taken".encode())
     except (RuntimeError, OSError) as error:
-        tell(channel, b"E" + str(error).encode()[:4000])
+        send_to_parent(channel, b"E" + str(error).encode()[:4000])
     # destructors of ur_rtde may throw and abort; there is nothing left that they could do
     os._exit(0)
 
 
-def tell(channel: socket.socket, message: bytes) -> None:
-    """Say something to the supervisor, if it listens: a supervisor that is gone or stopped must not hold up the arm's stop."""
+def send_to_parent(channel: socket.socket, message: bytes) -> None:
+    """Send a message to the supervisor, if it listens: a supervisor that is gone or stopped must not hold up the arm's stop."""
     with contextlib.suppress(OSError):
         channel.send(message, socket.MSG_DONTWAIT)
 

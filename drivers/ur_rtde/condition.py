@@ -40,9 +40,9 @@ def safety(bits: int, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
         if bits >> bit & 1:
             return status, sentence, remedy
     if bits >> 1 & 1:
-        said = "the robot is in reduced mode: its safety limits are lower than the ones that motions are planned for"
+        text = "the robot is in reduced mode: its safety limits are lower than the ones that motions are planned for"
         remedy = f'end what triggers it (an input or a plane in Installation > Safety), or state assume = ["{REDUCED}"] in the cell file'
-        return (Status.RUNNING if REDUCED in assumed else Status.IDLE), said, remedy
+        return (Status.RUNNING if REDUCED in assumed else Status.IDLE), text, remedy
     if bits & 1:
         return Status.RUNNING, "normal", ""
     return Status.FAULT, f"the safety state is unknown (bits {bits:#x})", "see what the pendant says and restart the controller"
@@ -50,44 +50,44 @@ def safety(bits: int, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
 
 def power(robot_mode: int) -> tuple[Status, str, str]:
     """Status, sentence and remedy of robot_mode."""
-    said = f"the robot mode is {ROBOT_MODES.get(robot_mode, str(robot_mode))}"
+    text = f"the robot mode is {ROBOT_MODES.get(robot_mode, str(robot_mode))}"
     if robot_mode == RUNNING:
-        return Status.RUNNING, said, ""
+        return Status.RUNNING, text, ""
     return (
         Status.IDLE,
-        said,
+        text,
         "press the red or yellow button at the bottom left of the pendant, switch on and release the brakes",
     )
 
 
 def slider(fraction: float) -> tuple[Status, str, str]:
     """Status, sentence and remedy of target_speed_fraction: data taken below 100 % is of no use."""
-    said = f"the speed slider stands at {100 * fraction:.0f} %"
+    text = f"the speed slider stands at {100 * fraction:.0f} %"
     if fraction >= FULL_SPEED:
-        return Status.RUNNING, said, ""
-    return Status.IDLE, said, "move the speed slider at the bottom of the pendant to 100 %"
+        return Status.RUNNING, text, ""
+    return Status.IDLE, text, "move the speed slider at the bottom of the pendant to 100 %"
 
 
 def scaling(speed_scaling: float, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
     """Status, sentence and remedy of speed_scaling. It says something only while a program plays: idle controllers may report 0."""
-    said = f"the controller scales the speed to {100 * speed_scaling:.0f} %"
+    text = f"the controller scales the speed to {100 * speed_scaling:.0f} %"
     if speed_scaling >= FULL_SPEED or SCALING in assumed:
-        return Status.RUNNING, said, ""
+        return Status.RUNNING, text, ""
     return (
         Status.IDLE,
-        said,
+        text,
         "see on the pendant what limits the speed: the slider, reduced mode, or a safety limit that the motion came near",
     )
 
 
 def program(runtime_state: int) -> tuple[Status, str, str]:
     """Status, sentence and remedy of runtime_state, while the control program should run."""
-    said = f"the control program is {RUNTIME.get(runtime_state, str(runtime_state))}"
+    text = f"the control program is {RUNTIME.get(runtime_state, str(runtime_state))}"
     if runtime_state == PLAYING:
-        return Status.RUNNING, said, ""
+        return Status.RUNNING, text, ""
     return (
         Status.IDLE,
-        said,
+        text,
         "it was stopped on the pendant, by another client or by its watchdog: clear that, then connect again",
     )
 
@@ -106,12 +106,12 @@ def other_program(runtime_state: int, name: str = "") -> tuple[Status, str, str]
 
 def condition(values: dict[str, tuple[float, ...]], commanded: bool, assumed: Collection[str] = ()) -> tuple[Status, str]:
     """Status and detail of one frame, the safety bits first; `commanded` where our control program should be running."""
-    answers = [safety(int(values["safety_status_bits"][0]), assumed), power(int(values["robot_mode"][0]))]
+    states = [safety(int(values["safety_status_bits"][0]), assumed), power(int(values["robot_mode"][0]))]
     if commanded:
-        answers.append(program(int(values["runtime_state"][0])))
-        answers.append(slider(values["target_speed_fraction"][0]))
-        answers.append(scaling(values["speed_scaling"][0], assumed))
-    for status, said, remedy in answers:
+        states.append(program(int(values["runtime_state"][0])))
+        states.append(slider(values["target_speed_fraction"][0]))
+        states.append(scaling(values["speed_scaling"][0], assumed))
+    for status, text, remedy in states:
         if status is not Status.RUNNING:
-            return status, f"{said}; {remedy}"
+            return status, f"{text}; {remedy}"
     return Status.RUNNING, ""

@@ -1,4 +1,4 @@
-"""What a controller says of itself beside RTDE: the dashboard server's answers, or the Robot API's. Nothing here changes the robot."""
+"""What a controller reports of itself beside RTDE: the dashboard server's answers, or the Robot API's. Nothing here changes the robot."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ TIMEOUT = 3.0
 
 
 @dataclass(frozen=True)
-class Said:
-    """What the controller says of itself; empty or None where its version has no such question.
+class ControllerInfo:
+    """What the controller reports of itself; empty or None where its version has no such question.
 
-    program is its name, as far as it is told; state is STOPPED, PLAYING or PAUSED when it was asked.
+    program is its name, as far as it is reported; state is STOPPED, PLAYING or PAUSED when it was requested.
     """
 
     polyscope: str
@@ -64,7 +64,7 @@ def ask(host: str, *questions: str) -> list[str]:
         ) from error
 
 
-def asked_of(version: tuple[int, ...]) -> list[str]:
+def questions_for(version: tuple[int, ...]) -> list[str]:
     """The questions that a dashboard server of this version knows; none on PolyScope X, which has no dashboard server."""
     if version[0] >= 10:
         return []
@@ -72,16 +72,16 @@ def asked_of(version: tuple[int, ...]) -> list[str]:
     return [q for q, since in QUESTIONS.items() if (first := since[column]) is not None and version[:2] >= first]
 
 
-def said(host: str, version: tuple[int, ...], robot_api_port: int) -> Said:
-    """What the controller of this version says of itself."""
+def controller_info(host: str, version: tuple[int, ...], robot_api_port: int) -> ControllerInfo:
+    """What the controller of this version reports of itself."""
     if version[0] >= 10:
         return _of_robot_api(robot_api.answers(host, robot_api_port), version)
-    questions = asked_of(version)
+    questions = questions_for(version)
     answer = dict(zip(questions, ask(host, *questions), strict=True))
     polyscope = answer["PolyscopeVersion"]
     found = re.search(r"\d+(\.\d+)+", polyscope)
     remote = answer.get("is in remote control", "").lower()
-    return Said(
+    return ControllerInfo(
         found.group(0) if found else polyscope,
         model=_like(r"UR.*", answer.get("get robot model", "")),
         serial=_like(r"\w+", answer.get("get serial number", "")),
@@ -92,9 +92,9 @@ def said(host: str, version: tuple[int, ...], robot_api_port: int) -> Said:
     )
 
 
-def _of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> Said:
+def _of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> ControllerInfo:
     mode = answer.get("control mode", "")
-    return Said(
+    return ControllerInfo(
         answer.get("PolyScope") or ".".join(map(str, version[:3])),
         model=answer.get("model", ""),
         serial=answer.get("serial", ""),

@@ -13,7 +13,7 @@ from drivers.preflight import STANDSTILL, lifted
 from drivers.ur_rtde import checks, family, own_folder, primary
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
-from drivers.ur_rtde.dashboard import Said, said
+from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
 from drivers.ur_rtde.options import UrOptions
 from drivers.ur_rtde.receiver import Frame, LinkCount, Receiver
 from sim.arm import Arm
@@ -63,7 +63,7 @@ class UrDriver(Driver):
                 f"({PERIODS / self.rate:g} s), so no motion would end; raise it"
             )
         self.gap_max = options.frame_timeout
-        # Where nothing new comes, servoj holds its last target, so the arm travels no further than it was told to, however late
+        # Where nothing new comes, servoj holds its last target, so the arm travels no further than commanded, however late
         # the command process or the watchdog is; the stop itself goes on from that target.
         self.device_stop = DeviceStop(reaction=PERIODS / self.rate, deceleration=options.stop_deceleration)
         self._receiver = receiver or Receiver(options.host)
@@ -72,7 +72,7 @@ class UrDriver(Driver):
         self._last: Frame | None = None
         self._again: deque[Frame] = deque()
         self._reason: str | None = None
-        self._said = Said("")
+        self._controller = ControllerInfo("")
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> UrDriver:
@@ -122,7 +122,7 @@ class UrDriver(Driver):
         self._receiver.connect()
         try:
             self.rate = self._receiver.rate
-            self._said = said(self.options.host, self._receiver.version, self.options.robot_api_port)
+            self._controller = controller_info(self.options.host, self._receiver.version, self.options.robot_api_port)
             return self._next()
         except DeviceError:
             self.close()
@@ -131,15 +131,15 @@ class UrDriver(Driver):
     def _readiness(self, frame: Frame) -> list[Check]:
         version = self._receiver.version
         found = [
-            family.model(self._said.model, version[0], self.arm),
-            checks.serial(self._said, self.options),
-            *checks.readiness(frame.values, self._said, version, self.assumed),
+            family.model(self._controller.model, version[0], self.arm),
+            checks.serial(self._controller, self.options),
+            *checks.readiness(frame.values, self._controller, version, self.assumed),
         ]
         return lifted(found, self.assumed)
 
     def _overtaken(self) -> DeviceError | None:
         """That another client's program plays now, where one does: it ended ours before ours took a command."""
-        name = said(self.options.host, self._receiver.version, self.options.robot_api_port).program
+        name = controller_info(self.options.host, self._receiver.version, self.options.robot_api_port).program
         if not name:
             return None
         return DeviceError(
@@ -156,7 +156,7 @@ class UrDriver(Driver):
             raise DeviceError(f"{self.options.host}: {sentence}; it began just now; {remedy}")
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
-        """What set_payload said last: the controller reports it with every frame."""
+        """The last set_payload: the controller reports it with every frame."""
         values = {} if self._last is None else self._last.values
         if "payload" not in values or "payload_cog" not in values:
             return None
@@ -189,7 +189,7 @@ class UrDriver(Driver):
     def _because(self, failure: DeviceError) -> tuple[Frame, Status, str]:
         """The first frame in which the controller itself says what is wrong; `failure` where none does in REASON_TIME.
 
-        The command process hears of a stop as early as this one does, and says only that a command was not taken. Where it failed for
+        The command process learns of a stop as early as this one does, and reports only that a command was not taken. Where it failed for
         a reason of its own, a program that ended is the consequence, and only safety and power say more.
         """
         if self._reason is not None:
@@ -301,7 +301,7 @@ class UrDriver(Driver):
             self._last = frame
             age = frame.age + waited
             late = age > longest or (gap > longest and self._moving)
-            # what the controller says of a stop is never too old to be heard
+            # what the controller reports of a stop is never too old to count
             if not late or self._condition(frame)[0] is not Status.RUNNING:
                 return frame
             if self._moving:
@@ -333,7 +333,7 @@ class UrDriver(Driver):
         values, version = frame.values, ".".join(map(str, self._receiver.version[:3]))
         payload, com, up = values.get("payload"), values.get("payload_cog"), values.get("target_gravity")
         return DeviceInfo(
-            model=self._said.model or "UR", serial=self._said.serial, firmware=self._said.polyscope or version, rate=self.rate,
+            model=self._controller.model or "UR", serial=self._controller.serial, firmware=self._controller.polyscope or version, rate=self.rate,
             payload_mass=payload[0] if payload else None,
             payload_com=(com[0], com[1], com[2]) if com else None,
             # the read-back of set_gravity, which URScript defines as the acceleration away from the earth's centre

@@ -34,16 +34,16 @@ def called(model: str, major: int) -> list[str]:
     return [name for name, (models, cb3) in FAMILY.items() if names & set(models) and cb3 == (major == CB3)]
 
 
-def model(told: str, major: int, arm: Arm) -> Check:
+def model(reported: str, major: int, arm: Arm) -> Check:
     """Whether the controller's own word for the robot is the arm of the cell file."""
     own = member(arm)
-    if not told or own is None:
-        why = "this version does not tell its model" if not told else f"{arm.name} is not named after an arm of the family"
+    if not reported or own is None:
+        why = "this version does not tell its model" if not reported else f"{arm.name} is not named after an arm of the family"
         return Check("model", None, why)
-    found = called(told, major)
+    found = called(reported, major)
     series = "CB3" if major == CB3 else "e-Series or newer"
     return Check(
-        "model", own in found, f"the controller says {told} ({series}), the cell file {arm.name}",
+        "model", own in found, f"the controller says {reported} ({series}), the cell file {arm.name}",
         f"this looks like {_either(found)}: set arm in the cell file" if found else "no arm folder is known for it: make one with `calib arm new`",
         "arm-as-stated",
     )  # fmt: skip
@@ -66,10 +66,10 @@ def torque(arm: Arm, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarra
     order = sorted(others, key=lambda name: others[name])
     fitting = [name for name in order if others[name] <= 1.0]
     if mine.miss <= 1.0:
-        said = f"the torque at rest is that of a {own}" + (
+        text = f"the torque at rest is that of a {own}" + (
             f"; {', '.join(fitting)} would show the same here" if fitting else ""
         )
-        return Check(title, True, said)
+        return Check(title, True, text)
     looks = _either(fitting) if fitting else f"{_either(order[:1])} most of all, which does not fit either"
     return Check(
         title, False,

@@ -54,7 +54,7 @@ class Receiver:
     """An RTDE client that only listens. After `connect`, a thread takes frames off the socket until `close`.
 
     A failure (closed socket, broken stream, time going backwards, a frozen clock) is kept and raised by every later `next`.
-    `tap(from_device, frame)` is told of every frame in both directions, text messages of the controller excepted.
+    `tap(from_device, frame)` gets every frame in both directions, text messages of the controller excepted.
     """
 
     def __init__(self, host: str, tap: Callable[[bool, bytes], None] = lambda from_device, frame: None) -> None:
@@ -159,12 +159,12 @@ class Receiver:
         self._tap(False, request(kind, payload))
         end = time.monotonic() + CONNECT_TIMEOUT
         while True:
-            for answered, content in self._pending:
-                if answered == kind:
-                    self._tap(True, request(answered, content))
+            for received, content in self._pending:
+                if received == kind:
+                    self._tap(True, request(received, content))
                     return content
-                if answered != "M":  # text messages may come at any time
-                    raise BrokenStream(f"a frame {answered!r} came as the answer to {kind!r}")
+                if received != "M":  # text messages may come at any time
+                    raise BrokenStream(f"a frame {received!r} came as the answer to {kind!r}")
             if time.monotonic() > end:
                 raise TimeoutError(f"no answer to {kind!r}")
             data = connection.recv(65536)

@@ -1,7 +1,7 @@
-"""PolyScope X's Robot API: what may be asked without changing anything.
+"""PolyScope X's Robot API: the requests that change nothing.
 
 Paths, keys and first versions as in the client library of Universal Robots (dashboard_client_implementation_x.cpp) and, for 10.10 and
-older, its notes: before 10.11 only the program's state could be asked. A path that a version lacks answers 404 and is left out.
+older, its notes: before 10.11 only the program's state could be requested. A path that a version lacks answers 404 and is left out.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ BASE = "/universal-robots/robot-api"
 TIMEOUT = 2.0  # s for each answer
 SIZE_MAX = 1 << 16  # bytes; the longest of these answers has some hundred
 
-# what is asked -> path and the key of the answer
+# quantity -> path and the key of the answer
 QUESTIONS = {
     "program state": ("/program/v1/state", "state"),
     "robot mode": ("/robotstate/v1/robotmode", "mode"),

@@ -49,11 +49,18 @@ def test_six_mixed_drives_in_less_than_ten_seconds_of_the_bus(bench, scanned):
     assert [(f.protocol, f.node, f.fd) for f in result.found] == [
         ("damiao", 1, False), ("damiao", 2, True), ("odrive", 5, False), ("odrive", 6, False), ("robstride", 3, False), ("robstride", 4, False),
     ]  # fmt: skip
-    assert [f.told.serial for f in result.found] == ["410001", "410002", "000000064195", "000000064196", "410003", "410004"]
-    assert [f.told.on for f in result.found[:2]] == [True, True]
-    assert result.found[1].told.ranges.tau == 28.0
+    assert [f.described.serial for f in result.found] == [
+        "410001",
+        "410002",
+        "000000064195",
+        "000000064196",
+        "410003",
+        "410004",
+    ]
+    assert [f.described.on for f in result.found[:2]] == [True, True]
+    assert result.found[1].described.ranges.tau == 28.0
     assert result.found[0].feedback == 17
-    assert all(not f.told.problems for f in result.found)
+    assert all(not f.described.problems for f in result.found)
     assert (b.bus.body.live == live).all()
     assert any("cubemars drives answer only orders" in note for note in result.notes)
 
@@ -72,7 +79,7 @@ def test_cubemars_are_asked_where_nothing_can_fall(bench, scanned):
     assert scanned(b)[0].found == ()
     result, _ = scanned(b, supported=True)
     assert [(f.protocol, f.node, f.feedback) for f in result.found] == [("cubemars", n, n) for n in range(1, 7)]
-    assert "ranges stand in its manual" in result.found[0].told.problems[0]
+    assert "ranges stand in its manual" in result.found[0].described.problems[0]
 
 
 def test_what_must_be_set_first_is_said_for_each_drive(bench, scanned):
@@ -84,7 +91,7 @@ def test_what_must_be_set_first_is_said_for_each_drive(bench, scanned):
     for servo in b.bus.servos[4:]:
         servo.registers[15] = 0
     result, _ = scanned(b)
-    problems = {f.node: " ".join(f.told.problems) for f in result.found}
+    problems = {f.node: " ".join(f.described.problems) for f in result.found}
     assert "control mode 2" in problems[1]
     assert "no drive spans that" in problems[2]
     assert "communication lost" in problems[3]

@@ -9,7 +9,7 @@ import pytest
 
 from drivers import open_driver
 from drivers.ur_rtde import checks, family
-from drivers.ur_rtde.dashboard import Said
+from drivers.ur_rtde.dashboard import ControllerInfo
 from drivers.ur_rtde.driver import UrDriver
 from drivers.ur_rtde.options import UrOptions
 from sim.arm import Arm, load_arm
@@ -92,7 +92,7 @@ def test_the_arm_that_a_folder_is_of(arm: Arm, name: str, of: str | None) -> Non
 
 
 def test_the_serial_number_is_pinned_at_first_use() -> None:
-    told = Said("5.25.1", serial="20231")
+    told = ControllerInfo("5.25.1", serial="20231")
     first = checks.serial(told, UrOptions(host="192.168.1.10"))
     assert first.ok is False
     assert 'serial = "20231"' in first.remedy
@@ -100,7 +100,7 @@ def test_the_serial_number_is_pinned_at_first_use() -> None:
     assert checks.serial(told, UrOptions(host="127.0.0.2")).ok is None
     assert checks.serial(told, UrOptions(host="192.168.1.10", serial="20231")).ok is True
     assert checks.serial(told, UrOptions(host="127.0.0.2", serial="20239")).ok is False
-    assert checks.serial(Said("3.11"), UrOptions(host="192.168.1.10")).ok is None
+    assert checks.serial(ControllerInfo("3.11"), UrOptions(host="192.168.1.10")).ok is None
 
 
 def test_a_cell_may_assume_its_arm(cell: Callable[..., Cell], arm: Arm) -> None:

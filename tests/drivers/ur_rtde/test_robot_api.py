@@ -11,7 +11,7 @@ import pytest
 
 from drivers import open_driver
 from drivers.ur_rtde import robot_api
-from drivers.ur_rtde.dashboard import Said, said
+from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
 from sim.arm import Arm
 from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
@@ -43,14 +43,14 @@ def robot(cell: Callable[..., Cell], arm: Arm):  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize(
     ("polyscope", "told"),
     [
-        ("10.11.0", Said("10.11.0")),
-        ("10.12.0", Said("10.12.0", remote=True, operational_mode="AUTOMATIC", safety="NORMAL")),
-        ("10.14.0", Said("10.14.0", "UR10", "20230000000", True, "AUTOMATIC", "NORMAL")),
+        ("10.11.0", ControllerInfo("10.11.0")),
+        ("10.12.0", ControllerInfo("10.12.0", remote=True, operational_mode="AUTOMATIC", safety="NORMAL")),
+        ("10.14.0", ControllerInfo("10.14.0", "UR10", "20230000000", True, "AUTOMATIC", "NORMAL")),
     ],
 )
-def test_each_version_tells_what_it_can(robot, polyscope: str, told: Said) -> None:  # type: ignore[no-untyped-def]
+def test_each_version_tells_what_it_can(robot, polyscope: str, told: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
     emulator, _ = robot(polyscope)
-    assert said(emulator.host, emulator.robot.version, PORT) == told
+    assert controller_info(emulator.host, emulator.robot.version, PORT) == told
 
 
 def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> None:  # type: ignore[no-untyped-def]
@@ -65,7 +65,7 @@ def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> No
 
 
 def test_where_the_service_is_off_only_rtde_is_said() -> None:
-    assert said("127.0.0.1", (10, 14, 0, 0), 1) == Said("10.14.0")
+    assert controller_info("127.0.0.1", (10, 14, 0, 0), 1) == ControllerInfo("10.14.0")
 
 
 @pytest.mark.parametrize(
