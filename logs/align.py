@@ -19,7 +19,7 @@ def time_order(stamp: np.ndarray, log: np.ndarray) -> np.ndarray | None:
     return np.argsort(log, kind="stable")
 
 
-def tell_losses(stamp: np.ndarray, sequence: np.ndarray, states: JointTopic, damage: Damage) -> None:
+def report_losses(stamp: np.ndarray, sequence: np.ndarray, states: JointTopic, damage: Damage) -> None:
     """Say how many messages are missing, where the sequence numbers count messages (many writers leave them zero)."""
     steps = np.diff(sequence)
     if states.others or not len(steps) or np.any(steps < 1):

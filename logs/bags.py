@@ -28,7 +28,7 @@ def is_sqlite_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, joint_names: tuple[str, ...] | None, damage: Damage) -> Log:
-    """The joint messages of a bag as a log; BadLog tells what is wrong with it."""
+    """The joint messages of a bag as a log; BadLog states what is wrong with it."""
     topics: dict[str, JointTopic] = {}
     channels: dict[int, Channel] = {}
     try:

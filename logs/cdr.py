@@ -1,7 +1,7 @@
 """ROS 2 messages as bytes (CDR, OMG DDSI-RTPS 2.3 section 10): a strict parser, and layouts for reading many at once.
 
 A message of joint values has a fixed layout as long as its names and array lengths stay the same. `joint_layout` parses one
-message field by field and remembers where everything stands; `Layout.matches` tells which other messages agree with it in every
+message field by field and remembers where everything stands; `Layout.matches` finds which other messages agree with it in every
 byte that is not a value; those are then read as NumPy records.
 """
 
@@ -17,7 +17,7 @@ MAX_TRAILING = 7  # some writers pad a message to a multiple of 4 or 8
 
 
 class CdrError(ValueError):
-    """A message that is not what its schema says; the text tells what is wrong in it."""
+    """A message that is not what its schema says; the text states what is wrong in it."""
 
 
 class CdrReader:
@@ -104,7 +104,7 @@ class Layout:
 
 
 def joint_layout(data: bytes, fields: int) -> Layout:
-    """The layout of a message `Header header, string[] name, float64[] x fields`; CdrError tells what is wrong."""
+    """The layout of a message `Header header, string[] name, float64[] x fields`; CdrError states what is wrong."""
     reader = CdrReader(data)
     reader.number("i")
     reader.number("I")

@@ -116,9 +116,9 @@ def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
             f"no column of times among {', '.join(list(table.columns)[:24])}; say which it is: --column time=NAME:ms, or --rate HZ"
         )
     name = min(rising, key=lambda x: (len(_words(x)), list(table.columns).index(x)))
-    told = [UNIT_WORDS[word] for word in _words(name)[1:] if UNIT_WORDS.get(word) in TIME]
-    if told:
-        return name, told[0]
+    units = [UNIT_WORDS[word] for word in _words(name)[1:] if UNIT_WORDS.get(word) in TIME]
+    if units:
+        return name, units[0]
     x = table.columns[name]
     step = float(np.median(np.diff(x[np.isfinite(x)])))
     # between 2 Hz and 5 kHz an arm is recorded; the unit that puts the rate there is the likely one
@@ -188,15 +188,15 @@ def _joint_names(keys: list[str], wanted: Sequence[str] | None, doubts: list[str
 
 
 def _unit(table: Table, channel: str, columns: tuple[str, ...], doubts: list[str]) -> str:
-    """The unit that the names tell, else the one that the size of the numbers makes likely."""
-    told = {UNIT_WORDS[w] for name in columns for w in _words(name)[1:] if w in UNIT_WORDS}
+    """The unit that the names state, else the one that the size of the numbers makes likely."""
+    stated = {UNIT_WORDS[w] for name in columns for w in _words(name)[1:] if w in UNIT_WORDS}
     own = next(iter(UNITS[channel]))
-    if "dps" in {w for name in columns for w in _words(name)} or ("deg" in told and channel.startswith("dq")):
-        told.add("deg/s")
-    fits = [unit for unit in UNITS[channel] if unit in told and unit != own]
+    if "dps" in {w for name in columns for w in _words(name)} or ("deg" in stated and channel.startswith("dq")):
+        stated.add("deg/s")
+    fits = [unit for unit in UNITS[channel] if unit in stated and unit != own]
     if fits:
         return fits[0]
-    if channel in ("q", "q_cmd") and own not in told:
+    if channel in ("q", "q_cmd") and own not in stated:
         x = np.concatenate([table.columns[name] for name in columns if name])
         x = np.abs(x[np.isfinite(x)])
         reach = float(np.quantile(x, 0.99)) if len(x) else 0.0

@@ -154,7 +154,7 @@ def _unit(value: Any, units: Mapping[str, float], where: str) -> str:
 
 
 def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -> Log:
-    """The recording in a table; BadLog names row, column, value and rule of the first bad value, or tells what was left out."""
+    """The recording in a table; BadLog names row, column, value and rule of the first bad value, or states what was left out."""
     rows = np.ones(len(table), dtype=bool)
     for name, value in columns.where.items():
         rows &= _column(table, name, damage) == value
@@ -221,7 +221,7 @@ def _instants(
 def _sound(
     t: np.ndarray, measured: dict[str, np.ndarray], stamped: np.ndarray, place: np.ndarray, columns: ColumnMap, damage: Damage
 ) -> np.ndarray:
-    """(N,) rows whose values an arm can have; the first that it cannot is told."""
+    """(N,) rows whose values an arm can have; the first that it cannot is reported."""
     missing = np.flatnonzero(~stamped)
     if len(missing):
         damage.report(f"row {place[missing[0]]}", f"{len(missing)} rows have no time")

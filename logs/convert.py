@@ -53,7 +53,7 @@ class Imported:
 
 
 def table_of(source: Path) -> Table | None:
-    """The columns of a file whose meaning must be said, or None for a recording that says it itself."""
+    """The columns of a file whose meaning must be stated, or None for a recording that states it itself."""
     from logs.mcap_records import MAGIC
     from logs.ur_rtde_csv import looks_like_csv
 
@@ -72,10 +72,10 @@ def import_recording(
 ) -> Imported:
     """Write what survives of `source` to the new file `target`; BadLog where nothing does.
 
-    The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless told not to. A journal is
+    The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless --accept-partial is given. A journal is
     copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
     needs the meaning of its `columns`. `change` may refuse the log (raise) or read it another way before it is written. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
-    stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are said.
+    stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are reported.
     """
     source, target = Path(source), Path(target)
     if target.exists():
@@ -137,8 +137,8 @@ def _without_duplicates(log: Log) -> Log:
     keep = np.r_[True, np.diff(log.t) > 0]
     if keep.all():
         return log
-    told = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
-    return replace(_part(log, keep), findings=(*log.findings, told))
+    finding = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
+    return replace(_part(log, keep), findings=(*log.findings, finding))
 
 
 def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:

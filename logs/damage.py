@@ -1,4 +1,4 @@
-"""Damage in a file is refused with its place and remedy or, where the operator accepts a partial file, counted and told."""
+"""Damage in a file is refused with its place and remedy or, where the operator accepts a partial file, counted and reported."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Journal:
         self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None, attachments: Sequence[Attachment] = (),
         first: bytes = b"",
     ) -> None:  # fmt: skip
-        """A new file at `path`, with `first` behind its head; `reserve` bytes are asked of the file system first, and more in time when they run low."""
+        """A new file at `path`, with `first` behind its head; `reserve` bytes are requested from the file system first, and more in time when they run low."""
         self._prepare(path, reserve, disk)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from logs.align import held, tell_losses, time_order
+from logs.align import held, report_losses, time_order
 from logs.cdr import CdrError, log_message
 from logs.damage import Damage
 from logs.finish import killed_sentence
@@ -33,7 +33,7 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
     metadata: dict[str, dict[str, str]] = {}
     ended, unsealed, killed = True, 0, None
     for path in paths:
-        dead = killed_now(path)  # asked before the reading: what is written meanwhile is no dead program's
+        dead = killed_now(path)  # checked before the reading: what is written meanwhile is no dead program's
         try:
             with path.open("rb") as file:
                 stream = McapStream(file, path.stat().st_size, damage)
@@ -53,8 +53,8 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         why = metadata[RECORDING].get("end_reason") or "its program was killed"
         raise EmptyLog(f"{damage.path}: holds no sample: the motion had not begun ({why}); record it again")
     last = int(topic.host[-1][-1]) if topic and topic.host else None
-    said = killed_sentence(sum(map(len, topic.stamp)) if topic else 0, last)
-    state = recording_state(metadata, ended, killed, damage, said)
+    killed_text = killed_sentence(sum(map(len, topic.stamp)) if topic else 0, last)
+    state = recording_state(metadata, ended, killed, damage, killed_text)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
     return assembled(topics, events, metadata, state, joint_names, damage)
@@ -62,9 +62,9 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
 
 def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
     """A finished recording says how many samples it holds; `found` of them are there."""
-    said = recording.get("samples")
-    if said is not None and said != str(found):
-        damage.report("metadata record 'recording'", f"the recording says {said} samples, {found} survive")
+    stated = recording.get("samples")
+    if stated is not None and stated != str(found):
+        damage.report("metadata record 'recording'", f"the recording says {stated} samples, {found} survive")
 
 
 def killed_now(path: Path) -> bool:
@@ -194,7 +194,7 @@ def assembled(
     if order is not None:
         stamp, host, sequence = stamp[order], host[order], sequence[order]
         damage.note(f"messages on {states.topic} do not stand in the order of their log times; they were read in that order")
-    tell_losses(stamp, sequence, states, damage)
+    report_losses(stamp, sequence, states, damage)
     t, t_host, host_origin = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9, int(host[0])
     del host
     if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():

@@ -152,8 +152,8 @@ def _leap(data: bytes, ops: array[int], starts: array[int], at: int, most: int) 
         return 0, at
     offsets = np.cumsum(lengths) - lengths
     places = at + step * np.arange(count)[:, None] + offsets
-    said = np.ndarray((len(data) - 8,), "<u8", data, 1, strides=(1,))[places]
-    alike = (np.frombuffer(data, dtype=np.uint8)[places] == kinds) & (said == (lengths - HEAD.size).astype(np.uint64))
+    stated = np.ndarray((len(data) - 8,), "<u8", data, 1, strides=(1,))[places]
+    alike = (np.frombuffer(data, dtype=np.uint8)[places] == kinds) & (stated == (lengths - HEAD.size).astype(np.uint64))
     rows = int(np.argmin(np.append(alike.all(axis=1), False)))
     ops.frombytes(np.tile(kinds, rows).tobytes())
     starts.frombytes(places[:rows].tobytes())
@@ -161,7 +161,7 @@ def _leap(data: bytes, ops: array[int], starts: array[int], at: int, most: int) 
 
 
 def unpacked(compression: str, packed: bytes, size: int) -> bytes:
-    """At most size + 1 bytes of content: what a chunk says of its size is not believed."""
+    """At most size + 1 bytes of content: the size that a chunk states is not trusted."""
     if compression == "zstd":
         with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD).stream_reader(packed) as reader:
             return reader.read(size + 1)

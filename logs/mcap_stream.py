@@ -2,7 +2,7 @@
 
 The `mcap` library's readers do not check lengths inside records, do not bound what a chunk decompresses to, and make one Python
 object for each message; this reader finds where the messages of a whole chunk start, for NumPy to read them at once.
-Damage is refused or, where a partial file is accepted, left out and told (`logs.damage`).
+Damage is refused or, where a partial file is accepted, left out and reported (`logs.damage`).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _SEAL = (8).to_bytes(8, "little") + SEAL_TAG
 
 @dataclass
 class McapStream:
-    """Messages, channels and metadata of an open MCAP file; `ended` tells after the last batch whether its end was there."""
+    """Messages, channels and metadata of an open MCAP file; `ended` is known after the last batch: whether its end was there."""
 
     file: BinaryIO
     size: int
@@ -230,7 +230,7 @@ class McapStream:
         log, created, name, media = fields.number(8), fields.number(8), fields.text(), fields.text()
         data = fields.bytes(fields.number(8))
         crc = zlib.crc32(memoryview(fields.data)[: fields.at])
-        if (said := fields.number(4)) and said != crc:
+        if (stated := fields.number(4)) and stated != crc:
             raise RecordError(f"the check sum of the attachment {name!r:.80} is wrong")
         if sum(len(a.data) for a in kept.values()) + len(data) > MAX_ATTACHED or len(kept) >= MAX_DEFINITIONS:
             raise RecordError(f"more than {MAX_ATTACHED} bytes or {MAX_DEFINITIONS} of attachments")

@@ -25,7 +25,7 @@ IN_MEMORY_BYTES = 32 << 20  # a file up to this size is read at once
 
 
 class Pieces(Sequence[Log]):
-    """Consecutive pieces of recordings that share no sample; each is read when it is asked for.
+    """Consecutive pieces of recordings that share no sample; each is read when it is needed.
 
     seconds: how long each is. Findings about a whole recording stand with its first piece.
     """

@@ -17,7 +17,7 @@ STEP_RATIO, STEP_QUANTILE, STEP_ROWS = (
     5.0,
     0.9,
     50,
-)  # times the speed that a tenth of the steps exceeds, where so many steps tell it
+)  # times the speed that a tenth of the steps exceeds, where so many steps show it
 STEP_SLACK = 0.01  # rad: two readings may share a stamp
 ROWS = 1 << 16  # looked at together: an hour's arrays are never held twice
 

@@ -1,4 +1,4 @@
-"""Any supported recording as a Log: what a file is, is told by its content, not by its name."""
+"""Any supported recording as a Log: what a file is, is recognised by its content, not by its name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
 
     Joints are matched by name: `joint_names` asks for these joints in this order; without it the order is the recording's.
     BadLog for damage, an end that was not clean, time that runs backwards, and values that no arm has; with `accept_partial`
-    the damaged parts are left out and `Log.findings` tells what is missing.
+    the damaged parts are left out and `Log.findings` states what is missing.
     """
     path = Path(path)
     damage = Damage(path, accept_partial)

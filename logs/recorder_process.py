@@ -90,7 +90,7 @@ class RecorderProcess(Recording):
 
     def _await_start(self) -> None:
         deadline = time.monotonic() + START_TIME
-        while self._ring.said("ready") is None and self._process.poll() is None:
+        while self._ring.note("ready") is None and self._process.poll() is None:
             if time.monotonic() > deadline:
                 self._process.kill()
             time.sleep(0.002)
@@ -116,7 +116,7 @@ class RecorderProcess(Recording):
             raise ValueError(f"a command of shapes {[c.shape for c in commands]} in a recording of {n} joints")
         head = _SAMPLE.pack(SAMPLE, _STATUSES.index(state.status), q_cmd is not None, state.t, state.t_device)
         if not self.samples:
-            self._ring.say("host", repr(state.t))
+            self._ring.set_note("host", repr(state.t))
         arrays = (state.q, state.dq, state.tau, state.current, state.temperature, *commands)
         self._put(head + b"".join(array.tobytes() for array in arrays) + state.detail.encode("utf-8"))
         self.samples += 1
@@ -130,7 +130,7 @@ class RecorderProcess(Recording):
         if self._closed:
             return
         self._closed = True
-        self._ring.say("end", end_reason)
+        self._ring.set_note("end", end_reason)
         try:
             self._process.wait(CLOSE_TIME)
         except subprocess.TimeoutExpired:
@@ -138,12 +138,12 @@ class RecorderProcess(Recording):
                 f"{self.path}: the recording process has not ended in {CLOSE_TIME:g} s; leave it running, or kill process "
                 f"{self._process.pid} and recover the file with `calib import`"
             ) from None
-        if self._process.returncode or self._ring.said("failure"):
+        if self._process.returncode or self._ring.note("failure"):
             killed = (self._process.returncode or 0) < 0
-            told = recovered(self.path) if killed else None
+            outcome = recovered(self.path) if killed else None
             if not killed:
                 forget(self._ring_name)
-            raise DeviceError(f"{self.path}: the recording process was {told}" if told else self._failure())
+            raise DeviceError(f"{self.path}: the recording process was {outcome}" if outcome else self._failure())
 
     def _put(self, data: bytes) -> None:
         self._check()
@@ -152,13 +152,13 @@ class RecorderProcess(Recording):
         self._put_count += 1
 
     def _check(self) -> None:
-        if self._ring.said("failure") or self._ring.lost or self._process.poll() is not None:
+        if self._ring.note("failure") or self._ring.lost or self._process.poll() is not None:
             raise DeviceError(self._failure())
 
     def _failure(self) -> str:
-        said = self._ring.said("failure")
-        if said:
-            return said
+        reason = self._ring.note("failure")
+        if reason:
+            return reason
         if self._ring.lost:
             return (
                 f"{self.path}: the disk is slower than the samples come: the ring of {self._ring.slots} is full and "
@@ -171,7 +171,7 @@ class RecorderProcess(Recording):
 
 
 def serve(task_text: str) -> None:
-    """The recording process: take from the ring and write, until told to end or until the parent is gone."""
+    """The recording process: take from the ring and write, until commanded to end or until the parent is gone."""
     task = json.loads(task_text)
     ring = Ring(task["fd"], task["slots"], task["slot"])
     os.close(task["fd"])
@@ -179,10 +179,10 @@ def serve(task_text: str) -> None:
     _prefer(True)
     try:
         recorder = Recorder(task["path"], task["joint_names"], task["metadata"], about, reserve=task["reserve"])
-        ring.say("ready", "yes")
+        ring.set_note("ready", "yes")
         _record(ring, recorder, task)
     except Exception as error:  # whatever it is, the control loop must learn of it
-        ring.say("failure", str(error) or type(error).__name__)
+        ring.set_note("failure", str(error) or type(error).__name__)
         sys.exit(1)
 
 
@@ -197,7 +197,7 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
     failure: DeviceError | None = None
     while True:
         orphan = os.getppid() != task["parent"]
-        end = ring.said("end")
+        end = ring.note("end")
         data = ring.look()
         if data is None:
             if end is not None or orphan:
@@ -209,7 +209,7 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
             write_message(recorder, data, n)
         except DeviceError as error:
             failure = failure or error
-            ring.say("failure", str(error))
+            ring.set_note("failure", str(error))
         ring.let_go()
     _prefer(False)
     if ring.lost:

@@ -58,8 +58,8 @@ def recovered(path: Path) -> str | None:
             found = _read(path)
             if found.metadata.get("boot") != boot() and time.time() - os.fstat(file.fileno()).st_mtime < FOREIGN_AGE:
                 return None  # another computer may be writing it, whose locks are not seen here
-            told = _drain(path, found)
-            words = {"end_reason": found.failure or told, "samples": str(found.counts.get(STATES, 0))}
+            reason = _drain(path, found)
+            words = {"end_reason": found.failure or reason, "samples": str(found.counts.get(STATES, 0))}
             finish(
                 path,
                 "aborted" if found.failure else "killed",
@@ -126,14 +126,14 @@ def _drain(path: Path, found: _Found) -> str:
     samples = found.counts.get(STATES, 0)
     if ring is None or not found.seals:
         return killed_sentence(samples, found.last, f"at most 1 lost {GONE}" if "ring" in found.metadata else "at most 1 lost")
-    said = ring.said("host")
+    host_time = ring.note("host")
     found.failure = (
-        found.failure or ring.said("failure") or (f"{ring.lost} samples were lost: the disk was too slow" if ring.lost else "")
+        found.failure or ring.note("failure") or (f"{ring.lost} samples were lost: the disk was too slow" if ring.lost else "")
     )
     journal = Journal.reopened(path, found.end)
     try:
         recorder = Recorder.resumed(
-            journal, found.metadata, found.counts, float(said) if said and samples else None, found.offset
+            journal, found.metadata, found.counts, float(host_time) if host_time and samples else None, found.offset
         )
         n = len(recorder.joint_names)
         while (message := ring.look()) is not None:

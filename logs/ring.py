@@ -1,6 +1,6 @@
 """A bounded ring of messages in shared memory: one process puts, another looks and lets go, neither ever waits for the other.
 
-Each slot carries its number and a check sum, so that a taker never believes a slot that is not wholly written, whatever order the
+Each slot carries its number and a check sum, so that a taker never accepts a slot that is not wholly written, whatever order the
 processor makes stores visible in.
 """
 
@@ -58,7 +58,7 @@ def forget(name: str) -> None:
 
 
 def left_behind(name: str) -> Ring | None:
-    """The ring of that name, which comes from a file and is believed only where it can be one of this user's; None otherwise."""
+    """The ring of that name, which comes from a file and is accepted only where it can be one of this user's; None otherwise."""
     if not _NAME.fullmatch(name):
         return None
     try:
@@ -142,15 +142,15 @@ class Ring:
         """Slots that are filled and not let go."""
         return self._get(_HEAD) - self._get(_TAIL)
 
-    def say(self, place: str, text: str) -> None:
+    def set_note(self, place: str, text: str) -> None:
         """Leave a short text for the other side, under one of the names ready, failure, end; the first one stays."""
-        if self.said(place) is None:
+        if self.note(place) is None:
             raw = text.encode("utf-8", errors="replace")[:_WORD_MAX]
             at = _WORDS[place]
             self._memory[at + 8 : at + 8 + len(raw)] = raw
             self._set(at, len(raw) + 1)
 
-    def said(self, place: str) -> str | None:
+    def note(self, place: str) -> str | None:
         """The text that was left, or None."""
         at = _WORDS[place]
         size = self._get(at)

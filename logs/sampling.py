@@ -23,8 +23,8 @@ LEAST_SAMPLES = 32
 REACH = 5  # samples before and after, over which a joint must move through for an unchanged position to be a repeated sample
 COUNTS = 3.0  # encoder steps a sample: below, an unchanged position is no wonder
 TRUST = 0.1  # dq is the derivative of q within this share, in the median
-FAST_SHARE = 0.15  # of a period: time is told by samples whose motion resolves it this well
-LEAST_TELLING = 100
+FAST_SHARE = 0.15  # of a period: time is taken from samples whose motion resolves it this well
+LEAST_INFORMATIVE = 100
 MATTERS = 0.03  # of a period: less jitter than this is left alone
 MOST_BRIDGED = 8  # samples in a row
 GAP_STEPS, GAP_STEPS_REGULAR = 2.5, 1.5
@@ -41,7 +41,7 @@ class Sampling:
     bridged     name -> (M,) bool, values that were not measured
     std         name -> (M, n) standard deviation of the bridged values, 0 where measured
     period      s, between samples: the device's where its clock was rebuilt, else the median of the stamps' steps
-    jitter      s, standard deviation of the stamps about the instants; NaN where the motion does not tell
+    jitter      s, standard deviation of the stamps about the instants; NaN where the motion does not show it
     jitter_seen s, the least that this motion and resolution would have shown
     rebuilt     whether `t` is another than the stamps; `left` s is then what remains between d and the steps of t
     repeated, missing   samples sent twice (left out), and samples lost; as counted
@@ -80,8 +80,8 @@ def examine(
     _check(t, q, {"dq": dq, **others})
     if len(t) < LEAST_SAMPLES:
         channels = {"q": q, "dq": dq, **others}
-        said = (f"{len(t)} samples are too few to tell how they were taken",)
-        return _as_recorded(t, channels, said)
+        too_few = (f"{len(t)} samples are too few to tell how they were taken",)
+        return _as_recorded(t, channels, too_few)
     held = _held(q)
     stale = held & ~_same(others)
     first = np.r_[True, np.diff(t) > 0]
@@ -94,29 +94,29 @@ def examine(
     steps = np.diff(tf)
     period = float(np.median(steps))
     elapsed, error, scale = _elapsed(steps, qf, vf)
-    telling = error < FAST_SHARE * period
+    informative = error < FAST_SHARE * period
     jitter, seen, rebuilt, left = math.nan, math.nan, False, math.nan
     clock = tf
     findings = _repeats(held, stale, first, len(t))
-    if telling.sum() >= LEAST_TELLING:
-        off = elapsed[telling] - steps[telling]
-        seen = float(np.median(error[telling]))
+    if informative.sum() >= LEAST_INFORMATIVE:
+        off = elapsed[informative] - steps[informative]
+        seen = float(np.median(error[informative]))
         left = SHARE_OF_SIGMA * float(np.median(np.abs(off - np.median(off))))
         excess = math.sqrt(max(left**2 - seen**2, 0.0))
         jitter = excess / math.sqrt(2) if excess > seen else 0.0
         if excess > 2 * seen and excess > MATTERS * period:
-            made = rebuilt_clock(tf, elapsed, np.where(telling, error, np.inf), excess)
+            made = rebuilt_clock(tf, elapsed, np.where(informative, error, np.inf), excess)
             if made is not None:
                 clock, rebuilt, period = made.t, True, made.period
                 jitter = SHARE_OF_SIGMA * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
-                left = SHARE_OF_SIGMA * float(np.median(np.abs(elapsed - np.diff(clock))[telling]))
+                left = SHARE_OF_SIGMA * float(np.median(np.abs(elapsed - np.diff(clock))[informative]))
         findings.append(_of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
     else:
         findings.append(
             "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
         )
     findings += _of_speed(scale)
-    count = _missing(np.diff(clock), period, rebuilt, telling)
+    count = _missing(np.diff(clock), period, rebuilt, informative)
     missing = int(count.sum())
     wide = int(count.max(initial=0))
     if missing:
@@ -206,7 +206,7 @@ def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time that passed between samples (K,), its standard deviation (K,), infinite where nothing tells, and dq over dq/dt of q (n,)."""
+    """Time that passed between samples (K,), its standard deviation (K,), infinite where nothing is informative, and dq over dq/dt of q (n,)."""
     moved, speed = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
     scale = np.full(q.shape[1], np.nan)
     weight = np.zeros(q.shape[1])
@@ -214,7 +214,7 @@ def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarr
         v, x = speed[:, j], moved[:, j]
         ok = np.isfinite(v)
         fast = ok & (np.abs(v) > 0.3 * np.quantile(np.abs(v[ok]), 0.95)) & (np.abs(v) > 0) if ok.any() else ok
-        if fast.sum() < LEAST_TELLING or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
+        if fast.sum() < LEAST_INFORMATIVE or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
             continue
         # of the two it is the difference of positions that is coarse: it is never what rows are chosen by, or divided by
         ratio = x[fast] / (v[fast] * steps[fast])
@@ -244,11 +244,11 @@ def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarr
     return elapsed, 1 / np.sqrt(np.maximum(total, 1e-300)), scale
 
 
-def _missing(steps: np.ndarray, period: float, rebuilt: bool, telling: np.ndarray) -> np.ndarray:
+def _missing(steps: np.ndarray, period: float, rebuilt: bool, informative: np.ndarray) -> np.ndarray:
     """(K,) samples lost between neighbours: half a period more is a lost one where the clock is even, else it takes a longer gap."""
     of = steps / period
     even = rebuilt or np.mean(np.abs(of - np.rint(of)) < STEADY_WITHIN) > STEADY_SHARE
-    lost = of > np.where(telling | (not rebuilt), GAP_STEPS_REGULAR if even else GAP_STEPS, GAP_STEPS)
+    lost = of > np.where(informative | (not rebuilt), GAP_STEPS_REGULAR if even else GAP_STEPS, GAP_STEPS)
     return np.where(lost, np.rint(of) - 1, 0).astype(int)
 
 
@@ -282,15 +282,17 @@ def _repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> 
 def _of_jitter(
     jitter: float, seen: float, rebuilt: bool, left: float, period: float, stamps: np.ndarray, clock: np.ndarray
 ) -> str:
-    said = f"the stamps jitter by {1e3 * jitter:.3g} ms about the instants of sampling (standard deviation, from q against dq)"
+    sentence = (
+        f"the stamps jitter by {1e3 * jitter:.3g} ms about the instants of sampling (standard deviation, from q against dq)"
+    )
     if rebuilt:
         most = float(np.quantile(np.abs(stamps - clock), 0.99))
         return (
-            f"{said}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
+            f"{sentence}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
             f"{1e3 * left:.2g} ms are left between q and dq"
         )
     if jitter > 2 * seen and jitter > MATTERS * period:
-        return f"{said}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
+        return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
     return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings tell {1e3 * seen:.2g} ms"
 
 

@@ -23,9 +23,9 @@ LEAST_COHERENCE = 0.6  # mean of cos(2 pi d / T): 1 on a lattice, 0 for any othe
 LEAST_AGREEING = 0.9
 OFFSETS = 10  # periods by which a stamp may be off
 BOUND_STAMP, BOUND_MOTION, PRICE = 9.0, 1000.0, 2.0
-# a host's delay wanders: stamps near one another err together, and what many of them say weighs no more than what a few say
+# a host's delay wanders: stamps near one another err together, and many of them get no more weight than a few
 TOGETHER = 5.0
-SIGMA_LEAST = 0.05  # of a period: motion never tells better
+SIGMA_LEAST = 0.05  # of a period: motion is never more accurate
 BLOCKS = 400
 
 

@@ -1,4 +1,4 @@
-"""What the control process and the command process tell each other: numbers and two sentences in shared memory, no lock to wait for.
+"""What the control process and the command process exchange: numbers and two sentences in shared memory, no lock to wait for.
 
 Each value is written by one side only. The reason for a stop is written before the flag that says that there is one.
 """
@@ -36,17 +36,17 @@ class Board:
         """The command process lives."""
         self._numbers[BEAT_AT] = time.monotonic()
 
-    def heard_within(self, seconds: float) -> bool:
+    def alive_within(self, seconds: float) -> bool:
         """Whether the command process gave a sign of life within the last `seconds`."""
         return bool(time.monotonic() - self._numbers[BEAT_AT] <= seconds)
 
-    def ask_for_stop(self, reason: str) -> None:
+    def request_stop(self, reason: str) -> None:
         """The first reason stays."""
         if not self._numbers[STOP_AT]:
             _write(self._reason, reason)
             self._numbers[STOP_AT] = 1.0
 
-    def stop_asked(self) -> str | None:
+    def stop_requested(self) -> str | None:
         """Why the command process wants a stop, or None."""
         return _read(self._reason) if self._numbers[STOP_AT] else None
 
@@ -90,8 +90,8 @@ class Board:
         return Progress(_read(self._what), numbers[SHARE_AT], cycle, *run)
 
 
-def _write(text: Any, said: str) -> None:
-    text.raw = said.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+def _write(text: Any, sentence: str) -> None:
+    text.raw = sentence.encode()[: TEXT - 1].ljust(TEXT, b"\0")
 
 
 def _read(text: Any) -> str:

@@ -61,7 +61,7 @@ class Clearance:
     """Distances of one arm in one cell.
 
     excluded: pairs of the arm's own shapes that are not checked because they can never part -> the reason; always_apart: pairs
-    that are not asked of a motion because they keep their margin in every posture -> how far apart.
+    that are not checked for a motion because they keep their margin in every posture -> how far apart.
     """
 
     def __init__(self, arm: Arm, cell: Cell) -> None:

@@ -33,7 +33,7 @@ def without_arm(cell: Cell) -> bool:
 
 
 def question(cell: Cell, arm_name: str, how: str = "through large angles") -> str:
-    """What is asked; the answer is `expected(cell)`."""
+    """The question; the answer is `expected(cell)`."""
     return f"{NOT_RATED}\n{arm_name} will move {how} in {cell.name}. Type {expected(cell)!r} to let it move: "
 
 

@@ -39,7 +39,7 @@ END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
 
 @dataclass(frozen=True)
 class _Task:
-    """What the control process is told; it loads arm, cell and plan from their files itself."""
+    """The task of the control process; it loads arm, cell and plan from their files itself."""
 
     plan: Path
     cell: Path
@@ -67,13 +67,13 @@ def drive(
     audit: Path,
     stages: Sequence[float] | None = None,
     operator: str = "",
-    stop_asked: Callable[[], str | None] = NEVER,
+    stop_requested: Callable[[], str | None] = NEVER,
     watch: Callable[[Progress], None] = lambda progress: None,
     held: Callable[[str], None] = lambda sentence: None,
 ) -> Recorded:
     """`execute` where it belongs: here for a simulated cell, in a control process of its own for every other.
 
-    Where the driver goes on holding the arm after a failure, because torque off would drop it, `held` is told why, and this returns
+    Where the driver goes on holding the arm after a failure, because torque off would drop it, `held` gets the reason, and this returns
     only when somebody who supports the arm presses Ctrl-C. driver_factory must be a function of a module. Raises what `execute`
     raises; DeviceError where the control process was lost.
     """
@@ -87,7 +87,7 @@ def drive(
             audit=audit,
             stages=stages,
             operator=operator,
-            stop_asked=stop_asked,
+            stop_requested=stop_requested,
             watch=watch,
         )
     context = multiprocessing.get_context("spawn")
@@ -106,9 +106,9 @@ def drive(
         heart.start()
         process.start()
         try:
-            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_asked), watch)
+            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch)
         except BaseException:
-            board.ask_for_stop("the command process failed")
+            board.request_stop("the command process failed")
             _let_go(process, board, "the command process failed", held)
             raise
         finally:
@@ -142,7 +142,7 @@ def _beat(board: Board, over: threading.Event) -> None:
 
 
 def _watched(
-    process: Any, answer: Any, board: Board, asked: Callable[[], str | None], watch: Callable[[Progress], None]
+    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[Progress], None]
 ) -> tuple[str, Any]:
     """Show what the control process does until it answers; pass a wish to stop on to it."""
     while True:
@@ -158,11 +158,11 @@ def _watched(
                     f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
                     "the arm: look at it before anything else, then recover the log with `calib import`"
                 ) from None
-        reason = asked()
+        reason = stop_requested()
         if reason is None:
             watch(board.progress())
         else:  # a terminal that was closed can show nothing any more
-            board.ask_for_stop(reason)
+            board.request_stop(reason)
 
 
 def _serve(task: _Task, board: Board, answer: Any) -> None:
@@ -172,19 +172,19 @@ def _serve(task: _Task, board: Board, answer: Any) -> None:
         plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
         realtime.prepare()
 
-        def asked() -> str | None:
-            reason = board.stop_asked()
+        def stop_requested() -> str | None:
+            reason = board.stop_requested()
             if reason is not None:
                 return reason
             if os.getppid() != task.parent:
                 return "the command process died"
-            if not board.heard_within(SILENCE):
+            if not board.alive_within(SILENCE):
                 return f"the command process was silent for {SILENCE:g} s"
             return None
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_asked=asked, watch=board.show,
+            stop_requested=stop_requested, watch=board.show,
         )  # fmt: skip
         answer.put(("done", result))
     except BaseException as error:

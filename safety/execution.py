@@ -93,13 +93,13 @@ def execute(
     audit: Path,
     stages: Sequence[float] | None = None,
     operator: str = "",
-    stop_asked: Callable[[], str | None] = NEVER,
+    stop_requested: Callable[[], str | None] = NEVER,
     watch: Callable[[Progress], None] = lambda progress: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
 ) -> Recorded:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
-    stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_asked: asked every cycle, a
+    stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
     reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
     way; whatever was recorded then is closed as aborted.
     """
@@ -128,7 +128,7 @@ def execute(
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())
-            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_asked), watch)
+            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch)
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
         stopped = error.record() if isinstance(error, MotionStopped) else {}
@@ -163,10 +163,10 @@ class _Run:
 
     def __init__(
         self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
-        stop_asked: Callable[[], str | None], watch: Callable[[Progress], None],
+        stop_requested: Callable[[], str | None], watch: Callable[[Progress], None],
     ) -> None:  # fmt: skip
         self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
-        self.operator, self.stop_asked, self.watch = operator, stop_asked, watch
+        self.operator, self.stop_requested, self.watch = operator, stop_requested, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
         self.clearance = Clearance(arm, cell)
         self.latency = latency_of(cell, driver)
@@ -208,7 +208,7 @@ class _Run:
         try:
             for name, path in paths.items():
                 logs[name] = self._recording(path, name, speed)
-            watched = self.stop_asked, self._watch_cycle, self.latency
+            watched = self.stop_requested, self._watch_cycle, self.latency
             with Guard(self.driver, self.arm, self.cell, self.clearance, *watched) as guard:
                 for leg in legs:
                     self._what = leg.what

@@ -1,4 +1,4 @@
-"""The only caller of `Driver.send`: one cleared sample a period, every reading asked, and a bounded stop whatever goes wrong."""
+"""The only caller of `Driver.send`: one cleared sample a period, every reading checked, and a bounded stop whatever goes wrong."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STANDSTILL = 0.02
 STANDING_CYCLES = 5
 REST_TIME = 2.0
 SWITCH_ON_TIME = 1.0
-# The arm must be seen to slow down this long after the first slower command, else the device is told to stop by itself
+# The arm must be seen to slow down this long after the first slower command, else the device is commanded to stop by itself
 SLOWER_AFTER = 0.2
 
 
@@ -46,7 +46,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Cycle:
-    """What the loop tells those who watch: sample k of count, the last reading, and the last command."""
+    """What the loop shows those who watch: sample k of count, the last reading, and the last command."""
 
     k: int
     count: int
@@ -59,7 +59,7 @@ class Guard:
 
     A context manager: entered, it reads, switches the device on where that is needed, and begins to watch; left, the device is
     told to stop, which is nothing new to an arm at rest.
-    `stop_asked()` returns the reason for which someone wants a stop, or None; it is asked every cycle. `watch` is told of every
+    `stop_requested()` returns the reason for which someone wants a stop, or None; it is called every cycle. `watch` gets every
     cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
     """
 
@@ -69,11 +69,11 @@ class Guard:
         arm: Arm,
         cell: Cell,
         clearance: Clearance,
-        stop_asked: Callable[[], str | None] = lambda: None,
+        stop_requested: Callable[[], str | None] = lambda: None,
         watch: Callable[[Cycle], None] = lambda cycle: None,
         latency: float = 0.0,
     ) -> None:
-        self._driver, self._arm, self._stop_asked, self._watch = driver, arm, stop_asked, watch
+        self._driver, self._arm, self._stop_requested, self._watch = driver, arm, stop_requested, watch
         self._cell, self._clearance, self._latency = cell, clearance, latency
         self._zero = np.zeros(arm.n)
         self._samples = LastSamples()
@@ -102,7 +102,7 @@ class Guard:
         try:
             self._driver.stop()
         except CalibError:
-            if error is None:  # what went wrong before is what is told
+            if error is None:  # what went wrong before is what is reported
                 raise
 
     @property
@@ -113,8 +113,8 @@ class Guard:
     def _first_reading(self) -> JointState:
         state = self._driver.read()
         if state.status not in self._driver.ready:
-            said = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
-            raise SafetyStop(f"before motion: {said}; bring the device to its running state and start again")
+            status = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
+            raise SafetyStop(f"before motion: {status}; bring the device to its running state and start again")
         if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
             raise SafetyStop("before motion: the first reading is not complete; check the driver")
         if not (np.abs(state.dq) <= self._noise).all():
@@ -147,7 +147,7 @@ class Guard:
         self.monitor.pause()
         try:
             for k in range(len(motion)):
-                trip = self._cycle(window, k, expected) or self._asked()
+                trip = self._cycle(window, k, expected) or self._check_stop_request()
                 if trip is not None:
                     self._stop(motion, k - 1, trip, what)
                 self._send(motion.q[k], motion.dq[k])
@@ -166,7 +166,7 @@ class Guard:
         self.monitor.pause()
         try:
             for _ in range(max(1, round(seconds * self._driver.rate))):
-                trip = self._cycle(None, 0, None) or self._asked()
+                trip = self._cycle(None, 0, None) or self._check_stop_request()
                 if trip is not None:
                     self._stop(None, -1, trip, what)
                 self._send(self._q_cmd, self._zero)
@@ -209,8 +209,8 @@ class Guard:
             gap = 1e3 * (state.t_device - before.t_device)
             record.event(WARN, "gap", f"{missing} readings are missing: {gap:.0f} ms between two", state.t_device)
 
-    def _asked(self) -> Trip | None:
-        reason = self._stop_asked()
+    def _check_stop_request(self) -> Trip | None:
+        reason = self._stop_requested()
         return None if reason is None else Trip("stop asked for:", reason, "none", "", "start again when the cause is gone")
 
     def _send(self, q: np.ndarray, dq: np.ndarray) -> None:
@@ -222,7 +222,7 @@ class Guard:
     def _stop(
         self, motion: ClearedTrajectory | None, k: int, trip: Trip, what: str, cause: BaseException | None = None
     ) -> None:
-        """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was told to stop."""
+        """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was commanded to stop."""
         self._ended = str(trip)
         begin = self._samples.states[-1]
         good = self._samples.states[-2] if len(self._samples.states) > 1 else begin
@@ -258,8 +258,8 @@ class Guard:
             still = still + 1 if bool((np.abs(state.dq) <= self._noise).all()) else 0
             if i >= len(stop.q) - 1 and still >= STANDING_CYCLES:
                 break
-            told = float(np.max(np.abs(self._dq_cmd)))
-            if (i + 1) * stop.period > SLOWER_AFTER and told < 0.5 * planned and not speed < start_speed:
+            commanded = float(np.max(np.abs(self._dq_cmd)))
+            if (i + 1) * stop.period > SLOWER_AFTER and commanded < 0.5 * planned and not speed < start_speed:
                 break
         return _standstill(stop.kind, begin, state, good, stop.time, stop.q[-1] - good, still >= STANDING_CYCLES)
 
@@ -276,7 +276,7 @@ class Guard:
         return state
 
     def _watch_device_stop(self, begin: JointState, good: np.ndarray, own: Standstill | None) -> Standstill:
-        """After the device was told to stop by itself: watch until it stands, for as long as its own stop may take."""
+        """After the device was commanded to stop by itself: watch until it stands, for as long as its own stop may take."""
         device = self._driver.device_stop
         speed = float(np.max(np.abs(self._dq_cmd)))
         time = device.reaction + speed / device.deceleration

@@ -52,8 +52,8 @@ class _Turn:
 def try_joints(
     driver: Driver,
     cell: Cell,
-    stop_asked: Callable[[], str | None] = lambda: None,
-    say: Callable[[str], None] = lambda sentence: None,
+    stop_requested: Callable[[], str | None] = lambda: None,
+    show: Callable[[str], None] = lambda sentence: None,
 ) -> list[Check]:
     """Turn every joint of a connected driver by ANGLE and back, and compare what it reports; one Check a joint. Then the gravity torque.
 
@@ -71,10 +71,10 @@ def try_joints(
         lines = [] if cell.table.rest is not None else lines_from(q, driver, cell, clearance, latency)
     seen: list[Cycle] = []
     checks = []
-    with Guard(driver, arm, cell, clearance, stop_asked, seen.append, latency) as guard:
+    with Guard(driver, arm, cell, clearance, stop_requested, seen.append, latency) as guard:
         for turn in turns:
             name = arm.joint_names[turn.joint]
-            say(f"{name} by {math.degrees(turn.angle):+.0f} deg")
+            show(f"{name} by {math.degrees(turn.angle):+.0f} deg")
             ways: list[list[JointState]] = []
             for way in (turn.there, turn.back):
                 seen.clear()
@@ -91,13 +91,13 @@ def try_joints(
                 else "without brakes the arm stays at its rest pose"
             )
             return [*checks, Check("gravity torque", None, f"{why}, so which arm this is was not measured")]
-        say(f"{len(lines)} slow lines there and back, for the gravity torque")
+        show(f"{len(lines)} slow lines there and back, for the gravity torque")
         passed = sweep(lines, arm, guard, seen)
     return [*checks, *gravity(driver, cell, passed.q, passed.gravity, passed.friction)]
 
 
 def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: list[JointState]) -> Check:
-    """What the readings of a joint's way by `angle` rad and of its way back say of order, sign and torque."""
+    """What the readings of a joint's way by `angle` rad and of its way back show of order, sign and torque."""
     name, turned = arm.joint_names[joint], back[0].q - there[0].q
     others = np.delete(np.abs(turned), joint)
     j = int(np.argmax(np.abs(turned)))

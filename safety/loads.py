@@ -3,7 +3,7 @@
 For the states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre:
   |tau| <= |tau_c| + its doubt + |M| w_a + |dtau/dq| (w_q + e) + |dtau/ddq| w_v
   |v|   <= |J dq_c| + sum_j |J_j| w_vj + sum_jk R_max(j,k) |dq_j| (w_qk + e)
-where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is asked of
+where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is left to
 smaller ones, down to the sheet's own. For each row comes out the largest e that is proved: the room for a following error.
 """
 
@@ -34,7 +34,7 @@ class NotEnough(SafetyStop):
 
 
 class Loads:
-    """The limits of one arm in one cell, asked of boxes."""
+    """The limits of one arm in one cell, checked for boxes."""
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
         self.arm = arm = equipped(arm, cell)
@@ -51,7 +51,7 @@ class Loads:
     def room(self, sheet: Sheet, what: str, least: float, enough: float, torque: bool = True) -> np.ndarray:
         """(K,) rad: how far every joint may be beside each row, with torque, power and point speed still within their limits.
 
-        Without `torque` only the point speed is asked.
+        Without `torque` only the point speed is checked.
         Not refined where it is `enough`; SafetyStop names what is exceeded where it is not `least`.
         """
         if not sheet.boxes.finite():

@@ -54,14 +54,14 @@ def digest_of(manifest: Manifest) -> str:
     return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
 
 
-def require_same(before: Mapping[str, str], now: Mapping[str, str], said: str) -> None:
-    """SafetyStop that names the first field that is not as it was; `said` begins the sentence."""
+def require_same(before: Mapping[str, str], now: Mapping[str, str], lead: str) -> None:
+    """SafetyStop that names the first field that is not as it was; `lead` begins the sentence."""
     order = sorted(set(before) | set(now), key=lambda name: (name in _WHOLE, name))
     for name in order:
         if before.get(name) != now.get(name):
             was, is_ = (str(x.get(name, "nothing"))[:24] for x in (before, now))
             raise SafetyStop(
-                f"{said} another {name} ({was}) than there is now ({is_}); look at what changed, then approve again"
+                f"{lead} another {name} ({was}) than there is now ({is_}); look at what changed, then approve again"
             )
 
 

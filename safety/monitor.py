@@ -1,6 +1,6 @@
-"""Is what the arm does what it was told? Asked of every reading; every rule is written so that NaN breaks it.
+"""Does the arm do what it was commanded? Checked at every reading; every rule is written so that NaN breaks it.
 
-Values that a device does not report (NaN in its first reading) are not asked for; once reported, they must go on being reported.
+Values that a device does not report (NaN in its first reading) are not required; once reported, they must go on being reported.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ TWO_READINGS = 1.5
 # a reading by itself may be out by so much of the band on one joint: a drive's current has spikes, a blow lasts and meets several joints
 SPIKE = 2.0
 FROZEN = 10
-# a position that stays although the joint was told to turn by more than its grain, and says that it does, is frozen sooner: by then its
-# reading is too old. A joint that sticks where it was told to end or to turn back is not: a speed made of positions shows that late.
+# a position that stays although the joint was commanded to turn by more than its grain, and says that it does, is frozen sooner: by then its
+# reading is too old. A joint that sticks where it was commanded to end or to turn back is not: a speed made of positions shows that late.
 FROZEN_LEAST = 3
 WINDOW = 5
 # pairs whose distance is looked at in every cycle, whether or not they may be near by now
@@ -81,13 +81,13 @@ class Monitor:
         self._has_temperature = np.isfinite(first.temperature)
         self._n, self._count = n, 0
         self._last, self._paused = first, False
-        self._frozen, self._asked, self._q_cmd = np.zeros(n, dtype=int), np.zeros(n), first.q.copy()
-        self._told = first.q.copy()
+        self._frozen, self._commanded_turn, self._q_cmd = np.zeros(n, dtype=int), np.zeros(n), first.q.copy()
+        self._path_end = first.q.copy()
         self._window: list[JointState] = []
         self._speeds = np.zeros((WINDOW, n))
         self._slow: np.ndarray | None = None
         self._inside = np.ones(n, dtype=bool)
-        # the last LATE s of the path as told: where each step of it began, the step, and one over its square
+        # the last LATE s of the commanded path: where each step of it began, the step, and one over its square
         count = max(2, round(LATE * rate))
         self._from, self._steps, self._per = np.tile(first.q, (count, 1)), np.zeros((count, n)), np.zeros(count)
         self._reading = Readings(arm, rate, first, self._has_tau)
@@ -125,8 +125,8 @@ class Monitor:
 
     def _check_device(self, state: JointState, now: float) -> Trip | None:
         if state.status is not Status.RUNNING:
-            said = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
-            return Trip("device status", said, Status.RUNNING.value, "", "find the cause at the device before anything else")
+            status = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
+            return Trip("device status", status, Status.RUNNING.value, "", "find the cause at the device before anything else")
         if not (state.n == self._n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
             return self._trip(
                 "reading", ~np.isfinite(state.q + state.dq) if state.n == self._n else None, "not a number", "finite", ""
@@ -169,10 +169,10 @@ class Monitor:
     def _beside(self, q: np.ndarray, q_cmd: np.ndarray) -> np.ndarray:
         """(n,) rad beside the point of the path of the last LATE s from which the joint that is farthest from it is least far."""
         row = self._count % len(self._per)
-        step = q_cmd - self._told
+        step = q_cmd - self._path_end
         square = float(step @ step)
-        self._from[row], self._steps[row], self._per[row] = self._told, step, 1.0 / square if square > 0 else 0.0
-        self._told = q_cmd.copy()
+        self._from[row], self._steps[row], self._per[row] = self._path_end, step, 1.0 / square if square > 0 else 0.0
+        self._path_end = q_cmd.copy()
         since = q - self._from
         share = np.minimum(np.maximum(np.einsum("kj,kj->k", since, self._steps) * self._per, 0.0), 1.0)
         beside = np.abs(since - share[:, None] * self._steps)
@@ -181,9 +181,9 @@ class Monitor:
     def _check_feedback(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
         stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
         self._frozen = (self._frozen + 1) * stuck
-        self._asked, self._q_cmd = (self._asked + np.abs(q_cmd - self._q_cmd)) * stuck, q_cmd.copy()
+        self._commanded_turn, self._q_cmd = (self._commanded_turn + np.abs(q_cmd - self._q_cmd)) * stuck, q_cmd.copy()
         if not (self._frozen < FROZEN_LEAST).all():
-            turned = np.minimum(self._frozen * np.abs(state.dq) * self._period, self._asked)
+            turned = np.minimum(self._frozen * np.abs(state.dq) * self._period, self._commanded_turn)
             within_grain = turned <= self._grain
             fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
             if not fine.all():

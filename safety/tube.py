@@ -29,7 +29,7 @@ from sim.trajectory import Trajectory
 # shares of the deceleration that are tried, the hardest first
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)
 ROWS = 2_000
-# times the least room: more than that is not looked for where torque and speed are asked
+# times the least room: more than that is not looked for where torque and speed are checked
 ENOUGH = 3.0
 
 

@@ -172,7 +172,7 @@ def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
-def weighed(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, weights, out):  # type: ignore[no-untyped-def]
+def weighted_regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, weights, out):  # type: ignore[no-untyped-def]
     """out (N, L), zeroed by the caller: sum over the regressor of each of L states, q dq ddq (N, L, n), times weights (N, n, 10 n)."""
     turns = _turns(rotation, axis)
     work, columns = _workspace(axis, prismatic, gravity), np.empty((10, LANES))

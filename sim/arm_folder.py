@@ -211,8 +211,8 @@ def arm_toml_text(table: ArmTable) -> str:
 
 def _stated(data: dict[str, Any]) -> dict[str, Any]:
     """What is worth writing: nothing empty, and no reading that is as it nearly always is."""
-    said = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
-    return {key: value for key, value in said.items() if value != [] and (key, value) not in USUAL}
+    stated = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
+    return {key: value for key, value in stated.items() if value != [] and (key, value) not in USUAL}
 
 
 def write_atomically(file: Path, text: str) -> None:

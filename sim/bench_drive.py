@@ -1,4 +1,4 @@
-"""One drive on a bench as an arm of one joint: a free shaft, a known load on a lever, or a load nobody weighed."""
+"""One drive on a bench as an arm of one joint: a free shaft, a known load on a lever, or a load of unknown mass."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def bench_drive(joint: str, load: tuple[float, float] | None = None, unknown: bo
     """A tree of one hinge; load = (kg, m from the axis) hangs straight down at q = 0 rad of a level axis.
 
     The load is a steel ball. Without one the shaft stands upright, so that gravity moves nothing, and its disc of 0.1 kg only makes a model.
-    unknown: a load of 1 kg at 0.1 m stands for one that nobody weighed.
+    unknown: a load of 1 kg at 0.1 m stands for one of unknown mass.
     """
     mass, lever = load or (UNKNOWN_LOAD if unknown else (FREE_MASS, 0.0))
     level = load is not None or unknown

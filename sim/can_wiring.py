@@ -17,7 +17,7 @@ ProtocolName = Literal["damiao", "cubemars", "robstride", "odrive"]
 
 
 class RangeTable(StrictTable):
-    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot tell it.
+    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot report it.
 
     A span outside these bounds is no drive's: an unset register, or another unit.
     """

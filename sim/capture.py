@@ -1,4 +1,4 @@
-"""A captured session: what was asked of a device and what it answered, byte for byte, as lines of JSON.
+"""A captured session: what was sent to a device and what it answered, byte for byte, as lines of JSON.
 
 The first line is the head: schema, driver, and what the capture was made of. Every further line is one message: t s since the beginning, the
 channel, whether the device ("<") or this computer (">") sent it, and its bytes in hexadecimal. A text file, so that whoever sends it can see

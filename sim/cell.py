@@ -87,7 +87,7 @@ class PayloadTable(StrictTable):
 
 
 class EmulationTable(StrictTable):
-    """The plant behind a mock or emulated cell: a seed, the effects that the tool is not told of, and the controller's options."""
+    """The plant behind a mock or emulated cell: a seed, the effects that the tool does not know of, and the controller's options."""
 
     seed: int = 0
     options: dict[str, Any] = Field(default_factory=dict)

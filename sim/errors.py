@@ -38,6 +38,6 @@ class SafetyStop(CalibError):
 
 
 class DeviceError(CalibError):
-    """The device, its controller or the connection to it does not do what was asked."""
+    """The device, its controller or the connection to it does not do what was requested."""
 
     exit_code = 4

@@ -31,7 +31,7 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
     mjcf         <name>.xml with every effect, see `sim.mujoco_export`, the meshes it names, and <name>_effects.json: how it has each
     urdf         <name>.urdf, see `sim.urdf`, and its collision meshes as STL
     isaaclab     <name>_isaaclab.json: an actuator's parameters, see `sim.feedforward`
-    feedforward  <name>_friction.csv and <name>_payload.json: what a controller is told, see `sim.feedforward`
+    feedforward  <name>_friction.csv and <name>_payload.json: what a controller is configured with, see `sim.feedforward`
     table        <name>_parameters.csv and .json: every number with unit, and standard deviation where one is known
     """
     for name in formats:

@@ -1,4 +1,4 @@
-"""What a controller or another simulator is told of an arm: friction by speed, payload and gravity, an actuator's parameters."""
+"""What a controller or another simulator needs of an arm: friction by speed, payload and gravity, an actuator's parameters."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _friction(arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, memory: dict[
 def payload_table(arm: Arm) -> dict[str, Any]:
     """What is mounted at the flange, in the flange's frame, and the gravity of the mount; with the URScript lines that say so.
 
-    Without a payload of its own in the model (the links may hold one) nothing is said of it. The flange is the site `attachment_site` of the last link where the model has it, else the last link's frame. Mass in kg, centre
+    Without a payload of its own in the model (the links may hold one) nothing is stated about it. The flange is the site `attachment_site` of the last link where the model has it, else the last link's frame. Mass in kg, centre
     of mass in m, inertia in kg m^2 about it with axes along the flange's; gravity in m/s^2 in the base frame.
     set_target_payload(m, cog, [Ixx, Iyy, Izz, Ixy, Ixz, Iyz]) and set_gravity(d), d the acceleration away from the earth's centre:
     Universal Robots, URScript manual.
@@ -90,7 +90,7 @@ def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
     """Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg (2.2 to 3.x), and what that model leaves out of the arm.
 
     friction is the torque that motion must overcome from rest, dynamic_friction that while moving, N m; viscous_friction N m s/rad;
-    armature kg m^2 at the joint. Gains are left to the USD's own. Isaac Lab's delay is that of a command, which no log of ours tells.
+    armature kg m^2 at the joint. Gains are left to the USD's own. Isaac Lab's delay is that of a command, which no log of ours shows.
     """
     rows: dict[str, dict[str, float]] = {key: {} for key in ("armature", "friction", "dynamic_friction", "viscous_friction")}
     left_out: list[dict[str, str | None]] = []

@@ -39,7 +39,7 @@ def read_bytes(file: Path, most: int, kind: type[CalibError] = ConfigError, reme
     """The content of a regular file of at most `most` bytes."""
     with open_regular(file, kind, remedy) as stream:
         try:
-            # a reader allocates what it is asked for at once: no more than there is, and one byte that says whether it has grown
+            # a reader allocates what it requests at once: no more than there is, and one byte that says whether it has grown
             data = stream.read(min(most, os.fstat(stream.fileno()).st_size) + 1)
         except OSError as error:
             raise kind(f"{printable(file)}: cannot be read ({error.strerror}); {remedy}") from error

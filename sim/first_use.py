@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-_say: Callable[[str], None] | None = None
+_notify: Callable[[str], None] | None = None
 
 
-def announce(say: Callable[[str], None] | None) -> None:
-    """`say` is called once in this process, when kernels are compiled, and not where they come from the cache; None: by nobody."""
-    global _say
-    _say = say
+def announce(notify: Callable[[str], None] | None) -> None:
+    """`notify` is called once in this process, when kernels are compiled, and not where they come from the cache; None: by nobody."""
+    global _notify
+    _notify = notify
 
 
 def listen() -> None:
@@ -23,16 +23,16 @@ def listen() -> None:
             _compiling(found.data)
 
         def on_end(self, found: event.Event) -> None:
-            """Nothing to say."""
+            """Nothing to report."""
 
     event.register("numba:compile", Listener())
 
 
 def _compiling(data: Any) -> None:
-    global _say
-    say, _say = _say, None
-    if say is None:
+    global _notify
+    notify, _notify = _notify, None
+    if notify is None:
         return
     place = getattr(getattr(data.get("dispatcher"), "_cache", None), "cache_path", None)
     kept = f"they are kept in {place}" if place else "they are not kept, as no folder for them can be written"
-    say(f"compiling numerical kernels for this computer, some seconds of processor time; {kept}")
+    notify(f"compiling numerical kernels for this computer, some seconds of processor time; {kept}")

@@ -1,4 +1,4 @@
-"""From a model file as it is found to an arm that can be worked with: its joints chosen, and everything that it lacks asked for by name."""
+"""From a model file as it is found to an arm that can be worked with: its joints chosen, and everything that it lacks requested by name."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _chain(file: Path, tree: KinematicTree, link: str, parents: Mapping[str, str
 
 
 def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[str]) -> None:
-    """ConfigError where links branch and nobody said that all of them are the arm's; a note where the last joint looks like a finger's."""
+    """ConfigError where links branch and nobody stated that all of them are the arm's; a note where the last joint looks like a finger's."""
     for link in range(-1, tree.n):
         branches = [tree.joint_names[k] for k in np.flatnonzero(tree.parent == link)]
         if len(branches) > 1 and not choice.joints:

@@ -46,7 +46,7 @@ def loaded(entry: EntryPoint, kind: type) -> Any:
 
 
 def check_names(group: Group, own: Iterable[str]) -> None:
-    """ConfigError where a package adds a name that is our own: nobody could tell which of the two is meant."""
+    """ConfigError where a package adds a name that is our own: nobody would know which of the two is meant."""
     for name in set(own) & set(plugins(group)):
         raise ConfigError(
             f"{origin(plugins(group)[name])} adds {group[:-1]} {name!r}, which arm-calib has; uninstall that package"

@@ -91,11 +91,11 @@ class RigidBody:
         _kernels.regressor(*self._frame, self.tree.gravity, q, dq, ddq, out)
         return out
 
-    def weighed(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def weighted_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(N, L): sum_jp Y_jp w_jp of L states (N, L, n) each, with weights (N, n, 10 n) that the L share; no Y is stored."""
         out = np.zeros(q.shape[:2])
         states = (np.array(x, dtype=float, order="C") for x in (q, dq, ddq))
-        _kernels.weighed(*self._frame, self.tree.gravity, *states, np.ascontiguousarray(weights), out)
+        _kernels.weighted_regressor(*self._frame, self.tree.gravity, *states, np.ascontiguousarray(weights), out)
         return out
 
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray | None = None) -> np.ndarray:

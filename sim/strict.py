@@ -27,7 +27,7 @@ NotNegative = Annotated[float, Strict(), AfterValidator(_finite), Field(ge=0)]
 Name = Annotated[str, AfterValidator(checked_name)]
 Label = Annotated[str, AfterValidator(checked_label)]
 
-MAX_FAULTS = 10  # told at once
+MAX_FAULTS = 10  # reported at once
 
 T = TypeVar("T", bound=BaseModel)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 def software_version() -> str:
     """`0.1.0+3f2a9c1b04de`: the package's version, then twelve digits of SHA-256 over the source of safety, drivers, logs and sim.
 
-    Two checkouts with one version and different code are told apart: an approval given to the one does not hold for the other.
+    Two checkouts with one version and different code are distinguished: an approval given to the one does not hold for the other.
     """
     return _version("safety", "drivers", "logs", "sim")
 

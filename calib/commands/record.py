@@ -100,7 +100,7 @@ def command(
             folder,
             audit=RUNS / "audit.jsonl",
             operator=who,
-            stop_asked=first_reason(hold.reason, halt.reason),
+            stop_requested=first_reason(hold.reason, halt.reason),
             watch=lambda progress: show(view, progress, folder),
             held=console.warn,
         )

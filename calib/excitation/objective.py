@@ -151,7 +151,7 @@ class Objective:
         for k, x in enumerate(moved):
             x[:, :, k, j, j] += side[:, None]
         angle, rate, push = (x.reshape(len(q), 6 * n, n) for x in moved)
-        ends = body.weighed(angle, rate, push, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
+        ends = body.weighted_regressor(angle, rate, push, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
         slopes = [*np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * STEP), 1, 0), np.zeros_like(q)]
         slopes[2] += weights[:, j, 10 * n + j]
         still = moved[0][:, :, 0].reshape(-1, n)

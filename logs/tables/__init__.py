@@ -1,4 +1,4 @@
-"""Files of columns: CSV, NPZ, MAT and Parquet as named columns of numbers; what each column means is said by a column map."""
+"""Files of columns: CSV, NPZ, MAT and Parquet as named columns of numbers; what each column means is stated by a column map."""
 
 from logs.tables.csv_table import CSV
 from logs.tables.matlab_table import MATLAB

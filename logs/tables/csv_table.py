@@ -155,8 +155,8 @@ def _numbers(column: pa.Array) -> np.ndarray | None:
         return np.full(len(column), np.nan)
     words = column.to_pylist()
     values = np.array([np.nan if word is None else number(word) for word in words])
-    told = sum(word is not None for word in words)
-    return values if told and np.isfinite(values).sum() >= MOST_WORDS * told else None
+    filled = sum(word is not None for word in words)
+    return values if filled and np.isfinite(values).sum() >= MOST_WORDS * filled else None
 
 
 CSV = Format("CSV", _recognises, _read)

@@ -53,11 +53,11 @@ def _read(path: Path, damage: Damage) -> Table:
         try:
             command = [sys.executable, "-I", "-c", CHILD, str(path.resolve()), str(out)]
             done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=SECONDS, check=False)
-            said = (done.stderr.strip().splitlines() or ["its reader ended without a word"])[-1]
+            reason = (done.stderr.strip().splitlines() or ["its reader ended without a word"])[-1]
         except subprocess.TimeoutExpired:
-            said = f"not within {SECONDS:g} s"
+            reason = f"not within {SECONDS:g} s"
         if not out.is_file():
-            raise damage.refuse("file", f"SciPy cannot read it ({said[:120]})", "save it again with save(..., '-v7')")
+            raise damage.refuse("file", f"SciPy cannot read it ({reason[:120]})", "save it again with save(..., '-v7')")
         with np.load(out, allow_pickle=False) as arrays:
             found = {str(name): arrays[f"a{k}"] for k, name in enumerate(arrays["names"])}
     return of_arrays(found, damage, "MATLAB")

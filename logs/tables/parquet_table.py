@@ -113,8 +113,8 @@ def _columns(name: str, column: pa.Array, names: list[str]) -> dict[str, np.ndar
         if not 0 < width <= MAX_COLUMNS or (lengths is not None and not np.all(lengths == width)):
             return None
         values = flat.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False).reshape(-1, width)
-        told = names if len(names) == width and len(set(names)) == width else [str(k) for k in range(width)]
-        return {f"{name}[{told[k]}]": values[:, k] for k in range(width)}
+        labels = names if len(names) == width and len(set(names)) == width else [str(k) for k in range(width)]
+        return {f"{name}[{labels[k]}]": values[:, k] for k in range(width)}
     return None
 
 

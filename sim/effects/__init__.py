@@ -1,4 +1,4 @@
-"""The catalogue: one file an effect, one line in EFFECTS; everything else that speaks of effects is derived from it."""
+"""The catalogue: one file an effect, one line in EFFECTS; everything else about effects is derived from it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A gear with a dead zone.
 
-While the motor crosses the gap the link coasts, load = 0, and the motor goes on with what it is asked for: their distance grows with
-a constant jerk, hence the cube, until a blow ends it. So the link's own motion tells when the gap is crossed.
+While the motor crosses the gap the link coasts, load = 0, and the motor goes on with its command: their distance grows with
+a constant jerk, hence the cube, until a blow ends it. So the link's own motion shows when the gap is crossed.
 """
 
 from __future__ import annotations

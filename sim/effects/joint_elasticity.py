@@ -33,7 +33,7 @@ class JointElasticity(Effect):
     )
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The gear twists by more than dry friction gives before it slides; beyond doubt, a smaller twist is believed."""
+        """The gear twists by more than dry friction gives before it slides; beyond doubt, a smaller twist is accepted."""
         twist = load / p["stiffness"]
         return twist > LEAST_TWIST or (evidence > BEYOND_DOUBT and twist > 0.3 * LEAST_TWIST)
 

@@ -65,12 +65,12 @@ def test_a_slot_that_is_not_wholly_written_is_not_taken(ends):
 
 def test_the_first_text_stays(ends):
     put, take = ends
-    assert take.said("end") is None
-    put.say("end", "")
-    put.say("end", "later")
-    assert take.said("end") == ""
-    put.say("failure", "Ä" * 2000)
-    assert take.said("failure").startswith("ÄÄÄ")
+    assert take.note("end") is None
+    put.set_note("end", "")
+    put.set_note("end", "later")
+    assert take.note("end") == ""
+    put.set_note("failure", "Ä" * 2000)
+    assert take.note("failure").startswith("ÄÄÄ")
 
 
 def test_what_was_not_let_go_is_still_there(ends):

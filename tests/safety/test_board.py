@@ -25,39 +25,39 @@ def cycle(k: int) -> Cycle:
 
 
 def test_a_new_board_says_nothing(board: Board) -> None:
-    assert board.stop_asked() is None
+    assert board.stop_requested() is None
     assert not board.held
     assert not board.may_let_go
     assert board.progress() == Progress("", 0.0, None, speed=0.0)
 
 
 def test_the_first_reason_stays(board: Board) -> None:
-    board.ask_for_stop("Ctrl-C")
-    board.ask_for_stop("the terminal was closed")
-    assert board.stop_asked() == "Ctrl-C"
+    board.request_stop("Ctrl-C")
+    board.request_stop("the terminal was closed")
+    assert board.stop_requested() == "Ctrl-C"
     assert not board.may_let_go
 
 
 def test_a_long_reason_is_cut_and_still_one(board: Board) -> None:
-    board.ask_for_stop("\u00e9" * TEXT)
-    assert board.stop_asked()
+    board.request_stop("\u00e9" * TEXT)
+    assert board.stop_requested()
 
 
 def test_to_let_go_is_a_wish_of_its_own(board: Board) -> None:
     board.hold()
     assert board.held
-    assert board.stop_asked() is None
+    assert board.stop_requested() is None
     board.let_go()
     assert board.may_let_go
 
 
 def test_a_heartbeat_that_ends_is_noticed(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert board.heard_within(60.0)
+    assert board.alive_within(60.0)
     now = board_file.time.monotonic()
     monkeypatch.setattr(board_file.time, "monotonic", lambda: now + 61.0)
-    assert not board.heard_within(60.0)
+    assert not board.alive_within(60.0)
     board.beat()
-    assert board.heard_within(60.0)
+    assert board.alive_within(60.0)
 
 
 def test_a_motion_is_named_at_its_beginning_and_its_numbers_go_on(board: Board) -> None:

@@ -189,7 +189,7 @@ def test_a_stop_crosses_the_process_boundary_with_its_numbers(place: Path) -> No
     with pytest.raises(MotionStopped, match="released") as stopped:
         drive(
             plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl",
-            stop_asked=lambda: asked[0] if asked else None,
+            stop_requested=lambda: asked[0] if asked else None,
             watch=lambda p: asked.append("the space bar was released") if p.cycle and p.cycle.k > 10 else None,
         )  # fmt: skip
     assert stopped.value.standstill.at_rest

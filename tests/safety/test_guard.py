@@ -38,7 +38,7 @@ def test_every_sample_is_sent_once_in_order(
 def test_who_asks_is_answered_within_a_cycle_and_nothing_moves_after(
     driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
 ) -> None:
-    guard = guard_of(driver, arm, cell, clearance, stop_asked=lambda: "Ctrl-C" if driver.reads >= AT else None)
+    guard = guard_of(driver, arm, cell, clearance, stop_requested=lambda: "Ctrl-C" if driver.reads >= AT else None)
     stop = stopped_by(guard, cleared)
     check_stop(driver, cleared, arm, stop, AT)
     assert "Ctrl-C" in str(stop)

@@ -41,7 +41,7 @@ def test_a_healthy_arm_passes_and_ends_where_it_began(driver: MockDriver, mock_c
     said: list[str] = []
     with driver:
         begin = driver.read().q
-        checks = try_joints(driver, mock_cell, say=said.append)
+        checks = try_joints(driver, mock_cell, show=said.append)
         assert driver.read().q == pytest.approx(begin, abs=5e-3)
     assert [c.name for c in checks] == [*(f"move {name}" for name in ur10e.joint_names), "gravity torque"]
     assert [c.detail for c in checks if not c.ok] == []

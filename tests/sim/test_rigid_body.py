@@ -56,7 +56,7 @@ def test_weighed_is_the_sum_over_the_regressor() -> None:
     q, dq, ddq = (x.reshape(samples, each, bodies.n) for x in states(bodies.n, samples * each))
     weights = np.random.default_rng(2).normal(size=(samples, bodies.n, 10 * bodies.n))
     expected = [np.einsum("ljp,jp->l", bodies.regressor(q[k], dq[k], ddq[k]), weights[k]) for k in range(samples)]
-    np.testing.assert_allclose(bodies.weighed(q, dq, ddq, weights), expected, rtol=1e-10)
+    np.testing.assert_allclose(bodies.weighted_regressor(q, dq, ddq, weights), expected, rtol=1e-10)
 
 
 def test_jacobian_equals_pinocchio() -> None:

@@ -35,7 +35,7 @@ class BusClock:
         self._wall, self._last, self._lost = wall, wall(), 0.0
 
     def now(self) -> float:
-        """Bus time, s; asked for once in every turn of the emulator."""
+        """Bus time, s; read once in every turn of the emulator."""
         wall = self._wall()
         self._lost += max(0.0, wall - self._last - STALL)
         self._last = wall
@@ -100,9 +100,9 @@ class CanEmulator:
             with self._lock:
                 for message in messages:
                     self.port.acknowledge(message, self.bus.send(message, now))
-                answers = self.bus.poll(now + EARLY)
+                due = self.bus.poll(now + EARLY)
                 if plugged:
-                    self.port.deliver(answers)
+                    self.port.deliver(due)
 
     def _receive(self, state: str, stalled: bool) -> list[can.Message]:
         try:

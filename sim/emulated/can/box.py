@@ -8,7 +8,7 @@ from sim.emulated.can.terminal import TerminalPort
 
 
 class BoxPort(TerminalPort):
-    """Takes frames to send, passes over the bit rate; reports each frame that it hears, and with 12 each that it has sent."""
+    """Takes frames to send, passes over the bit rate; reports each frame that it receives, and with 12 each that it has sent."""
 
     def parse(self, data: bytes, state: str) -> tuple[list[can.Message], bytes]:
         frames: list[can.Message] = []

@@ -29,7 +29,7 @@ BUS_FAULTS = (
 
 
 class EmulatedBus:
-    """Frames in, frames out: `send` takes a frame of the host, `poll` gives what the host hears up to an instant.
+    """Frames in, frames out: `send` takes a frame of the host, `poll` gives what the host receives up to an instant.
 
     Frames take their bits' time on the wire, one after another, so answers come late when the bus is full. `state` is what
     the host's controller knows of itself: "active", "passive" or "off". Without a data_bitrate that controller knows classical CAN only.
@@ -49,7 +49,7 @@ class EmulatedBus:
         self.state = "active"
         self.active: set[str] = set()
         self.received: list[tuple[float, can.Message]] = []
-        self.heard = 0
+        self.arrived = 0
         self._free = -np.inf
         self._out: list[tuple[float, can.Message]] = []
         self._rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ class EmulatedBus:
         arrival = self._occupy(message, now)
         self.received.append((arrival, message))
         del self.received[:-2000]
-        self.heard += 1
+        self.arrived += 1
         self.advance(arrival)
         for servo in self.servos:
             if not servo.deaf and (servo.fd or not message.is_fd):

@@ -33,7 +33,7 @@ class CubeMars(Servo):
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
         if message.is_extended_id or message.is_remote_frame or message.dlc != 8 or message.arbitration_id != self.node:
             return []
-        self.heard(now)
+        self.feed_watchdog(now)
         data = bytes(message.data)
         q_max, dq_max, tau_max = self.ranges
         if data[:7] == b"\xff" * 7:

@@ -47,7 +47,7 @@ class Damiao(Servo):
             return self._register(data, now)
         if message.arbitration_id != int(self.registers[8]):
             return []
-        self.heard(now)
+        self.feed_watchdog(now)
         if data[:7] == b"\xff" * 7:
             self._order(data[7])
         elif self.on:
@@ -82,11 +82,11 @@ class Damiao(Servo):
             self.error = 0
 
     def _register(self, data: bytes, now: float) -> list[can.Message]:
-        asked = self.decoded("RegisterRequest", data)
-        if asked["Node"] != int(self.registers[8]):
+        request = self.decoded("RegisterRequest", data)
+        if request["Node"] != int(self.registers[8]):
             return []
-        self.heard(now)
-        order, number, raw = int(asked["Order"]), int(asked["Register"]), int(asked["Value"])
+        self.feed_watchdog(now)
+        order, number, raw = int(request["Order"]), int(request["Register"]), int(request["Value"])
         if order == 0xCC:
             return [self._state()] if self.answers_refresh else []
         if order not in (0x33, 0x55) or number not in self.registers or not self.answers_registers:
@@ -97,7 +97,7 @@ class Damiao(Servo):
             self.watchdog = self.registers[9] * TICK
         value = self.registers[number]
         bits = int.from_bytes(struct.pack(kind, value if kind == "<f" else int(value)), "little")
-        fields = {"Node": asked["Node"], "Order": order, "Register": number, "Value": bits}
+        fields = {"Node": request["Node"], "Order": order, "Register": number, "Value": bits}
         return [standard(int(self.registers[7]), self.packed("RegisterReply", fields))]
 
     def _state(self) -> can.Message:

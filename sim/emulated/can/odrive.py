@@ -42,21 +42,21 @@ class ODrive(Servo):
             return []
         command, data = message.arbitration_id & 0x1F, bytes(message.data)
         if message.is_remote_frame:
-            return self._asked(command)
+            return self._reply(command)
         if command == 4:
             return self._sdo(data)
         if command == 7:
             state = struct.unpack("<I", data[:4])[0]
             if not self.error or state == IDLE:
-                self.heard(now)
+                self.feed_watchdog(now)
                 self.switch(state == CLOSED_LOOP)
         elif command == 24:
             self.error = 0
         elif command == 12:
-            self.heard(now)
+            self.feed_watchdog(now)
             if self.on:
-                told = self.decoded("SetInputPosition", data)
-                turns, speed, torque = float(told["Position"]), float(told["Velocity"]), float(told["Torque"])
+                setpoint = self.decoded("SetInputPosition", data)
+                turns, speed, torque = float(setpoint["Position"]), float(setpoint["Velocity"]), float(setpoint["Torque"])
                 self.command(turns * TURN / self.gear, speed * TURN / self.gear, self.kp, self.kd, torque * self.gear)
         return []
 
@@ -84,10 +84,10 @@ class ODrive(Servo):
             sent.append(self._frame(1, self.packed("Heartbeat", fields)))
         if now >= self._next_state:
             self._next_state = max(self._next_state + self.period, now)
-            sent += self._asked(28) + self._asked(21) + self._asked(9)
+            sent += self._reply(28) + self._reply(21) + self._reply(9)
         return sent
 
-    def _asked(self, command: int) -> list[can.Message]:
+    def _reply(self, command: int) -> list[can.Message]:
         q, dq, tau, temperature = self.reading()
         torque = tau / self.gear
         layouts: dict[int, tuple[str, dict[str, Any]]] = {
@@ -106,11 +106,11 @@ class ODrive(Servo):
         return [self._frame(command, self.packed(name, fields))]
 
     def _sdo(self, data: bytes) -> list[can.Message]:
-        asked = self.decoded("RxSdo", data)
-        if asked["Endpoint"] != WATCHDOG_ENDPOINT:
+        request = self.decoded("RxSdo", data)
+        if request["Endpoint"] != WATCHDOG_ENDPOINT:
             return []
-        if asked["Opcode"] == 1:
-            self.watchdog = struct.unpack("<f", int(asked["Value"]).to_bytes(4, "little"))[0]
+        if request["Opcode"] == 1:
+            self.watchdog = struct.unpack("<f", int(request["Value"]).to_bytes(4, "little"))[0]
             return []
         bits = int.from_bytes(struct.pack("<f", self.watchdog), "little")
         return [self._frame(5, self.packed("TxSdo", {"Endpoint": WATCHDOG_ENDPOINT, "Value": bits}))]

@@ -39,7 +39,7 @@ class RobStride(Servo):
             return []
         kind, host = identifier >> 24, identifier >> 8 & 0xFF
         data = bytes(message.data)
-        self.heard(now)
+        self.feed_watchdog(now)
         if kind == 0:
             return [extended(self.node << 8 | 0xFE, self.packed("DeviceId", {"UniqueId": self.serial}))]
         if kind in (0x11, 0x12):
@@ -70,8 +70,8 @@ class RobStride(Servo):
         self.switch(False)
 
     def _parameter(self, kind: int, host: int, data: bytes) -> can.Message:
-        asked = self.decoded("ReadParameter", data)
-        index, value = int(asked["Index"]), int(asked["Value"])
+        request = self.decoded("ReadParameter", data)
+        index, value = int(request["Index"]), int(request["Value"])
         if kind == 0x12:
             if index in self.parameters:
                 self.parameters[index] = value

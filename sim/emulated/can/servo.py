@@ -84,7 +84,7 @@ class Servo(ABC):
         self.frozen: tuple[float, float, float, float] | None = None
         self.heat = 0.0
         self.temperature_max = 90.0
-        self._heard = -math.inf
+        self._frame_at = -math.inf
 
     def decoded(self, name: str, data: bytes, scaling: bool = True) -> dict[str, Any]:
         """The fields of a frame by its layout; integers where scaling is off."""
@@ -115,13 +115,13 @@ class Servo(ABC):
         """What happens when two drives are plugged in at each other's place with each other's identifier."""
         self.serial, other.serial = other.serial, self.serial
 
-    def heard(self, now: float) -> None:
+    def feed_watchdog(self, now: float) -> None:
         """A frame for this drive arrived: the silence is over."""
-        self._heard = now
+        self._frame_at = now
 
     def tick(self, now: float) -> None:
         """Look at the watchdog and the temperature."""
-        if self.on and self.watchdog > 0 and now - self._heard > self.watchdog:
+        if self.on and self.watchdog > 0 and now - self._frame_at > self.watchdog:
             self.silence()
         if self.reading()[3] > self.temperature_max:
             self.overheat()
@@ -139,7 +139,7 @@ class Servo(ABC):
         """The answers to a frame, none where it is for somebody else."""
 
     def spontaneous(self, now: float) -> list[can.Message]:
-        """Frames that the drive sends without being asked."""
+        """Frames that the drive sends without a request."""
         return []
 
 

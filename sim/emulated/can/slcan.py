@@ -40,7 +40,7 @@ class SlcanPort(TerminalPort):
             if m.is_error_frame:
                 continue
             if m.is_fd and not self._fd:
-                continue  # a controller that only knows classical CAN sees an error, which this protocol does not tell
+                continue  # a controller that only knows classical CAN sees an error, which this protocol does not report
             wide, narrow = ("Bb" if m.bitrate_switch else "Dd") if m.is_fd else "Tt"
             head = f"{wide}{m.arbitration_id:08X}" if m.is_extended_id else f"{narrow}{m.arbitration_id:03X}"
             self.write(f"{head}{len2dlc(m.dlc):X}{m.data.hex().upper()}\r".encode())

@@ -20,7 +20,7 @@ PATIENCE = 0.2  # s: a client that takes nothing for so long is let go, so that 
 
 
 class SocketcandPort(Port):
-    """Any number of clients on host:port; each hears the drives and what the other clients send, as on a bus."""
+    """Any number of clients on host:port; each receives from the drives and what the other clients send, as on a bus."""
 
     def __init__(self, host: str, port: int) -> None:
         self.address = (host, port)
@@ -49,7 +49,7 @@ class SocketcandPort(Port):
             if ready is self._server:
                 self._accept(self._server)
             elif ready in self._clients:
-                frames += self._heard(ready)
+                frames += self._receive(ready)
         return frames
 
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
@@ -58,7 +58,7 @@ class SocketcandPort(Port):
     def deliver(self, messages: list[can.Message]) -> None:
         for message in messages:
             for client in list(self._clients):
-                self._say(client, _told(message))
+                self._send_text(client, _frame_text(message))
 
     def unplug(self) -> None:
         for client in list(self._clients):
@@ -75,9 +75,9 @@ class SocketcandPort(Port):
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client.settimeout(PATIENCE)
         self._clients[client] = b""
-        self._say(client, "< hi >")
+        self._send_text(client, "< hi >")
 
-    def _heard(self, client: socket.socket) -> list[can.Message]:
+    def _receive(self, client: socket.socket) -> list[can.Message]:
         try:
             data = client.recv(65536)
         except OSError:
@@ -90,7 +90,7 @@ class SocketcandPort(Port):
         for frame in frames:
             for other in list(self._clients):
                 if other is not client:
-                    self._say(other, _told(frame))
+                    self._send_text(other, _frame_text(frame))
         return frames
 
     def _requests(self, client: socket.socket) -> list[can.Message]:
@@ -107,14 +107,14 @@ class SocketcandPort(Port):
                         can.Message(arbitration_id=int(identifier, 16), is_extended_id=len(identifier) == 8, data=payload)
                     )
             elif text.startswith(b"< open ") or text == b"< rawmode >":
-                self._say(client, "< ok >")
+                self._send_text(client, "< ok >")
             else:
-                self._say(client, "< error unknown command >")
+                self._send_text(client, "< error unknown command >")
         if client in self._clients:
             self._clients[client] = buffer
         return frames
 
-    def _say(self, client: socket.socket, text: str) -> None:
+    def _send_text(self, client: socket.socket, text: str) -> None:
         if client not in self._clients:
             return
         try:
@@ -127,7 +127,7 @@ class SocketcandPort(Port):
         client.close()
 
 
-def _told(message: can.Message) -> str:
+def _frame_text(message: can.Message) -> str:
     now = time.time()
     if message.is_error_frame:
         return f"< error {message.arbitration_id:03X} {now:.6f} >"

@@ -1,4 +1,4 @@
-"""A captured controller, played back on loopback: it answers what was asked then as it answered then, and sends its frames at their pace."""
+"""A captured controller, played back on loopback: it answers what was requested then as it answered then, and sends its frames at their pace."""
 
 from __future__ import annotations
 
@@ -97,11 +97,13 @@ class CapturedUr:
     def _rtde(self, client: socket.socket) -> None:
         answers = self._answers("rtde")
         frames = [m for m in self._of("rtde") if m.from_device and m.data[2] == DATA]
-        while (asked := self._received(client, lambda d: struct.unpack_from(">H", d)[0] if len(d) >= 2 else None)) is not None:
-            if asked not in answers:
+        while (
+            request := self._received(client, lambda d: struct.unpack_from(">H", d)[0] if len(d) >= 2 else None)
+        ) is not None:
+            if request not in answers:
                 return
-            client.sendall(answers[asked])
-            if asked[2:3] == b"S":
+            client.sendall(answers[request])
+            if request[2:3] == b"S":
                 break
         begin = time.monotonic()
         for m in frames:
@@ -123,9 +125,9 @@ class CapturedUr:
         self._ending.wait()
 
     def _http(self, client: socket.socket) -> None:
-        asked = self._received(client, lambda d: len(d) if d.endswith(HTTP_END) else None)
-        if asked is not None:
-            path = asked.split(b" ")[1].removeprefix(BASE)
+        request = self._received(client, lambda d: len(d) if d.endswith(HTTP_END) else None)
+        if request is not None:
+            path = request.split(b" ")[1].removeprefix(BASE)
             body = self._answers("robot_api").get(path, b"")
             status = b"200" if body not in (b"", b"{}") else b"404"
             client.sendall(b"HTTP/1.1 " + status + b" \r\nContent-Length: %d\r\nConnection: close\r\n\r\n" % len(body) + body)

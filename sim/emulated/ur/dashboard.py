@@ -16,7 +16,7 @@ PROGRAM = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
 def respond(robot: Any, line: str) -> str:
     """The answer to one command."""
     command = line.strip()
-    tells_identity = robot.version >= ((3, 12, 0) if robot.version[0] == 3 else (5, 6, 0))
+    reports_identity = robot.version >= ((3, 12, 0) if robot.version[0] == 3 else (5, 6, 0))
     match command.lower():
         case "polyscopeversion":
             return f"URSoftware {robot.version[0]}.{robot.version[1]}.{robot.version[2]}.{robot.build} (emulated)"
@@ -32,9 +32,9 @@ def respond(robot: Any, line: str) -> str:
             return f"Program running: {str(robot.program_running).lower()}"
         case "is in remote control" if robot.version >= (5, 6, 0):
             return str(robot.remote).lower()
-        case "get serial number" if tells_identity:
+        case "get serial number" if reports_identity:
             return str(robot.serial)
-        case "get robot model" if tells_identity:
+        case "get robot model" if reports_identity:
             return str(robot.model)
         case "get operational mode" if robot.version >= (5, 6, 0):
             return str(robot.operational_mode)

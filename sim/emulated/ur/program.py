@@ -26,7 +26,7 @@ def register_offset(text: str) -> int | None:
 
 
 def control_program(robot: Any, offset: int) -> Iterator[None]:
-    """The main loop of the control program; ends when it is told to, or at a command that it does not know."""
+    """The main loop of the control program; ends on its command, or at a command that it does not know."""
     executing = False
     progress = _Progress(robot, offset)
     progress.finished()

@@ -127,7 +127,7 @@ def test_traffic_that_does_not_fit_is_refused_before_anything_is_sent(bench, ser
     b = bench(options={"rate": 500.0})
     with pytest.raises(ConfigError, match=r"rate = 500 Hz needs 6000 frames a second, 81 % .*use 462 Hz or less"):
         b.driver.connect()
-    assert b.bus.heard == 0
+    assert b.bus.arrived == 0
     drives = make_drives(can_options(b.cell, servo6))
     budget = bus_budget(drives, 200.0, b.driver.options)
     assert budget.load == pytest.approx(12 * 111 * 200 / 1e6)

@@ -138,8 +138,8 @@ def test_a_robstride_without_a_timeout_parameter_needs_a_tried_watchdog(bench):
 def test_an_odrive_without_version_and_serial_number_is_used_by_its_heartbeat(bench):
     b = bench("odrive")
     for servo in b.bus.servos:
-        plain = servo._asked
-        servo._asked = lambda command, plain=plain: [] if command in (0, 6) else plain(command)
+        plain = servo._reply
+        servo._reply = lambda command, plain=plain: [] if command in (0, 6) else plain(command)
     b.driver.connect()
     assert {(i.serial, i.firmware) for i in b.driver.identities} == {("", "unknown")}
     b.stream(20)

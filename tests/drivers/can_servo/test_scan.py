@@ -109,7 +109,7 @@ def test_other_traffic_is_told(bench, scanned):
 def test_an_odrive_of_old_firmware_is_known_by_its_heartbeat(bench, scanned):
     b = bench("odrive")
     for servo in b.bus.servos:
-        servo._asked = lambda command: []
+        servo._reply = lambda command: []
     result, _ = scanned(b)
     assert result.found == ()
     assert sum("sends heartbeats as an ODrive does" in note for note in result.notes) == 6

@@ -94,12 +94,12 @@ def test_a_fault_on_the_wire_ends_the_motion_and_nothing_old_follows(interface, 
         with pytest.raises(DeviceError, match=says):
             swing(driver, rest, 60, k=5)
         time.sleep(WATCHDOG + 0.3)
-        heard = emulator.bus.heard
+        heard = emulator.bus.arrived
         emulator.inject("restore")
         time.sleep(0.2)
         if "silent:" not in fault:
             # What a TCP server has taken from the host is out of the host's reach; the drives' watchdogs have made it harmless.
-            assert emulator.bus.heard == heard or interface == "socketcand"
+            assert emulator.bus.arrived == heard or interface == "socketcand"
             assert not emulator.bus.body.live.any()
         with pytest.raises(DeviceError, match=r"latched"):
             driver.send(rest, np.zeros(6), np.zeros(6))
@@ -117,9 +117,9 @@ def test_an_arm_away_from_rest_is_held_after_the_motion_has_ended(tmp_path, serv
         swing(driver, rest, 25)
         with pytest.raises(DeviceError, match=r"it is held"):
             driver.close()
-        before = emulator.bus.heard
+        before = emulator.bus.arrived
         time.sleep(2 * WATCHDOG)
-        assert emulator.bus.heard > before
+        assert emulator.bus.arrived > before
         assert emulator.bus.body.live.all()
     finally:
         with contextlib.suppress(DeviceError):
