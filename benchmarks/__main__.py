@@ -68,7 +68,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The table of every topic asked for, with the load of the computer beside it; exit code 1 where a topic could not be measured."""
+    """The table of every topic requested, with the load of the computer beside it; exit code 1 where a topic could not be measured."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topic", nargs="*", help=f"of {', '.join(TOPICS)}, which run if none is named, and {', '.join(SLOW)}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")

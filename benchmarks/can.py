@@ -101,9 +101,9 @@ def _decoding(family: str, fields: tuple[Field, ...], decode: Callable[[bytes], 
     start = time.process_time()
     theirs = [message.decode(x, decode_choices=False) for x in data]
     peer = (time.process_time() - start) / FRAMES
-    told = np.array([[x[f.name] for f in fields] for x in theirs])
+    reference = np.array([[x[f.name] for f in fields] for x in theirs])
     steps = np.array([f.factor for f in fields])
-    return _compared(f"{family} Feedback decoded", int(np.sum(np.abs(np.array(ours) - told) > 1e-9 * steps)), own, peer)
+    return _compared(f"{family} Feedback decoded", int(np.sum(np.abs(np.array(ours) - reference) > 1e-9 * steps)), own, peer)
 
 
 def _odrive() -> list[dict[str, Any]]:
@@ -122,9 +122,9 @@ def _odrive() -> list[dict[str, Any]]:
     read = [frames.two_floats(x) for x in data]
     own = (time.process_time() - start) / FRAMES
     start = time.process_time()
-    told = [message.decode(x, decode_choices=False) for x in data]
+    reference = [message.decode(x, decode_choices=False) for x in data]
     peer = (time.process_time() - start) / FRAMES
-    differ = sum(a != (b["Position"], b["Velocity"]) for a, b in zip(read, told, strict=True))
+    differ = sum(a != (b["Position"], b["Velocity"]) for a, b in zip(read, reference, strict=True))
     return rows + _compared("odrive EncoderEstimates decoded", differ, own, peer)
 
 
@@ -139,18 +139,18 @@ def cycles(transport: str, seconds: float) -> list[dict[str, Any]]:
     """Time from the first frame of a cycle to the last answer, six drives, and what was lost on the way."""
     with _wired(transport) as driver:
         took, late = _stream(driver, seconds)
-        asked_again, link = driver.joints.lost, driver._link
+        retries, link = driver.joints.lost, driver._link
         assert link is not None
-        sent, answered = link.sent, link.received
+        sent, received = link.sent, link.received
     load = f"{len(took)} cycles at {RATE:g} Hz, load {os.getloadavg()[0]:.1f}"
     p50, p99 = (round(1e6 * np.quantile(took, x)) for x in (0.5, 0.99))
     return [
         {"what": f"cycle of 12 frames over {transport}, p50 / p99", "value": f"{p50} / {p99}", "unit": "us", "note": load},
         {"what": f"cycles late by more than half a period, {transport}", "value": int(np.sum(late > 0.5 / RATE)), "unit": "cycles", "note": load},
-        {"what": f"joints asked again a period later, {transport}", "value": asked_again, "unit": "", "note": load},
+        {"what": f"joints asked again a period later, {transport}", "value": retries, "unit": "", "note": load},
         {
-            "what": f"frames lost in {seconds:g} s over {transport}", "value": sent - answered, "unit": "frames", "bar": "0",
-            "note": f"{sent} sent, {answered} answers came, {load}",
+            "what": f"frames lost in {seconds:g} s over {transport}", "value": sent - received, "unit": "frames", "bar": "0",
+            "note": f"{sent} sent, {received} answers came, {load}",
         },
     ]  # fmt: skip
 

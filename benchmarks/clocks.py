@@ -81,8 +81,8 @@ def delay_rows(repeats: int, seconds: float = 30.0) -> list[dict[str, Any]]:
         found = [torque_delay(late(motion, torque, arm, samples / RATE, rng), arm) for _ in range(repeats)]
         error = np.array([f.delay * RATE - samples for f in found])
         std = float(np.median([f.std for f in found])) * RATE
-        told = sum(f.significant for f in found)
-        note = f"stated std {std:.3f}; reported as significant in {told} of {repeats}; {seconds:g} s at 500 Hz, the arm's own noise"
+        significant = sum(f.significant for f in found)
+        note = f"stated std {std:.3f}; reported as significant in {significant} of {repeats}; {seconds:g} s at 500 Hz, the arm's own noise"
         out.append(
             row(
                 f"delay of {samples:+.1f} samples, worst error of {repeats}",

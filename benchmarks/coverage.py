@@ -48,7 +48,7 @@ class Coverage:
         return float(inside[:, often].mean(axis=0).min())
 
 
-def on_mock(name: str, runs: int, told: Callable[[int], None] = lambda run: None) -> Coverage:
+def on_mock(name: str, runs: int, progress: Callable[[int], None] = lambda run: None) -> Coverage:
     """Arms that differ from the nominal one as `varied` says, recorded on the mock: two motions to fit, a third held out."""
     nominal = load_arm(name)
     motions = [fitting_motion(nominal, seed) for seed in (1, 2, 3)]
@@ -62,10 +62,10 @@ def on_mock(name: str, runs: int, told: Callable[[int], None] = lambda run: None
         assert gap.sliding is not None
         return found, truth, np.stack([gap.sliding, gap.after]) / np.abs(logs[2].tau).max(axis=0)
 
-    return _collected(one, runs, told)
+    return _collected(one, runs, progress)
 
 
-def by_formula(name: str, runs: int, memory: float = 0.8, told: Callable[[int], None] = lambda run: None) -> Coverage:
+def by_formula(name: str, runs: int, memory: float = 0.8, progress: Callable[[int], None] = lambda run: None) -> Coverage:
     """The same with torque noise of that memory (AR(1)) on the formula's torque, without a held-out log."""
     nominal = load_arm(name)
     motions = [fourier_motion(nominal, seed) for seed in (1, 2)]
@@ -75,10 +75,10 @@ def by_formula(name: str, runs: int, memory: float = 0.8, told: Callable[[int], 
         logs = [recorded(truth, m, 10 * seed + k, memory=memory) for k, m in enumerate(motions)]
         return fitted(nominal, logs, NARROW), truth, np.zeros(0)
 
-    return _collected(one, runs, told)
+    return _collected(one, runs, progress)
 
 
-def of_payload(name: str, runs: int, memory: float = 0.8, told: Callable[[int], None] = lambda run: None) -> np.ndarray:
+def of_payload(name: str, runs: int, memory: float = 0.8, progress: Callable[[int], None] = lambda run: None) -> np.ndarray:
     """(runs, 4) errors of mass and centre of mass over their stated deviations."""
     nominal = load_arm(name)
     motions = [fourier_motion(nominal, seed) for seed in (1, 2)]
@@ -94,12 +94,12 @@ def of_payload(name: str, runs: int, memory: float = 0.8, told: Callable[[int], 
         ]
         load = load_between(fits[0].model, fits[0].solution, fits[1].solution)
         out.append([(load.mass - mass) / load.mass_std, *((load.com - com) / load.com_std)])
-        told(seed)
+        progress(seed)
     return np.array(out)
 
 
 def _collected(
-    one: Callable[[int], tuple[Identification | Fit, Arm, np.ndarray]], runs: int, told: Callable[[int], None]
+    one: Callable[[int], tuple[Identification | Fit, Arm, np.ndarray]], runs: int, progress: Callable[[int], None]
 ) -> Coverage:
     from calib.identification.estimates import base_estimates
     from calib.identification.prior import nominal_prior
@@ -112,7 +112,7 @@ def _collected(
         z.append((solution.theta - expected) / np.sqrt(np.diag(solution.covariance)))
         known.append([e.identifiable for e in base_estimates(model, solution, nominal_prior(model.arm, model))])
         residual.append(left)
-        told(seed)
+        progress(seed)
     kinds = ["base" if k < len(model.base) else name.split("_")[0] for k, name in enumerate(model.names)]
     return Coverage(np.array(z), np.array(known), np.broadcast_to(np.array(kinds), (runs, model.p)), np.array(residual))
 

@@ -1,4 +1,4 @@
-"""From an unpacked checkout to an identified effect: `calib go` on an emulated UR10e with a payload that it is not told of.
+"""From an unpacked checkout to an identified effect: `calib go` on an emulated UR10e with a payload that it does not know of.
 
 A person types only answers; they are counted, and so is the time until the session is complete. `python -m benchmarks guided`.
 """
@@ -60,9 +60,9 @@ def _session(place: Path) -> list[dict[str, Any]]:
     try:
         _await_controller()
         began = time.monotonic()
-        answers = "bench is empty\n" + "y\nbench is empty\n" * 5
+        typed = "bench is empty\n" + "y\nbench is empty\n" * 5
         done = subprocess.run(
-            [*program, "go", "bench", "--quick", "--json"], cwd=place, env=surroundings, input=answers, capture_output=True, text=True
+            [*program, "go", "bench", "--quick", "--json"], cwd=place, env=surroundings, input=typed, capture_output=True, text=True
         )  # fmt: skip
         took = time.monotonic() - began
     finally:
@@ -72,7 +72,7 @@ def _session(place: Path) -> list[dict[str, Any]]:
     session = tomllib.loads((folder / "session.toml").read_text(encoding="utf-8"))
     if not session["closed"]:
         raise RuntimeError(f"the session did not end (exit code {done.returncode}): {done.stderr[-800:]}")
-    asked = done.stderr.count("[y/N]") + done.stderr.count("to let it move: ")
+    questions = done.stderr.count("[y/N]") + done.stderr.count("to let it move: ")
     last = [d for d in session["done"] if d["name"].startswith("diagnose")][-1]
     found = json.loads((folder / last["folder"] / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
     names = ", ".join(e["effect"] + (f" at {e['joint']}" if e["joint"] else "") for e in found) or "nothing"
@@ -81,7 +81,7 @@ def _session(place: Path) -> list[dict[str, Any]]:
     steps = ", ".join(f"{d['name']} {d['seconds']:.0f}" for d in session["done"])
     return [
         {"what": "calib go on an emulated UR10e, check to a complete session", "value": round(took / 60, 1), "unit": "min", "bar": "< 6", "note": f"seconds: {steps}"},
-        {"what": "answers that a person types in it", "value": asked, "unit": "", "bar": "<= 8"},
+        {"what": "answers that a person types in it", "value": questions, "unit": "", "bar": "<= 8"},
         {"what": "identified in it", "value": names, "bar": "payload"},
         {"what": "mass of the hidden payload", "value": value, "unit": "kg", "bar": f"{MASS:g}"},
     ]  # fmt: skip

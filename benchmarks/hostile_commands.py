@@ -177,15 +177,15 @@ def attack(name: str, seed: int, count: int) -> dict[str, Any]:
         data, beside = file.read_bytes(), set(folder.rglob("*"))
         for _ in range(count):
             file.write_bytes(mutated(data, rng))
-            begin, heard = time.perf_counter(), io.StringIO()
+            begin, printed = time.perf_counter(), io.StringIO()
             try:
-                with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
+                with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
                     code = program(list(words))
             except (Exception, SystemExit) as error:
                 code = EXIT_CODE
-                heard.write(f"left the command: {type(error).__name__}: {error}")
-            if code not in (0, 1, 2, 3, 4) or "Traceback" in heard.getvalue():
-                faults.append(f"{name}: exit code {code}: {' '.join(heard.getvalue().split())[-200:]}")
+                printed.write(f"left the command: {type(error).__name__}: {error}")
+            if code not in (0, 1, 2, 3, 4) or "Traceback" in printed.getvalue():
+                faults.append(f"{name}: exit code {code}: {' '.join(printed.getvalue().split())[-200:]}")
             codes.append(code)
             slowest = max(slowest, time.perf_counter() - begin)
             for new in sorted(set(folder.rglob("*")) - beside, reverse=True):

@@ -72,8 +72,8 @@ def _control() -> list[dict[str, Any]]:
     rows = []
     for kind, bandwidth in (("feed-forward, 3 Hz feedback", 3.0), ("computed torque, 1 Hz feedback", 1.0)):
         errors = [tracking(truth, drive, motion, bandwidth, computed=kind[0] == "c") for drive in (nominal, found, truth)]
-        told = ", ".join(f"{name} {1e3 * e:.3g}" for name, e in zip(("nominal", "identified", "true"), errors, strict=True))
-        note = f"RMS over the joints, mrad: {told} model"
+        text = ", ".join(f"{name} {1e3 * e:.3g}" for name, e in zip(("nominal", "identified", "true"), errors, strict=True))
+        note = f"RMS over the joints, mrad: {text} model"
         rows.append(_row(f"{kind}: tracking error, identified / nominal model", errors[1] / errors[0], "", "< 1", note))
     return rows
 
@@ -123,8 +123,8 @@ def _forward() -> dict[str, Any]:
     assert check.forward is not None
     assert check.bound is not None
     ratio = check.forward / check.bound
-    told = " ".join(f"{1e3 * a:.2g}/{1e3 * b:.2g}" for a, b in zip(check.forward, check.bound, strict=True))
-    note = f"J1..J6, mrad after 0.25 s, RMS / bound: {told}"
+    text = " ".join(f"{1e3 * a:.2g}/{1e3 * b:.2g}" for a, b in zip(check.forward, check.bound, strict=True))
+    note = f"J1..J6, mrad after 0.25 s, RMS / bound: {text}"
     return _row(
         "forward simulation of an unseen mock log over its stated bound, worst joint", float(ratio.max()), "", "<= 1", note
     )

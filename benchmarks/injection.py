@@ -1,8 +1,8 @@
 """One fault put into a guarded run of the mock, and what came of it: when it could be seen, when the arm slowed down, how far it went.
 
 Time is simulated. `reaction` counts readings from the first one that the fault changed to the first command that is not the planned
-one, 0 being the command that answers that very reading; `from_visible` counts them from the first reading that a twin of the run
-without the fault tells from its own by more than the noise of the sensors. Angles are the plant's own.
+one, 0 being the command that answers that very reading; `from_visible` counts them from the first reading that differs from that of
+a twin run without the fault by more than the noise of the sensors. Angles are the plant's own.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class Injection:
         return found, refused
 
     def run(self, number: int) -> Run:
-        """The `number`-th run, the same whenever it is asked for."""
+        """The `number`-th run, the same at every call."""
         trouble, arm = self.trouble, self.arm
         for attempt in range(100):
             rng = np.random.default_rng([number, attempt])
@@ -177,20 +177,20 @@ class Injection:
         except SafetyStop as refusal:
             return Run(missed=f"refused: {refusal}")
         if trouble.twin:
-            driver.visible = first_told(driver.readings, self._sound(cleared, at, driver.reads), arm, SIGMAS)
+            driver.visible = first_visible(driver.readings, self._sound(cleared, at, driver.reads), arm, SIGMAS)
         return Run(
             missed=f"run {number}: no stop from sample {at} on" if driver.visible is not None and trouble.stops else None
         )
 
     def _stopped(self, driver: Watched, cleared: ClearedTrajectory, at: int, stop: MotionStopped) -> Run:
         """Reaction, true angle and time to standstill of one stop."""
-        planned, first = answered(driver, cleared)
+        planned, first = last_planned(driver, cleared)
         from_visible = None
         if self.trouble.twin:
             sound = self._sound(cleared, at, first)
-            driver.visible = first_told(driver.readings, sound, self.arm, 0.0)
-            told = first_told(driver.readings, sound, self.arm, SIGMAS)
-            from_visible = 0 if told is None else first - told
+            driver.visible = first_visible(driver.readings, sound, self.arm, 0.0)
+            visible = first_visible(driver.readings, sound, self.arm, SIGMAS)
+            from_visible = 0 if visible is None else first - visible
         if driver.visible is None:
             return Run(missed=f"false stop: {stop}")
         while driver.true[-1][2] > AT_REST and len(driver.true) < len(cleared) + SETTLE + AFTER:
@@ -231,7 +231,7 @@ class Injection:
         return readings
 
 
-def answered(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
+def last_planned(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
     """The last planned sample that was sent, and the number of the reading that was answered by the first slower command."""
     for k, (reads, q) in enumerate(driver.sent):
         if not (k < len(cleared) and np.array_equal(q, cleared.q[k])):
@@ -242,10 +242,10 @@ def answered(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
 def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int) -> float:
     """The largest distance, any joint, of the plant from the path that was commanded in the last LATE s, over the room proved there."""
     room, late = float(cleared.room[planned]), round(LATE * RATE)
-    told = np.array([q for _, q in driver.sent])
+    commanded = np.array([q for _, q in driver.sent])
     share = np.linspace(0, 1, 5)[:-1, None, None]
-    dense = (told[:-1] + share * np.diff(told, axis=0)).transpose(1, 0, 2).reshape(-1, told.shape[1])
-    dense = np.vstack((dense, told[-1:]))
+    dense = (commanded[:-1] + share * np.diff(commanded, axis=0)).transpose(1, 0, 2).reshape(-1, commanded.shape[1])
+    dense = np.vstack((dense, commanded[-1:]))
     worst = 0.0
     for read in range(first - 1, len(driver.true)):
         behind = np.searchsorted([reads for reads, _ in driver.sent], read + 1, side="left")
@@ -254,7 +254,7 @@ def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int
     return worst / room
 
 
-def first_told(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:
+def first_visible(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:
     """Number of the first reading with a number further than `sigmas` of its sensor's noise from the same reading without the trouble."""
     sensors = arm.sensors
     for k, (a, b) in enumerate(zip(readings, sound, strict=False)):

@@ -73,13 +73,13 @@ def kill(number: int) -> dict[str, Any]:
             handed_over = struct.unpack_from("<q", view)[0]
         log = read_log(path)
     end = log.metadata["end_reason"]
-    says = end.endswith(f"{len(log):,} samples, at most 1 lost")
+    states_count = end.endswith(f"{len(log):,} samples, at most 1 lost")
     return {
         "victims": victims,
         "rate": rate,
         "handed_over": handed_over,
         "lost": handed_over - len(log),
-        "says": says,
+        "says": states_count,
         "end": end,
     }
 

@@ -191,7 +191,7 @@ def _reaction(talk: Connection, driver: UrDriver, fault: str) -> tuple[float, fl
     zero = np.zeros(6)
     driver.connect()
     q = driver.read().q.copy()
-    asked = False
+    fault_sent = False
     try:
         for k in range(round(20.0 * driver.rate)):
             speed = SPEED * min(1.0, k / 250)
@@ -201,9 +201,9 @@ def _reaction(talk: Connection, driver: UrDriver, fault: str) -> tuple[float, fl
                 break
             if k == 400:
                 talk.send(fault)
-                asked = True
+                fault_sent = True
     except DeviceError as error:
-        if not asked:
+        if not fault_sent:
             driver.close()
             talk.send("again")
             talk.recv()

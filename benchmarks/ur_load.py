@@ -102,13 +102,13 @@ def recorded(folder: Path, last: int, seconds: float, fault: str | None) -> dict
     talk.recv()
     line = [sys.executable, "-m", "calib", "record", str(path), str(folder / "plan"), "--yes", "--out", str(folder / "logs")]
     try:
-        said = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=60 + 5 * seconds, check=False)
+        done = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=60 + 5 * seconds, check=False)
     finally:
         talk.send("end")
         injected = talk.recv()
         controller.join()
-    words = " ".join((said.stdout + said.stderr).split())
-    out: dict[str, Any] = {"exit": said.returncode, "injected": injected, "load": os.getloadavg()[0]}
+    words = " ".join((done.stdout + done.stderr).split())
+    out: dict[str, Any] = {"exit": done.returncode, "injected": injected, "load": os.getloadavg()[0]}
     if fault:
         out["named"] = bool(re.search(NAMES[fault], words))
     if not (fault and out["named"]):

@@ -69,7 +69,7 @@ def attach(arm: Arm, load: dict[str, float], seed: int) -> Attached:
 
 
 def followed(arm: Arm, readings: Iterable[JointState], came: Callable[[], float], load: dict[str, float]) -> Attached:
-    """What a watcher says of a load; `came` tells when it came, infinity before."""
+    """What a watcher reports of a load; `came` is when it came, infinity before."""
     watcher, out, moved, wrists, since = Watcher(arm, arm.sensors.rate), Attached(), 0.0, 0.0, 0
     com = np.array([load["com_x"], load["com_y"], load["com_z"]])
     period = 1 / arm.sensors.rate
@@ -112,11 +112,11 @@ def attachments(name: str, repeats: int) -> list[dict[str, Any]]:
     over = f"{np.mean(costs > 300):.2%} above 300"
     ratio, least_mass, least_com = np.array([f.bound for f in found]).T
     return [
-        row(f"{what}: detected, median / 90 % / within", _told(detected, within[0]), "s", "<= 0.1",
+        row(f"{what}: detected, median / 90 % / within", _quantiles(detected, within[0]), "s", "<= 0.1",
             f"0.1 s hold a likelihood ratio of {ratio.min():.0f} to {ratio.max():.0f}, median {np.median(ratio):.0f}"),
-        row(f"{what}: mass after 0.5 s of motion", _told(mass, within[1], 100), "%", "<= 5",
+        row(f"{what}: mass after 0.5 s of motion", _quantiles(mass, within[1], 100), "%", "<= 5",
             f"RMS {_rms(mass, 100)}; nobody does better than {_rms(least_mass, 100)}"),
-        row(f"{what}: centre of mass after 2 s of wrist motion", _told(com, within[2], 1000), "mm", "<= 10",
+        row(f"{what}: centre of mass after 2 s of wrist motion", _quantiles(com, within[2], 1000), "mm", "<= 10",
             f"RMS {_rms(com, 1000)}; nobody does better than {_rms(least_com, 1000)}"),
         row(f"{what}: events that are none", sum(f.others for f in found), "", "0"),
         row(f"{name}: cost of a cycle, mean / median / 99 % / 99.9 % / most", cost, "us of CPU", "< 300", over),
@@ -135,23 +135,23 @@ def cost(name: str, passes: int = 5) -> list[dict[str, Any]]:
             began = time.thread_time()
             watcher.add(state)
             least[k] = min(least[k], time.thread_time() - began)
-    told = " / ".join(f"{1e6 * x:.0f}" for x in (least.mean(), *np.percentile(least, [50, 99, 99.9]), least.max()))
+    text = " / ".join(f"{1e6 * x:.0f}" for x in (least.mean(), *np.percentile(least, [50, 99, 99.9]), least.max()))
     what = f"{name}: cost of a cycle, least of {passes} passes, mean / median / 99 % / 99.9 % / most"
-    return [row(what, told, "us of CPU", "< 300", f"{np.mean(least > 3e-4):.2%} above 300")]
+    return [row(what, text, "us of CPU", "< 300", f"{np.mean(least > 3e-4):.2%} above 300")]
 
 
 def _rms(x: np.ndarray, scale: float) -> str:
     return f"{scale * np.sqrt(np.mean(x**2)):.3g}"
 
 
-def _told(x: np.ndarray, within: float | np.floating[Any], scale: float = 1.0) -> str:
+def _quantiles(x: np.ndarray, within: float | np.floating[Any], scale: float = 1.0) -> str:
     x = np.where(np.isfinite(x), x, np.inf) * scale
     middle, most = np.quantile(x, [0.5, 0.9], method="higher")
     return f"{middle:.3g} / {most:.3g} / {within:.0%}"
 
 
 def quiet(name: str, minutes: float, rate: float | None = None, seed: int = 7) -> list[dict[str, Any]]:
-    """A shift in which all friction falls by 30 % as the joints warm: nothing must be said."""
+    """A shift in which all friction falls by 30 % as the joints warm: nothing must be reported."""
     arm = at_rate(load_arm(name), rate)
     warming = [(t, warmed(arm, 1 - 0.3 * -np.expm1(-t / 600.0))) for t in np.arange(5.0, 60 * minutes, 5.0)]
     watcher = Watcher(arm, arm.sensors.rate)
@@ -243,12 +243,12 @@ def wire(repeats: int, address: str = "127.0.0.31") -> list[dict[str, Any]]:
     return [
         row(
             f"{what}: detected, median / 90 % / within",
-            _told(detected, np.mean(detected <= 0.1 + 1e-6)),
+            _quantiles(detected, np.mean(detected <= 0.1 + 1e-6)),
             "s of the device",
             "<= 0.1",
         ),
-        row(f"{what}: mass after 0.5 s of motion", _told(mass, np.mean(mass <= 0.05), 100), "%", "<= 5"),
-        row(f"{what}: centre of mass after 2 s of wrist motion", _told(com, np.mean(com <= 0.01), 1000), "mm", "<= 10"),
+        row(f"{what}: mass after 0.5 s of motion", _quantiles(mass, np.mean(mass <= 0.05), 100), "%", "<= 5"),
+        row(f"{what}: centre of mass after 2 s of wrist motion", _quantiles(com, np.mean(com <= 0.01), 1000), "mm", "<= 10"),
         row(f"{what}: events that are none", sum(f.others for f in out), "", "0", f"threads {threading.active_count()}"),
     ]
 

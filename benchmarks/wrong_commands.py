@@ -29,7 +29,7 @@ AT_ONCE = 25  # cases of a fleet
 
 
 def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
-    """Exit code of `calib COMMAND` for the case's recordings as files, and what it said of their likeliest cause."""
+    """Exit code of `calib COMMAND` for the case's recordings as files, and the likeliest cause that it printed."""
     files = []
     for k, log in enumerate(case.logs):
         files.append(folder / f"log-{k}.mcap")
@@ -38,8 +38,8 @@ def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
     if command in ONE_LOG:
         words = [*map(str, files), "--arm", case.arm.name]
     extra = {"validate": ["--no-forward"], "watch": ["--database", str(folder / "trend.sqlite")]}.get(command, [])
-    code, said = _called([command, *words, *extra, "--out", str(folder / "out")])
-    return code, _cause(said)
+    code, printed = _called([command, *words, *extra, "--out", str(folder / "out")])
+    return code, _cause(printed)
 
 
 def fleet(some: Sequence[Case], folder: Path) -> list[tuple[int, str]]:
@@ -49,25 +49,25 @@ def fleet(some: Sequence[Case], folder: Path) -> list[tuple[int, str]]:
             place = folder / "plant" / f"{number}-{k}.mcap"
             place.parent.mkdir(exist_ok=True)
             write_log(log, place, "clean", {"arm": case.arm.name, "serial": str(number), "motion": "excitation"})
-    _, said = _called(
+    _, printed = _called(
         ["fleet", str(folder / "plant"), "--workers", "0", "--no-diagnose", "--json", "--out", str(folder / "out")]
     )
-    rows = {str(row["serial"]): row for row in json.loads(said[said.index("{") :])["arms"]}
+    rows = {str(row["serial"]): row for row in json.loads(printed[printed.index("{") :])["arms"]}
     return [(2 if rows[str(k)]["status"] == "bad_logs" else 0, _cause(str(rows[str(k)]["sentence"]))) for k in range(len(some))]
 
 
 def _called(words: Sequence[str]) -> tuple[int, str]:
-    heard = io.StringIO()
-    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(io.StringIO() if "--json" in words else heard):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(io.StringIO() if "--json" in words else printed):
         code = program(list(words))
-    return code, " ".join(heard.getvalue().split())
+    return code, " ".join(printed.getvalue().split())
 
 
-def _cause(said: str) -> str:
+def _cause(printed: str) -> str:
     """The likeliest cause with the options that undo it, without the others."""
-    at = said.find(LIKELIEST)
-    remedy = said[at:].partition(CONVERT)
-    return said[at:].split(OTHERS)[0] + remedy[1] + remedy[2] if at >= 0 else f"no cause: {said[-300:]}"
+    at = printed.find(LIKELIEST)
+    remedy = printed[at:].partition(CONVERT)
+    return printed[at:].split(OTHERS)[0] + remedy[1] + remedy[2] if at >= 0 else f"no cause: {printed[-300:]}"
 
 
 def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COMMANDS) -> list[dict[str, Any]]:
@@ -89,8 +89,8 @@ def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COM
                     if command == "fleet"
                     else [through(command, some[0][1], Path(folder))]
                 )
-            for (k, case), (code, said) in zip(some, found, strict=True):
-                kept.keep(f"{command} {k}", {"code": code, "named": any(w in said for w in case.right), "said": said[:300]})
+            for (k, case), (code, cause) in zip(some, found, strict=True):
+                kept.keep(f"{command} {k}", {"code": code, "named": any(w in cause for w in case.right), "said": cause[:300]})
         rows += _rows(
             command, [(case, kept.found[f"{command} {k}"]) for k, case in mine if f"{command} {k}" in kept.found], len(mine)
         )

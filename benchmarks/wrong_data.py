@@ -32,7 +32,7 @@ GEAR = 101.0
 
 @dataclass(frozen=True)
 class Case:
-    """arm that is asked about, logs, the words of what was done to them, and words that name a cause rightly."""
+    """arm that is named, logs, the words of what was done to them, and words that name a cause rightly."""
 
     name: str
     arm: Arm
@@ -180,10 +180,10 @@ def _case(name: str, chosen: tuple[str, ...], rng: np.random.Generator) -> Case:
     return Case(f"{name}: {'; '.join(chosen)}", of, (log,), chosen, right)
 
 
-def _foreign(asked: str, real: str, seed: int) -> Case:
+def _foreign(named: str, real: str, seed: int) -> Case:
     truth = varied(arm(real), seed, 0.05)
     log = recorded(truth, _within(truth, fourier_motion(truth, 300 + seed, 24.0, 100.0)), seed)
-    return Case(f"{asked}: a recording of {real}", arm(asked), (log,), ("another arm",), frozenset({real}))
+    return Case(f"{named}: a recording of {real}", arm(named), (log,), ("another arm",), frozenset({real}))
 
 
 def _twice(name: str) -> Case:
@@ -209,8 +209,8 @@ def named_first(case: Case, found: Gate) -> bool:
     if not found.causes:
         return False
     first = found.causes[0]
-    said = {first.sentence, *(c.word(case.arm.joint_names) for c in first.corrections[:1])}
-    return any(word in text for text in said for word in case.right)
+    texts = {first.sentence, *(c.word(case.arm.joint_names) for c in first.corrections[:1])}
+    return any(word in text for text in texts for word in case.right)
 
 
 def main() -> None:

@@ -138,7 +138,7 @@ def _hide(case: Case, arm: TrueArm, plan: dict[str, motions.Reference], rng: np.
             if seen >= LEAST * TARGET[1]:
                 break
         parameters = hide(effect, arm, joint, dose, form, seed)
-        # what was asked for, or less where the arm's motions show less of it
+        # what was requested, or less where the arm's motions show less of it
         fits = min(case.severity, max([s for s in (2, 3) if seen >= 0.7 * TARGET[s]], default=1))
         if case.kind == "unknown":
             name, parameters = "unknown", {"form": name}

@@ -1,4 +1,4 @@
-"""What the arm is asked to do: friction sweeps with a chirp, and Fourier series; references on the drive's control instants."""
+"""The commanded motions: friction sweeps with a chirp, and Fourier series; references on the drive's control instants."""
 
 from __future__ import annotations
 

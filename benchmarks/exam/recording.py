@@ -75,7 +75,7 @@ def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
 
     q = angle(t)
     dq = (q - angle(t - SPEED_WINDOW)) / SPEED_WINDOW + hardware.speed_noise * rng.standard_normal(q.shape)
-    told = np.clip(np.searchsorted(happened.instants, t, side="right") - 1, 0, None)
+    latest = np.clip(np.searchsorted(happened.instants, t, side="right") - 1, 0, None)
     t_host = 0.4 * rng.uniform() + t * (1 + s.skew) + 2e-4 + rng.exponential(1.5e-4, count)
     slow = np.arange(0.0, t[-1], 1.0)
     warmth = np.stack([np.interp(slow, happened.instants, x) for x in happened.temperature.T], axis=1)
@@ -86,8 +86,8 @@ def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
         keep[burst : burst + int(rng.integers(2, 7))] = False
         keep[[0, -1]] = True
     return Samples(
-        t[keep], np.maximum.accumulate(t_host)[keep], q[keep], dq[keep], tau[keep], happened.reference.q[told[keep]],
-        happened.reference.dq[told[keep]], slow, np.round(warmth, 1),
+        t[keep], np.maximum.accumulate(t_host)[keep], q[keep], dq[keep], tau[keep], happened.reference.q[latest[keep]],
+        happened.reference.dq[latest[keep]], slow, np.round(warmth, 1),
     )  # fmt: skip
 
 

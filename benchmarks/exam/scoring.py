@@ -53,7 +53,7 @@ class Row:
 
     @property
     def first(self) -> str:
-        """The word of the answer for the confusion matrix: the first name, or what was said instead of one."""
+        """The word of the answer for the confusion matrix: the first name, or the verdict instead of one."""
         if self.verdict == "unexplained":
             return "unknown"
         if self.answer:
@@ -203,10 +203,10 @@ def confusion(rows: list[Row]) -> tuple[list[str], list[str], dict[tuple[str, st
         if len(r.truth) > 1:
             continue
         truth = r.truth[0][0] if r.truth else "none"
-        said = r.first
-        if said == truth and not r.unknown and r.truth and r.answer[0] != r.truth[0]:
-            said = "its name, wrong joint"
-        counts[truth, said] += 1
+        answer = r.first
+        if answer == truth and not r.unknown and r.truth and r.answer[0] != r.truth[0]:
+            answer = "its name, wrong joint"
+        counts[truth, answer] += 1
     truths = sorted({t for t, _ in counts}, key=lambda t: (t in ("none", "unknown"), t))
     rest = {a for _, a in counts} - set(truths)
     return truths, truths + sorted(rest), dict(counts)

@@ -21,10 +21,10 @@ from benchmarks.exam.true_arm import AMBIENT, TrueArm, run
 
 TARGET = {1: 0.45, 2: 1.0, 3: 2.4}
 LEAST = 0.6  # share of the smallest target below which an effect counts as not to be seen
-COARSE = 1e-3  # s, step of the runs that only weigh an effect
+COARSE = 1e-3  # s, step of the runs that only measure an effect's size
 BAND = 12.0  # Hz
 RATE = 50.0  # Hz, of the rows that are compared
-INDEPENDENT = 5.0  # rows of coloured noise that tell as much as one independent row
+INDEPENDENT = 5.0  # rows of coloured noise that carry as much information as one independent row
 Motion = TypeVar("Motion")
 DOWN = np.array([0.0, 0.0, -9.81])
 
@@ -58,16 +58,16 @@ def rows(arm: TrueArm, reference: Reference) -> Rows:
 
 
 class Balance(Generic[Motion]):
-    """Weighs effects against the arm without them; `weigh` gives the rows of an arm along one of the motions."""
+    """Compares effects with the arm without them; `rows` gives the rows of an arm along one of the motions."""
 
-    def __init__(self, clean: TrueArm, motions: Sequence[Motion], weigh: Callable[[TrueArm, Motion], Rows]) -> None:
-        self.clean, self.motions, self.weigh = clean, motions, weigh
-        self.before = [weigh(clean, m) for m in motions]
+    def __init__(self, clean: TrueArm, motions: Sequence[Motion], rows: Callable[[TrueArm, Motion], Rows]) -> None:
+        self.clean, self.motions, self.rows = clean, motions, rows
+        self.before = [rows(clean, m) for m in motions]
         self.columns = scatter_columns(clean, self.before)
 
     def rho(self, hidden: TrueArm) -> float:
         """The largest over joints and motions: RMS while the joint moves, or 0.4 RMS of its strongest 3 % (a touch, a clipped peak)."""
-        added = np.concatenate([self.weigh(hidden, m).residual for m in self.motions])
+        added = np.concatenate([self.rows(hidden, m).residual for m in self.motions])
         added -= np.concatenate([b.residual for b in self.before])
         left = (added - self._scatter(added)) / self.clean.sensors.noise
         edges = np.cumsum([len(b.q) for b in self.before])

@@ -51,9 +51,9 @@ def _first(parameters: dict[str, dict[str, float]]) -> tuple[float, float]:
 
 def _peak() -> float:
     # VmHWM is this process's own peak; ru_maxrss would begin at that of the process that started it
-    told = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="ascii"))
-    assert told is not None
-    return int(told[1]) / 1024
+    peak = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="ascii"))
+    assert peak is not None
+    return int(peak[1]) / 1024
 
 
 def _main(task: str, files: Sequence[Path]) -> None:

@@ -53,8 +53,8 @@ def names(folder: Path, minutes: Sequence[float] = DIAGNOSED) -> list[dict[str, 
     rows = []
     for m in minutes:
         one = alone("diagnose", [next(shift(folder / "spring", truth, m)), apart])
-        told = ", ".join(f"{effect} {joint} {value:.4g} ± {2 * std:.2g}" for effect, joint, value, std in one["named"])
-        note = f"searched {one['searched']:.0f} s, summed {one['weighed']:.0f} s; {told or 'nothing'}; wall {one['wall']:.1f}"
+        found_effects = ", ".join(f"{effect} {joint} {value:.4g} ± {2 * std:.2g}" for effect, joint, value, std in one["named"])
+        note = f"searched {one['searched']:.0f} s, summed {one['weighed']:.0f} s; {found_effects or 'nothing'}; wall {one['wall']:.1f}"
         rows.append(row(f"{m:g} min at 500 Hz: diagnose, CPU", f"{one['cpu']:.1f}", "s", "", note))
         rows.append(row(f"{m:g} min at 500 Hz: diagnose, resident memory", f"{one['peak']:.0f}", "MB", "< 1000"))
     return rows

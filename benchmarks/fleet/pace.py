@@ -1,4 +1,4 @@
-"""Arms a minute on local workers, and how many of them were told rightly."""
+"""Arms a minute on local workers, and how many of them were diagnosed rightly."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def pace(folder: Path, arms: int, seconds: float, diagnose: bool = True, workers
     spent = sum(r.get("cpu_seconds") or 0.0 for r in found.rows)
     named = sum(is_named(r, hidden.get(r["cell"])) for r in found.rows)
     far = {r["cell"] for r in found.rows if abs(r.get("outlier_score") or 0) > 4}
-    judged = sum(r["status"] == "done" for r in found.rows)
+    done_arms = sum(r["status"] == "done" for r in found.rows)
     return [
         row(f"{what(arms, seconds, diagnose)}: {workers} local workers", f"{done / wall * 60:.2f}", "arms/min", "",
             f"{spent / arms:.1f} s CPU an arm, wall {wall:.0f} s in {len(calls)} calls"),
-        row("arms done", f"{judged}/{arms}", "", f"{arms}", f"{done} were worked on"),
+        row("arms done", f"{done_arms}/{arms}", "", f"{arms}", f"{done} were worked on"),
         row("arms whose diagnosis is the hidden effect alone, or none where none is hidden", f"{named}/{arms}", "", "",
             f"{len(hidden)} have one; told otherwise: {_otherwise(found, hidden)}"),
         row("arms told to be unlike their siblings, with an effect / without", f"{len(far & set(hidden))}/{len(far - set(hidden))}"),
@@ -56,8 +56,8 @@ def _calls(file: Path, arms: int, wall: float) -> list[dict[str, float]]:
 
 def _otherwise(fleet: Fleet, hidden: dict[str, ArmEffect]) -> str:
     wrong = [r for r in fleet.rows if not is_named(r, hidden.get(r["cell"]))]
-    told = [
+    texts = [
         "+".join(f"{e['effect']} {e['joint'] or ''}".strip() for e in r.get("effects") or ()) or r.get("verdict", "")
         for r in wrong
     ]
-    return "; ".join(f"{r['cell']} {t}" for r, t in zip(wrong, told, strict=True)) or "none"
+    return "; ".join(f"{r['cell']} {t}" for r, t in zip(wrong, texts, strict=True)) or "none"

@@ -56,13 +56,13 @@ def _killed(place: Path, reference: Fleet, arms: int, diagnose: bool) -> list[di
     seen: list[str] = []
     deaths: list[int] = []
 
-    def told(progress: Progress) -> None:
+    def show(progress: Progress) -> None:
         if progress.arm_id:
             seen.append(progress.arm_id)
         if len(seen) >= max(1, arms // 3) and not deaths:
             deaths.append(kill_a_worker())
 
-    found = run_fleet(str(place / "logs"), place / "killed", Settings(workers=2, diagnose=diagnose), told)
+    found = run_fleet(str(place / "logs"), place / "killed", Settings(workers=2, diagnose=diagnose), show)
     names = [r["arm"] for r in found.rows]
     lost = arms - sum(r["status"] == "done" for r in found.rows)
     twice = len(names) - len(set(names)) + len(seen) - len(set(seen))

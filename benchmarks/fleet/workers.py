@@ -24,8 +24,8 @@ ENVIRONMENT = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join([str(ROOT
 
 def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:
     """One line of the table, with the load of the computer."""
-    told = f"{note}; load {os.getloadavg()[0]:.1f}".strip("; ")
-    return {"what": what, "value": value, "unit": unit, "bar": bar, "note": told}
+    with_load = f"{note}; load {os.getloadavg()[0]:.1f}".strip("; ")
+    return {"what": what, "value": value, "unit": unit, "bar": bar, "note": with_load}
 
 
 def kill_a_worker() -> int:

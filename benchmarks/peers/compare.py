@@ -90,12 +90,12 @@ def run() -> list[dict[str, Any]]:
             ]  # fmt: skip
         np.savez(folder / "data.npz", t=log.t, q=log.q, dq=log.dq, tau=log.tau)
         if _peer("mujoco_sysid_peer.py", folder):
-            told = json.loads((folder / "mujoco_sysid.json").read_text())
+            peer = json.loads((folder / "mujoco_sysid.json").read_text())
             rows += [
-                _row("mujoco.sysid: 24 parameters, same log", told["seconds"], "s"),
-                _row("mujoco.sysid: torque error on the unseen motion", 100 * error(_predicted(nominal, told["values"], new)), "%"),
+                _row("mujoco.sysid: 24 parameters, same log", peer["seconds"], "s"),
+                _row("mujoco.sysid: torque error on the unseen motion", 100 * error(_predicted(nominal, peer["values"], new)), "%"),
                 _row("mass of shoulder_pan's link, which no motion shows: mujoco.sysid",
-                     100 * (told["values"][f"mass {nominal.joint_names[0]}"] / truth.tree.mass[0] - 1), "% off"),
+                     100 * (peer["values"][f"mass {nominal.joint_names[0]}"] / truth.tree.mass[0] - 1), "% off"),
             ]  # fmt: skip
     return rows
 
