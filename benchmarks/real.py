@@ -118,8 +118,8 @@ def calib(*words: str) -> None:
     """One command; the last line of what it says, if it fails."""
     done = subprocess.run([sys.executable, "-m", "calib", *words], capture_output=True, text=True, check=False)
     if done.returncode > 1:
-        said = (done.stderr or done.stdout).strip().splitlines() or ["no word"]
-        raise Failed(f"calib {words[0]}: exit {done.returncode}: {said[-1][:300]}")
+        lines = (done.stderr or done.stdout).strip().splitlines() or ["no word"]
+        raise Failed(f"calib {words[0]}: exit {done.returncode}: {lines[-1][:300]}")
 
 
 def part(data: Path, name: str, since: float, until: float, folder: Path) -> Path:

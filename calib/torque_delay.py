@@ -59,7 +59,7 @@ def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
     known = np.isfinite(delay)
     if not known.any():
         raise BadLog(
-            f"{m.name}: no joint moves long and fast enough to tell a delay between torque and motion; use a log with fast motion"
+            f"{m.name}: no joint moves long and fast enough to estimate a delay between torque and motion; use a log with fast motion"
         )
     weight = 1 / std[known] ** 2
     mean = float(np.sum(weight * delay[known]) / weight.sum())

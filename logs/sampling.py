@@ -80,7 +80,7 @@ def examine(
     _check(t, q, {"dq": dq, **others})
     if len(t) < LEAST_SAMPLES:
         channels = {"q": q, "dq": dq, **others}
-        too_few = (f"{len(t)} samples are too few to tell how they were taken",)
+        too_few = (f"{len(t)} samples are too few to determine how they were taken",)
         return _as_recorded(t, channels, too_few)
     held = _held(q)
     stale = held & ~_same(others)
@@ -293,7 +293,7 @@ def _of_jitter(
         )
     if jitter > 2 * seen and jitter > MATTERS * period:
         return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
-    return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings tell {1e3 * seen:.2g} ms"
+    return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings resolve {1e3 * seen:.2g} ms"
 
 
 def _of_speed(scale: np.ndarray) -> list[str]:

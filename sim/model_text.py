@@ -168,7 +168,7 @@ def asset_files(text: str, folder: Path) -> dict[str, Path]:
         twin = next((p for p in found.values() if p.name == relative.name and p != folder / relative), None)
         if twin is not None:
             raise ConfigError(
-                f"{twin} and {folder / relative} have the same file name, which MuJoCo cannot tell apart; rename one"
+                f"{twin} and {folder / relative} have the same file name, which MuJoCo cannot distinguish; rename one"
             )
         found[relative.as_posix()] = folder / relative
     return found

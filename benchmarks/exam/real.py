@@ -16,7 +16,7 @@ from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE
 from benchmarks.exam.effects import EFFECTS, Hidden
 from benchmarks.exam.injected import Recorded, recorded, rows, with_hidden, write
-from benchmarks.exam.run import Exam, run_calib, told
+from benchmarks.exam.run import Exam, run_calib, effects_text
 from benchmarks.exam.scoring import Key, Row, Share, compared
 from benchmarks.exam.severity import Balance, hide
 from benchmarks.exam.true_arm import TrueArm, build
@@ -45,7 +45,7 @@ def sit(data: Path, exam: Exam, count: int) -> None:
     runs = {name: recorded(folder / name) for name in (*DIAGNOSED, HELD_OUT)}
     clean = bare(exam.seed, arm)
     own = ask(exam, base / "arm", "untouched", runs, {"arm": "ur10e", "kind": "clean", "severity": 0, "effects": []})
-    print(f"untouched: {own.verdict}: {told(own.answer)}", flush=True)
+    print(f"untouched: {own.verdict}: {effects_text(own.answer)}", flush=True)
     balance = Balance(clean.copy(), [runs[name] for name in DIAGNOSED], rows)
     rows_found = []
     for number in range(count):
@@ -55,7 +55,7 @@ def sit(data: Path, exam: Exam, count: int) -> None:
         beyond = [k for k in row.answer if k not in own.answer]
         mark = "ok" if right(row, own.answer) else "  "
         print(
-            f"{mark} {row.case} severity {row.severity}  {told(row.truth)} {row.form} -> {row.verdict}: new {told(beyond)}",
+            f"{mark} {row.case} severity {row.severity}  {effects_text(row.truth)} {row.form} -> {row.verdict}: new {effects_text(beyond)}",
             flush=True,
         )
     report(rows_found, own, exam)

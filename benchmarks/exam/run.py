@@ -39,9 +39,9 @@ def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
             rows.append(row)
             mark = "ok" if row.exact else "  "
             took = f"{row.seconds:.0f} s" if row.seconds is not None else "kept"
-            hidden = f"{told(row.truth)}{' ' + row.form if row.form else ''}"
+            hidden = f"{effects_text(row.truth)}{' ' + row.form if row.form else ''}"
             print(f"{mark} {row.case} {row.arm:7s} severity {row.severity}  {hidden}", end="")
-            print(f"  ->  {row.verdict}: {told(row.answer)}  [{took}]", flush=True)
+            print(f"  ->  {row.verdict}: {effects_text(row.answer)}  [{took}]", flush=True)
     rows.sort(key=lambda r: r.case)
     report(rows, exam)
 
@@ -122,7 +122,7 @@ def report(rows: list[Row], exam: Exam) -> None:
     print(f"\n{path}")
 
 
-def told(keys: list[tuple[str, str | None]]) -> str:
+def effects_text(keys: list[tuple[str, str | None]]) -> str:
     """Effects in a line."""
     return ", ".join(f"{name} at {joint}" if joint else name for name, joint in keys) or "-"
 

@@ -68,7 +68,9 @@ def _bounds(n: Numbers) -> str:
 
 def _separation(n: Numbers) -> str:
     enough = n["sigma"] >= n["enough"]
-    more = "" if enough else f", less than the {n['enough']:.0f} needed to tell them apart: give more room or a longer --period"
+    more = (
+        "" if enough else f", less than the {n['enough']:.0f} needed to distinguish them: give more room or a longer --period"
+    )
     return f"the motion discriminate separates the candidate effects by {n['sigma']:.3g} standard deviations{more}"
 
 

@@ -1,4 +1,4 @@
-"""Random feasible Fourier motions, and what a motion would tell: log det and condition number of its information."""
+"""Random feasible Fourier motions, and what a motion would determine: log det and condition number of its information."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def too_small(room: Room, motion: Fourier) -> str | None:
         return None
     factors = _own_factors(room, motion)
     name = min(factors, key=lambda k: float(factors[k][j]))
-    reach = f"{arm.joint_names[j]} moves through {np.ptp(q[:, j]):.2g} rad, {needed[j]:.2g} rad are the least that tells its parameters"
+    reach = f"{arm.joint_names[j]} moves through {np.ptp(q[:, j]):.2g} rad, {needed[j]:.2g} rad are the least that determines its parameters"
     if share[j] * factors[name][j] >= 1:  # alone it would move enough
         use = room.use(coarse(motion))
         held = (

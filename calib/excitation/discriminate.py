@@ -31,7 +31,7 @@ ENOUGH = 5.0  # sigma of the whole motion
 
 
 def pairs_of(run: Path, arm: Arm) -> list[Pair]:
-    """(named effect, rival) for everything that a diagnosis could not tell apart; `run` is its folder or diagnosis.json."""
+    """(named effect, rival) for everything that a diagnosis could not distinguish; `run` is its folder or diagnosis.json."""
     file = run / "diagnosis.json" if run.is_dir() else run
     try:
         answer: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
@@ -69,7 +69,7 @@ def discriminating(
         if best is None or least > best[1]:
             best = (found, least)
     if best is None:
-        raise AnswerIsNo(f"{room.arm.name}: no motion fits that tells these effects apart; give a freer posture with --home")
+        raise AnswerIsNo(f"{room.arm.name}: no motion fits that distinguishes these effects; give a freer posture with --home")
     return best
 
 

@@ -46,7 +46,7 @@ LOOKED_AT = 15
 class Session:
     """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, starts of the optimiser (none: the best
     random motion), probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
-    motions for a first bring-up come first; apart: effects that one more motion is to tell from their rivals.
+    motions for a first bring-up come first; apart: effects that one more motion is to distinguish from their rivals.
     """
 
     period: float = 20.0
@@ -119,7 +119,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate, stop)]
     separated = None
     if session.apart:
-        progress("telling effects apart", 0.0)
+        progress("distinguishing effects", 0.0)
         parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5))
         motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1, stop)[0]))
     for motion in motions:

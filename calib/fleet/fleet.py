@@ -43,7 +43,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Progress:
-    """Told as the work goes on: the address of Dask's page once it is known, then every arm with its status."""
+    """Reported as the work goes on: the address of Dask's page once it is known, then every arm with its status."""
 
     total: int
     dashboard: str = ""

@@ -80,7 +80,7 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
     """
     if not mass > 0 or not np.isfinite(mass):
         raise AnswerIsNo(
-            f"a known mass of {mass:g} kg tells nothing of a torque constant; weigh what is mounted, give its mass in kg"
+            f"a known mass of {mass:g} kg does not determine a torque constant; weigh what is mounted, give its mass in kg"
         )
     n, p = model.arm.n, model.p
     start = load_between(model, free, loaded)
@@ -109,7 +109,7 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
     scale, scale_std = x[p + 10 :], np.sqrt(np.diag(full)[p + 10 :])
     if not np.any(scale_std < 0.1 * np.abs(scale)):
         raise AnswerIsNo(
-            f"{model.arm.name}: {mass:g} kg moves the torque of no joint enough to tell its scale to a tenth; mount more mass, or move it farther"
+            f"{model.arm.name}: {mass:g} kg moves the torque of no joint enough to determine its scale to a tenth; mount more mass, or move it farther"
         )
     by_x = slope(x[p : p + 10])
     load = _load(body(x[p : p + 10]), by_x @ full[p : p + 10, p : p + 10] @ by_x.T, scale, scale_std, start.chi2)

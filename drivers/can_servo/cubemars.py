@@ -66,7 +66,7 @@ class CubeMars(Drive):
     def describe(self, ask: Ask) -> SelfDescription:
         return SelfDescription(
             problems=(
-                f"{self.name}: it tells nothing of itself; ranges stand in its manual, and so does how its timeout is set",
+                f"{self.name}: it reports nothing of itself; ranges stand in its manual, and so does how its timeout is set",
             )
         )
 

@@ -202,7 +202,7 @@ class Drive(ABC):
         """The cell file's ranges, for a drive that cannot report them."""
         if self.servo.ranges is None:
             raise DeviceError(
-                f"{self.name}: this drive cannot tell its ranges and the cell file does not state them; add ranges to its servo"
+                f"{self.name}: this drive cannot report its ranges and the cell file does not state them; add ranges to its servo"
             )
         return self.servo.ranges
 

@@ -90,5 +90,5 @@ def require_audible(options: CanOptions) -> None:
     if silent:
         raise ConfigError(
             f"{', '.join(silent)}: who only listens cannot ask a drive for its ranges; state them in its servo, as `calib servo "
-            "CELL --json` tells them while nobody commands the drives"
+            "CELL --json` reports them while nobody commands the drives"
         )

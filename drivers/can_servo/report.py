@@ -31,14 +31,14 @@ def _load(driver: CanServo) -> Check:
 def _watchdogs(driver: CanServo) -> Check:
     unknown = [d.name for d, w in zip(driver.drives, driver.watchdogs, strict=True) if math.isnan(w)]
     if unknown:
-        return Check("drive watchdogs", None, f"{', '.join(unknown)} cannot tell; the cell file assumes watchdog-works")
+        return Check("drive watchdogs", None, f"{', '.join(unknown)} cannot report it; the cell file assumes watchdog-works")
     return Check("drive watchdogs", True, f"read back as {1e3 * max(driver.watchdogs):.0f} ms at most")
 
 
 def _serials(driver: CanServo) -> Check:
     serials = [i.serial for i in driver.identities if i.serial]
     if not serials:
-        return Check("serial numbers", None, "these drives do not tell theirs: look that each identifier sits on its joint")
+        return Check("serial numbers", None, "these drives do not report theirs: look that each identifier sits on its joint")
     return Check("serial numbers", True, f"{len(serials)} of {driver.arm.n} drives answer with the numbers of the cell file")
 
 

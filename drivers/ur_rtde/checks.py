@@ -56,7 +56,7 @@ def _version(version: tuple[int, ...], info: ControllerInfo) -> Check:
 def serial(info: ControllerInfo, options: UrOptions) -> Check:
     """Whether this is the robot of the cell file: its serial number, pinned there at first use."""
     if not info.serial:
-        return Check("serial", None, "this version does not tell its serial number")
+        return Check("serial", None, "this version does not report its serial number")
     if options.serial is None:
         return Check(
             "serial", None if _emulated(options.host) else False, f"the robot says serial number {info.serial}, the cell file names none",
@@ -80,7 +80,7 @@ def tcp(values: dict[str, tuple[float, ...]]) -> Check:
     """Where the controller has its tool centre point; motions of joints do not depend on it, and the tool's shape may be compared with it."""
     offset = values.get("tcp_offset")
     if offset is None:
-        return Check("TCP", None, "this version does not tell its tool centre point")
+        return Check("TCP", None, "this version does not report its tool centre point")
     x, y, z = offset[:3]
     return Check("TCP", True, f"the tool centre point is at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm from the flange")
 

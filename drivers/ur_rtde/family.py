@@ -38,7 +38,9 @@ def model(reported: str, major: int, arm: Arm) -> Check:
     """Whether the controller's own word for the robot is the arm of the cell file."""
     own = member(arm)
     if not reported or own is None:
-        why = "this version does not tell its model" if not reported else f"{arm.name} is not named after an arm of the family"
+        why = (
+            "this version does not report its model" if not reported else f"{arm.name} is not named after an arm of the family"
+        )
         return Check("model", None, why)
     found = called(reported, major)
     series = "CB3" if major == CB3 else "e-Series or newer"
