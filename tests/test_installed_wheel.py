@@ -45,8 +45,8 @@ def test_an_installed_wheel_works_outside_the_checkout(installed):
         home,
     )
     assert all(str(home) in place for place in places.split())
-    told = json.loads(run([str(python), "-m", "calib", "export", "ur10e", "--json", "--out", "out"], home))
-    assert told["arm"] == "ur10e"
+    reply = json.loads(run([str(python), "-m", "calib", "export", "ur10e", "--json", "--out", "out"], home))
+    assert reply["arm"] == "ur10e"
     names = run(
         [
             str(python),

@@ -95,13 +95,13 @@ def outside(tmp_path_factory):
 
 
 def test_the_catalogue_says_where_each_effect_comes_from(outside):
-    listed, said = outside("-m", "calib", "effects", "--json")
+    listed, warnings = outside("-m", "calib", "effects", "--json")
     effects = {e["name"]: e["from"] for e in json.loads(listed)["effects"]}
     assert effects["cable_pull"] == "their-cable 0.3"
     assert effects["payload"] == "arm-calib"
-    listed, said = outside("-m", "calib", "effects")
+    listed, warnings = outside("-m", "calib", "effects")
     assert "their-cable 0.3" in listed
-    assert "effects 'mistake' of their-mistake 0.1: cannot be imported (ModuleNotFoundError" in said
+    assert "effects 'mistake' of their-mistake 0.1: cannot be imported (ModuleNotFoundError" in warnings
     assert "cannot be imported" in outside("-m", "calib", "effects", "mistake", code=2)[1]
 
 
@@ -110,9 +110,9 @@ def test_the_effect_keeps_the_promises_of_effects(outside):
 
 
 def test_a_cell_of_their_driver_and_their_arm_is_checked(outside):
-    said, _ = outside("-m", "calib", "check", "their-cell.toml")
-    assert "driver their_bus comes from their-bus 1.2" in said
-    assert "arm their_arm comes from their-arm 2.0" in said
+    printed, _ = outside("-m", "calib", "check", "their-cell.toml")
+    assert "driver their_bus comes from their-bus 1.2" in printed
+    assert "arm their_arm comes from their-arm 2.0" in printed
 
 
 def test_their_arm_goes_where_an_arm_goes(outside):

@@ -16,7 +16,7 @@ from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE
 from benchmarks.exam.effects import EFFECTS, Hidden
 from benchmarks.exam.injected import Recorded, recorded, rows, with_hidden, write
-from benchmarks.exam.run import Exam, run_calib, effects_text
+from benchmarks.exam.run import Exam, effects_text, run_calib
 from benchmarks.exam.scoring import Key, Row, Share, compared
 from benchmarks.exam.severity import Balance, hide
 from benchmarks.exam.true_arm import TrueArm, build

@@ -121,7 +121,7 @@ LAST, LOAD = {"effect": "link_inertia", "joint": "wrist_3_joint"}, {"effect": "p
 STRANGE = {"effect": "unknown", "joint": "elbow_joint", "parameters": {"form": "hose"}}
 
 
-def judged(tmp_path: Path, hidden: list[dict], verdict: str, named: list[dict], unexplained: tuple[str, ...] = ()) -> Row:
+def scored(tmp_path: Path, hidden: list[dict], verdict: str, named: list[dict], unexplained: tuple[str, ...] = ()) -> Row:
     truth = {"arm": "ur5e", "kind": "single", "severity": 2, "effects": [{"parameters": {}} | e for e in hidden]}
     answer = {"verdict": verdict, "effects": named, "unexplained": [{"joint": j} for j in unexplained]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(answer))
@@ -148,7 +148,7 @@ def judged(tmp_path: Path, hidden: list[dict], verdict: str, named: list[dict], 
     ],
 )
 def test_exact_is_the_right_verdict_and_exactly_the_hidden_set(tmp_path, hidden, verdict, named, unexplained, exact) -> None:
-    assert judged(tmp_path, hidden, verdict, named, unexplained).exact is exact
+    assert scored(tmp_path, hidden, verdict, named, unexplained).exact is exact
 
 
 def test_no_readable_answer_is_never_right(tmp_path: Path) -> None:
@@ -161,20 +161,20 @@ def test_no_readable_answer_is_never_right(tmp_path: Path) -> None:
 def test_parameter_errors_are_those_of_rightly_named_effects(tmp_path: Path) -> None:
     hidden = SPRING | {"parameters": {"stiffness": 20.0, "rest_angle": 0.5}}
     named = SPRING | {"parameters": {"stiffness": {"value": 21.0}, "rest_angle": {"value": 0.5}}}
-    assert judged(tmp_path, [hidden], "effects_found", [named]).errors == pytest.approx(
+    assert scored(tmp_path, [hidden], "effects_found", [named]).errors == pytest.approx(
         {"joint_spring.stiffness": 0.05, "joint_spring.rest_angle": 0.0}
     )
-    assert judged(tmp_path, [hidden], "effects_found", [named | {"joint": "wrist_1_joint"}]).errors == {}
+    assert scored(tmp_path, [hidden], "effects_found", [named | {"joint": "wrist_1_joint"}]).errors == {}
 
 
 def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
-        judged(tmp_path, [], "no_missing_effect", []),
-        judged(tmp_path, [], "effects_found", [SPRING]),
-        judged(tmp_path, [SPRING], "effects_found", [SPRING]),
-        judged(tmp_path, [SPRING], "effects_found", [SPRING | {"joint": "wrist_1_joint"}]),
-        judged(tmp_path, [SPRING, RIPPLE], "effects_found", [SPRING, RIPPLE]),
-        judged(tmp_path, [STRANGE], "unexplained", [], ("elbow_joint",)),
+        scored(tmp_path, [], "no_missing_effect", []),
+        scored(tmp_path, [], "effects_found", [SPRING]),
+        scored(tmp_path, [SPRING], "effects_found", [SPRING]),
+        scored(tmp_path, [SPRING], "effects_found", [SPRING | {"joint": "wrist_1_joint"}]),
+        scored(tmp_path, [SPRING, RIPPLE], "effects_found", [SPRING, RIPPLE]),
+        scored(tmp_path, [STRANGE], "unexplained", [], ("elbow_joint",)),
     ]
     truths, answers, counts = confusion(rows)
     assert counts == {

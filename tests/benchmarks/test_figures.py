@@ -46,7 +46,7 @@ def test_no_measured_number_stands_in_the_text(page: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "counts"),
     [
         ("found in 95 % of cases", True),
         ("takes 5.2 s at most", True),
@@ -54,8 +54,8 @@ def test_no_measured_number_stands_in_the_text(page: Path) -> None:
         ("Python 3.11 or newer", False),
     ],
 )
-def test_what_counts_as_a_number_with_a_unit(text: str, said: bool) -> None:
-    assert bool(QUANTITY.search(text)) is said
+def test_what_counts_as_a_number_with_a_unit(text: str, counts: bool) -> None:
+    assert bool(QUANTITY.search(text)) is counts
 
 
 def test_a_missing_file_or_row_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

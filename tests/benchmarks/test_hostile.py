@@ -1,4 +1,4 @@
-"""Whatever a file holds, it is read or refused in one sentence, and nothing is written outside the folder that was asked for."""
+"""Whatever a file holds, it is read or refused in one sentence, and nothing is written outside the folder that was requested."""
 
 from __future__ import annotations
 

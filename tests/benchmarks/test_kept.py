@@ -1,4 +1,4 @@
-"""Work in slices: nothing that was found is asked again, nothing of other sources is taken for found."""
+"""Work in slices: nothing that was found is computed again, nothing of other sources is taken for found."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def test_a_topic_that_fails_is_told_and_takes_no_other_with_it(
         monkeypatch.setitem(TOPICS, name, {})
     with pytest.raises(SystemExit, match="first"):
         main(["first", "second", "--json", str(tmp_path / "rows.json")])
-    told = capsys.readouterr().out
-    assert "the emulator did not start" in told
-    assert "a figure" in told
+    printed = capsys.readouterr().out
+    assert "the emulator did not start" in printed
+    assert "a figure" in printed
     assert [r["topic"] for r in json.loads((tmp_path / "rows.json").read_text())] == ["first", "second"]

@@ -29,7 +29,7 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("name", "rows", "said"),
+    ("name", "rows", "message"),
     [
         ("Demo", [ROW], "lower-case"),
         ("../demo", [ROW], "lower-case"),
@@ -38,8 +38,8 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("demo", [{"what": "a", "value": float("nan")}], "NaN"),
     ],
 )
-def test_wrong_rows_are_refused(tmp_path: Path, name: str, rows: list[dict[str, object]], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_wrong_rows_are_refused(tmp_path: Path, name: str, rows: list[dict[str, object]], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         results.write(name, rows, command="make demo", folder=tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -145,9 +145,9 @@ def test_locked_joints_leave_the_dynamics_of_the_others_as_they_were(gripper, tm
 def test_a_follower_stands_still_and_a_tool_ends_the_chain(gripper, tmp_path, capsys):
     assert main(["arm", "new", str(gripper), "--numbers", "cad", "--out", str(tmp_path / "arm")]) == 0
     assert load_arm(tmp_path / "arm").joint_names == ("a", "b", "f1")
-    said = _err(capsys)
-    assert "joint f2 follows f1: it is held still at 0" in said
-    assert "joint f1 slides at the end of the arm" in said
+    printed = _err(capsys)
+    assert "joint f2 follows f1: it is held still at 0" in printed
+    assert "joint f1 slides at the end of the arm" in printed
     assert main(["arm", "new", str(gripper), "--tool", "hand", "--out", str(tmp_path / "tool")]) == 0
     assert load_arm(tmp_path / "tool").joint_names == ("a", "b")
 

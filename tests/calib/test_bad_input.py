@@ -1,4 +1,4 @@
-"""Files as they come from a bad day, given to the command: each is refused with file, place, value, rule and remedy, or read as told."""
+"""Files as they come from a bad day, given to the command: each is refused with file, place, value, rule and remedy, or read as requested."""
 
 from __future__ import annotations
 
@@ -112,10 +112,10 @@ def test_the_command_refuses(
     before = path.read_bytes()
     arm = "ur10e" if path.suffix == ".csv" else "servo6"
     assert main(["identify", arm, str(path), "--out", "found"]) == 2
-    said = capsys.readouterr().err
-    sentence = said.splitlines()[-1]
+    printed = capsys.readouterr().err
+    sentence = printed.splitlines()[-1]
     assert [word for word in words if word not in sentence] == []
-    assert "Traceback" not in said
+    assert "Traceback" not in printed
     assert path.read_bytes() == before
     assert not Path("found", "arm").exists()
 

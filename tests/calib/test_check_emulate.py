@@ -24,8 +24,8 @@ def test_check_prints_every_check_as_a_table_and_as_json(capsys: pytest.CaptureF
     assert main(["check", "mock-ur10e", "--seconds", "0.1"]) == 0
     assert "torque at rest" in capsys.readouterr().out
     assert main(["check", "mock-ur10e", "--seconds", "0.1", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["schema"], said["ok"]) == ("check/1", True)
+    reply = json.loads(capsys.readouterr().out)
+    assert (reply["schema"], reply["ok"]) == ("check/1", True)
 
 
 def test_a_failed_check_is_exit_code_1_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,9 +33,9 @@ def test_a_failed_check_is_exit_code_1_with_what_to_do(tmp_path: Path, capsys: p
     text = 'schema = "cell/1"\nname = "wrong"\narm = "ur10e"\ndriver = "mock"\nhome = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]\n'
     path.write_text(text + "[payload]\nmass = 12.0\ncom = [0.0, 0.0, 0.2]\n")
     assert main(["check", str(path), "--seconds", "0.1"]) == 1
-    said = capsys.readouterr()
-    assert "look for a tool that the cell file does not declare" in said.out
-    assert "torque at rest" in said.err
+    printed = capsys.readouterr()
+    assert "look for a tool that the cell file does not declare" in printed.out
+    assert "torque at rest" in printed.err
 
 
 def test_a_controller_that_is_not_there_is_exit_code_4_with_what_to_do(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,8 +50,8 @@ def test_check_goes_over_the_wire(ur: Path, capsys: pytest.CaptureFixture[str]) 
         code = main(["check", str(ur), "--seconds", "0.5", "--json"])
     finally:
         emulator.stop()
-    said = json.loads(capsys.readouterr().out)
-    by_name = {check["name"]: check["ok"] for check in said["checks"]}
+    reply = json.loads(capsys.readouterr().out)
+    by_name = {check["name"]: check["ok"] for check in reply["checks"]}
     assert by_name["remote control"] is True
     assert by_name["torque at rest"] is True
     assert code in (0, 1), "rate and clock depend on how busy this computer is"

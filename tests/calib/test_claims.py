@@ -72,8 +72,8 @@ def test_what_identify_claims_is_so_in_what_it_wrote(seed: int, tmp_path: Path) 
     worse = {j for j, b, a in zip(table["joint_names"], gap["before"], gap["after"], strict=True) if a > 1.02 * b}
     assert {r["joint"] for r in claims.get("worse", {"joints": []})["joints"]} == worse
     assert claims["condition"]["condition"] == table["condition"]
-    said = "; ".join([table["outcome"], *table["findings"]])
-    assert [c["sentence"] for c in table["claims"] if c["sentence"] not in said] == []
+    text = "; ".join([table["outcome"], *table["findings"]])
+    assert [c["sentence"] for c in table["claims"] if c["sentence"] not in text] == []
     _no_impossible_estimate(found, outside)
 
 

@@ -74,7 +74,7 @@ def test_what_a_file_says_never_steers_the_terminal(capsys: pytest.CaptureFixtur
     console.print_json({"name": bad})
     with console.progress(bad) as advance:
         advance(1, bad)
-    said = capsys.readouterr()
-    assert not set("\x1b\x9b\u202e\x07") & set(said.out + said.err)
-    assert (said.out + said.err).count("a\\x1b[2J") >= 5
-    assert "a\\u001b[2J\\u009b\\u202e\\u0007" in said.out
+    printed = capsys.readouterr()
+    assert not set("\x1b\x9b\u202e\x07") & set(printed.out + printed.err)
+    assert (printed.out + printed.err).count("a\\x1b[2J") >= 5
+    assert "a\\u001b[2J\\u009b\\u202e\\u0007" in printed.out

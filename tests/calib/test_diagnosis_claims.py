@@ -67,8 +67,8 @@ def test_every_sentence_is_a_claim_and_follows_from_its_numbers(spring: Written)
     assert [c.as_dict() for c in made] == spring.answer["claims"]
     assert made[0].name in VERDICT
     assert sum(c.name in VERDICT for c in made) == 1
-    said = " ".join([sentence(spring.answer), *next_steps(spring.answer)])
-    assert [c.sentence for c in made if c.sentence not in said] == []
+    text = " ".join([sentence(spring.answer), *next_steps(spring.answer)])
+    assert [c.sentence for c in made if c.sentence not in text] == []
 
 
 def test_what_is_missing_is_in_the_arm_that_was_written(spring: Written) -> None:

@@ -150,9 +150,9 @@ def test_a_plan_that_is_too_small_says_what_holds_it_and_what_would_relax_it(
 def test_the_period_that_a_refusal_asks_for_is_enough() -> None:
     with pytest.raises(AnswerIsNo) as caught:
         design(ARM, CELL, replace(QUICKEST, period=1.0, home=HOME))
-    asked = re.search(r"--period of ([\d.]+) s", str(caught.value))
-    assert asked
-    found = fitted_to_room(Room(ARM, CELL), random_fourier(Basis(6, 1.3 * float(asked[1])), HOME, np.random.default_rng(5)))
+    proposed = re.search(r"--period of ([\d.]+) s", str(caught.value))
+    assert proposed
+    found = fitted_to_room(Room(ARM, CELL), random_fourier(Basis(6, 1.3 * float(proposed[1])), HOME, np.random.default_rng(5)))
     assert found is not None
     assert too_small(Room(ARM, CELL), found) is None
 
@@ -179,8 +179,8 @@ def test_every_arm_has_a_home_with_room(name: str) -> None:
 @pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "ur16e", "ur20", "servo6"])
 def test_every_arm_has_a_quick_plan(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert program.main(["plan", name, "--quick", "--json", "--out", str(tmp_path / "plan")]) == 0
-    told = json.loads(capsys.readouterr().out)
+    reply = json.loads(capsys.readouterr().out)
     plan = load_plan(tmp_path / "plan")
     assert [m.name for m in plan.motions] == ["friction", "excitation", "validation"]
-    assert told["condition_number"] == pytest.approx(plan.summary["condition_number"])
-    assert told["identifiable"]
+    assert reply["condition_number"] == pytest.approx(plan.summary["condition_number"])
+    assert reply["identifiable"]

@@ -29,8 +29,8 @@ def test_writes_every_format_and_says_so(tmp_path, capsys):
 
 def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", "servo6", "--format", "urdf", "--json", "--out", str(tmp_path / "out")]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"arm": "servo6", "files": [str(tmp_path / "out" / "servo6.urdf")], "effects": [], "left_out": None}
+    reply = json.loads(capsys.readouterr().out)
+    assert reply == {"arm": "servo6", "files": [str(tmp_path / "out" / "servo6.urdf")], "effects": [], "left_out": None}
 
 
 def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
@@ -46,9 +46,9 @@ def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
     assert forms["stribeck_friction"] == "native"
     assert (forms["thermal_friction"], forms["torque_offset"]) == ("callback", "sensor")
     assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "two")]) == 0
-    said = " ".join("".join(capsys.readouterr()).split())
-    assert "import calib.mujoco" in said
-    assert "calib.mujoco.read(model, data)" in said
+    printed = " ".join("".join(capsys.readouterr()).split())
+    assert "import calib.mujoco" in printed
+    assert "calib.mujoco.read(model, data)" in printed
 
 
 def test_a_bare_model_without_limits_gets_no_urdf_and_is_told_why(tmp_path, capsys):

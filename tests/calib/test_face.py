@@ -60,9 +60,9 @@ def test_a_folder_called_sim_beside_the_script_does_not_break_it(tmp_path):
 def test_a_foreign_sim_that_came_first_is_named(tmp_path):
     (tmp_path / "sim").mkdir()
     (tmp_path / "sim" / "__init__.py").write_text("")
-    said = _python("import sim, calib", tmp_path, 1)
-    assert "a module 'sim' of another program" in said
-    assert "import calib first" in said
+    printed = _python("import sim, calib", tmp_path, 1)
+    assert "a module 'sim' of another program" in printed
+    assert "import calib first" in printed
 
 
 TWO = """<robot name="two"><link name="w"><collision><geometry><sphere radius="0.03"/></geometry></collision></link>{links}

@@ -31,7 +31,7 @@ ROUND = ["check", "plan", "record", "identify", "validate", "diagnose"]
 
 
 class Commands:
-    """Stands in for the program: writes what each command would write, and counts; `fail` is asked for an exit code before."""
+    """Stands in for the program: writes what each command would write, and counts; `fail` gives an exit code before."""
 
     def __init__(self, answers: list[dict[str, Any]], fail: Callable[[int, str], int] = lambda count, verb: 0) -> None:
         self.answers, self.fail, self.lines = answers, fail, list[list[str]]()

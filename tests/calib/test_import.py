@@ -39,12 +39,12 @@ def test_a_csv_file(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_json_tells_the_loss(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     csv_file.write_text(csv_file.read_text()[:-20])
     assert main(["import", str(csv_file), "--out", "here", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["schema"] == "import/1"
-    assert (told["samples"], told["state"], told["source_state"]) == (399, "aborted", "cut")
-    assert told["measured"] == ["q", "dq", "current"]
-    assert any("row 401" in sentence for sentence in told["left_out"])
-    assert Path(told["log"]) == Path("here/recorded.mcap")
+    reply = json.loads(capsys.readouterr().out)
+    assert reply["schema"] == "import/1"
+    assert (reply["samples"], reply["state"], reply["source_state"]) == (399, "aborted", "cut")
+    assert reply["measured"] == ["q", "dq", "current"]
+    assert any("row 401" in sentence for sentence in reply["left_out"])
+    assert Path(reply["log"]) == Path("here/recorded.mcap")
 
 
 def test_the_arm_is_checked_before_anything_is_written(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,10 +79,10 @@ def table_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_guess_is_shown_and_wants_a_yes(table_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(["import", str(table_file), "--out", "first"]) == 2
-    said = capsys.readouterr().err
-    assert "pos_deg_1, pos_deg_2  [deg]" in said
-    assert "not used     phase" in said
-    assert "--map first/map.toml" in said
+    printed = capsys.readouterr().err
+    assert "pos_deg_1, pos_deg_2  [deg]" in printed
+    assert "not used     phase" in printed
+    assert "--map first/map.toml" in printed
     assert not list(Path("first").glob("*.mcap"))
     assert main(["import", str(table_file), "--map", "first/map.toml", "--out", "second"]) == 0
     log = read_log("second/bench.mcap")
@@ -140,9 +140,9 @@ def test_jitter_is_told_and_the_stamps_are_kept(table_file: Path, capsys: pytest
         row[0] = f"{stamp:.6f}"
     table_file.write_text("\n".join(map(",".join, cells)) + "\n")
     assert main(["import", str(table_file), "--yes", "--out", "here", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["sampling"]
-    assert told["rebuilt"]
-    assert told["jitter"] == pytest.approx(3e-4, rel=0.1)
+    sampling = json.loads(capsys.readouterr().out)["sampling"]
+    assert sampling["rebuilt"]
+    assert sampling["jitter"] == pytest.approx(3e-4, rel=0.1)
     log = read_log("here/bench.mcap")
     assert np.std(np.diff(log.t)) < 1e-8
     np.testing.assert_allclose(log.t_host, (stamps - stamps[0]) * 1e-3, atol=2e-9)

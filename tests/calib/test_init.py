@@ -85,9 +85,9 @@ def test_a_cell_is_never_overwritten(robot: str, desk: Path, capsys: pytest.Capt
 def test_a_model_file_becomes_a_mock_cell_that_can_be_checked(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (desk / "own.urdf").write_text(urdf_text(load_arm("ur5e")), encoding="utf-8")
     assert main(["init", "--json"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out)["next"] == ["calib", "check", "my-own"]
-    assert "needed before a motion: ddq_max" in said.err
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["next"] == ["calib", "check", "my-own"]
+    assert "needed before a motion: ddq_max" in printed.err
     assert load_cell("my-own").table.driver == "mock"
     assert main(["check", "my-own", "--seconds", "0.1"]) == 0
 

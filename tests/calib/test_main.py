@@ -35,9 +35,9 @@ def test_a_wrong_option_is_answered_in_one_sentence(capsys: pytest.CaptureFixtur
 
 def test_help_looks_into_every_command_and_waits_for_no_numbers() -> None:
     code = "import sys; from calib.main import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
-    assert {f"calib.commands.{module}" for module in program.COMMANDS.values()} <= set(said)
-    assert not {"numpy", "scipy", "pydantic", "mujoco", "pinocchio", "drivers", "safety", "logs"} & set(said)
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
+    assert {f"calib.commands.{module}" for module in program.COMMANDS.values()} <= set(printed)
+    assert not {"numpy", "scipy", "pydantic", "mujoco", "pinocchio", "drivers", "safety", "logs"} & set(printed)
 
 
 def test_a_place_that_cannot_be_written_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,12 +71,12 @@ def test_what_nobody_foresaw_is_one_sentence_and_a_file(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(program, "app", broken)
     assert program.main(["export", "ur10e"]) == 70
-    said = capsys.readouterr().err
-    assert said.startswith("calib: this is a fault of the program")
-    assert "Traceback" not in said
-    assert len(said) < 600
+    printed = capsys.readouterr().err
+    assert printed.startswith("calib: this is a fault of the program")
+    assert "Traceback" not in printed
+    assert len(printed) < 600
     (file,) = tmp_path.glob("calib-fault-*.txt")
-    assert file.name in said
+    assert file.name in printed
     text = file.read_text()
     assert "Traceback" in text
     assert "'export' 'ur10e'" in text
@@ -118,8 +118,8 @@ def test_libraries_complain_into_the_file_and_not_to_the_terminal(
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         assert program.main(["effects"]) == 70
-    said = capsys.readouterr()
-    assert "library" not in said.out + said.err
+    printed = capsys.readouterr()
+    assert "library" not in printed.out + printed.err
     text = next(tmp_path.glob("calib-fault-*.txt")).read_text()
     assert "RuntimeWarning: a library's warning" in text
     assert "a.library: a library's log record" in text

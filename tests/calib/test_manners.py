@@ -84,7 +84,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def words(text: str) -> str:
-    """What was said, without what differs from machine to machine and from day to day."""
+    """The output, without what differs from machine to machine and from day to day."""
     for folder in config_folders(None, "cells"):
         text = text.replace(str(folder.parent), "configs")
     return re.sub(r"\d{8}T\d{6}Z", "<utc>", text)
@@ -105,19 +105,19 @@ def test_help(
 @pytest.mark.parametrize("line", MISTAKES)
 def test_mistake(line: str, desk: Path, snapshot: SnapshotAssertion, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line.split()) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    sentence = said.err.splitlines()[-1]
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    sentence = printed.err.splitlines()[-1]
     assert sentence.startswith("calib: ")
-    assert "Traceback" not in said.err
+    assert "Traceback" not in printed.err
     assert words(sentence) == snapshot
 
 
 def test_a_log_of_another_arm_is_said_aloud(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in said
-    assert "Most likely cause: it is a recording of servo6" in said
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in printed
+    assert "Most likely cause: it is a recording of servo6" in printed
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward", "--assume", "as-recorded"]) == 2
     assert "wrong arm" in capsys.readouterr().out
 

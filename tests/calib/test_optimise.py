@@ -83,10 +83,10 @@ def test_what_keeps_the_cap_is_preferred() -> None:
 def test_eight_starts_reach_the_cap_and_are_never_worse_than_the_best_random_motion() -> None:
     room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
     best, before = random_start(room, information, Basis(6, 20.0), HOME, np.random.default_rng(0), 20)
-    told: list[float] = []
-    found = optimised(ARM, CELL, best, 8, 0, lambda stage, share: told.append(share))
+    shares: list[float] = []
+    found = optimised(ARM, CELL, best, 8, 0, lambda stage, share: shares.append(share))
     assert len(found) == 8
-    assert told[-1] == 1.0
+    assert shares[-1] == 1.0
     assert preference(found[0].worth) >= preference(before)
     assert found[0].worth.condition <= CONDITION_CAP
     _, kept = cleared_fourier(found[0].motion, ARM, CELL, 500.0, 1)

@@ -94,11 +94,11 @@ def test_an_arm_without_torque_constants_gets_them() -> None:
     assert np.all(np.abs(found.arm.torque_constant - 11.0) < 4 * 11.0 * load.scale_std / load.scale)
 
 
-@pytest.mark.parametrize(("mass", "told"), [(0.0, "may be nothing"), (-1.5, "wrong way round")])
-def test_a_load_that_is_none_or_negative(mass: float, told: str) -> None:
+@pytest.mark.parametrize(("mass", "message"), [(0.0, "may be nothing"), (-1.5, "wrong way round")])
+def test_a_load_that_is_none_or_negative(mass: float, message: str) -> None:
     arm = load_arm("ur5e")
     free, loaded = (arm, arm) if mass == 0 else (carrying(arm, -mass), arm)
-    with pytest.raises(AnswerIsNo, match=told):
+    with pytest.raises(AnswerIsNo, match=message):
         identify_with_load(arm, logs_of(free, 70), logs_of(loaded, 80), options=OPTIONS)
 
 

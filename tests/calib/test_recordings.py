@@ -1,4 +1,4 @@
-"""A recording that was cut short is refused by the commands, and used when they are told to, with its loss in plain sight."""
+"""A recording that was cut short is refused by the commands, and used with --accept-partial, with its loss in plain sight."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_it_is_refused_unless_told_otherwise(aborted: Path, capsys: pytest.Captu
 @pytest.mark.parametrize("command", ["identify", "validate"])
 def test_the_commands_refuse_it(command: str, aborted: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, "ur5e", str(aborted), "--out", str(aborted.parent / "out")]) == 2
-    told = capsys.readouterr().err
-    assert "ended by a fault" in told
+    printed = capsys.readouterr().err
+    assert "ended by a fault" in printed
     main([command, "ur5e", str(aborted), "--accept-partial", "--out", str(aborted.parent / "out")])
     assert "ended by a fault (the emergency stop was pressed); record" not in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""Rows about a change of direction are left out of the fit, and told of where they had to stay."""
+"""Rows about a change of direction are left out of the fit, and reported where they had to stay."""
 
 from __future__ import annotations
 

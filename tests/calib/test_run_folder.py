@@ -1,4 +1,4 @@
-"""A run's folder says what was asked and how it ended, and never overwrites anything that is not a run."""
+"""A run's folder states what was requested and how it ended, and never overwrites anything that is not a run."""
 
 import re
 import subprocess

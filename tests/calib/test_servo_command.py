@@ -93,12 +93,12 @@ def test_a_scan_tells_every_drive(there: tuple[str, CanEmulator], capsys: pytest
     path, emulator = there
     emulator.bus.servos[2].error = LOST
     assert main(["servo", "scan", *bus_of(path), "--json"]) == 1
-    said = capsys.readouterr()
-    drives = json.loads(said.out)["drives"]
+    printed = capsys.readouterr()
+    drives = json.loads(printed.out)["drives"]
     assert [(d["protocol"], d["node"], d["serial"], d["fd"]) for d in drives] == [
         ("damiao", n, f"41000{n}", False) for n in range(1, 7)
     ]
-    assert "communication lost" in said.err
+    assert "communication lost" in printed.err
     assert not emulator.bus.body.live.any()
 
 

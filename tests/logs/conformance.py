@@ -75,7 +75,7 @@ def pairs(items: tuple[tuple[str, str], ...]) -> bytes:
 
 @dataclass
 class Builder:
-    """Records one after the other; each but those of fixed extent ends in padding where that is asked for."""
+    """Records one after the other; each but those of fixed extent ends in padding where that is requested."""
 
     pad: bool
     data: bytearray = field(default_factory=bytearray)

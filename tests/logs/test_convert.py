@@ -1,4 +1,4 @@
-"""Importing and recovering: what survives is the same to the bit, and what does not is told."""
+"""Importing and recovering: what survives is the same to the bit, and what does not is reported."""
 
 import json
 import re

@@ -93,7 +93,7 @@ def test_a_file_system_that_is_really_full(tmp_path):
         with pytest.raises(DeviceError):
             recorder.close()
         log = read_log(folder / "a.mcap", accept_partial=True)
-        assert len(log) == recorder.samples + 1  # the sample that told of the end is on the disk too
+        assert len(log) == recorder.samples + 1  # the sample that reported the end is on the disk too
         assert len(log) > 100
     finally:
         subprocess.run(["umount", folder], check=True)

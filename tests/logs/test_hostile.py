@@ -150,8 +150,8 @@ def in_a_cage(path):
     """
     done = subprocess.run([sys.executable, "-c", CHILD, str(path)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    *said, peak = done.stdout.splitlines()
-    return said, int(peak)
+    *printed, peak = done.stdout.splitlines()
+    return printed, int(peak)
 
 
 def zstd_zeros(size):
@@ -165,8 +165,8 @@ def zstd_zeros(size):
 def test_a_decompression_bomb_is_bounded(tmp_path, compression, declared):
     packed = zstd_zeros(1 << 30) if compression == "zstd" else lz4.frame.compress(bytes(1 << 28))
     (tmp_path / "a.mcap").write_bytes(whole(chunk(b"", compression, packed, size=declared, crc=0)))
-    said, peak = in_a_cage(tmp_path / "a.mcap")
-    assert all("chunk at byte" in line or "no message on" in line or "unpacks to more" in line for line in said)
+    printed, peak = in_a_cage(tmp_path / "a.mcap")
+    assert all("chunk at byte" in line or "no message on" in line or "unpacks to more" in line for line in printed)
     assert peak < 400_000
 
 
@@ -174,9 +174,9 @@ def test_many_chunks_that_unpack_to_much(tmp_path):
     packed = zstandard.compress(bytes(MAX_RECORD))
     data = MAGIC + HEADER + chunk(b"", "zstd", packed, size=MAX_RECORD, crc=0) * 200 + END
     (tmp_path / "a.mcap").write_bytes(data)
-    said, peak = in_a_cage(tmp_path / "a.mcap")
-    assert "no whole record stands at byte 0" in said[0]
-    assert "unpacks to more than" in said[1]
+    printed, peak = in_a_cage(tmp_path / "a.mcap")
+    assert "no whole record stands at byte 0" in printed[0]
+    assert "unpacks to more than" in printed[1]
     assert peak < 900_000
 
 
@@ -186,8 +186,8 @@ def test_very_many_empty_messages(tmp_path, known, count):
     records = SCHEMA + CHANNEL * known + message() * count
     stream = chunk(records, "zstd", zstandard.compress(records))
     (tmp_path / "a.mcap").write_bytes(whole(stream))
-    said, peak = in_a_cage(tmp_path / "a.mcap")
-    assert len(said) == 2
+    printed, peak = in_a_cage(tmp_path / "a.mcap")
+    assert len(printed) == 2
     assert peak < 900_000
 
 
@@ -201,8 +201,8 @@ def test_very_many_messages_that_each_need_the_slow_path_stay_in_bounds(tmp_path
         records.append(message(bytes(body)))
     data = b"".join(records)
     (tmp_path / "a.mcap").write_bytes(whole(chunk(data, "zstd", zstandard.compress(data))))
-    said, _ = in_a_cage(tmp_path / "a.mcap")
-    assert "a string does not end with a zero byte" in said[0]
+    printed, _ = in_a_cage(tmp_path / "a.mcap")
+    assert "a string does not end with a zero byte" in printed[0]
 
 
 def corpus(folder):

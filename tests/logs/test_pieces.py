@@ -54,11 +54,11 @@ def test_damage_is_refused_as_by_the_reader(tmp_path: Path) -> None:
     data[len(data) // 2] ^= 0xFF
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(bytes(data))
-    with pytest.raises(BadLog) as told:
+    with pytest.raises(BadLog) as caught:
         read_log(broken, JOINTS)
     with pytest.raises(BadLog) as again:
         spool(broken, JOINTS, tmp_path / "spool")
-    assert str(again.value) == str(told.value)
+    assert str(again.value) == str(caught.value)
 
 
 def test_time_that_runs_back_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables of other programs become logs: the same motion from every format, units and names guessed, damage told, nothing trusted."""
+"""Tables of other programs become logs: the same motion from every format, units and names guessed, damage reported, nothing trusted."""
 
 from __future__ import annotations
 

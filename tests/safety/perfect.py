@@ -1,4 +1,4 @@
-"""A driver whose arm is where it was told to be one period ago: what goes wrong with it is what a test makes go wrong."""
+"""A driver whose arm is where it was commanded to be one period ago: what goes wrong with it is what a test makes go wrong."""
 
 from __future__ import annotations
 

@@ -48,15 +48,15 @@ def test_pairs_leave_out_only_links_that_share_a_joint(arm: Arm, cell: Cell) -> 
 def test_a_pair_is_left_out_only_where_it_keeps_its_margin_in_every_posture(arm: Arm, cell: Cell) -> None:
     """Looked at anew, with the same bodies, at postures from everywhere."""
     every = Clearance(arm, cell)
-    asked = Clearance(arm, cell)
-    asked._geometry.removeAllCollisionPairs()
-    ids = {asked._geometry.geometryObjects[k].name: k for k in range(asked._geometry.ngeoms)}
+    clearance = Clearance(arm, cell)
+    clearance._geometry.removeAllCollisionPairs()
+    ids = {clearance._geometry.geometryObjects[k].name: k for k in range(clearance._geometry.ngeoms)}
     for pair in every.always_apart:
-        asked._geometry.addCollisionPair(pin.CollisionPair(*(ids[name] for name in pair)))
+        clearance._geometry.addCollisionPair(pin.CollisionPair(*(ids[name] for name in pair)))
     count = len(every.always_apart)
-    asked._set(list(every.always_apart), np.zeros((count, arm.n)), np.zeros(count))
+    clearance._set(list(every.always_apart), np.zeros((count, arm.n)), np.zeros(count))
     rng = np.random.default_rng(2)
-    found = np.array([asked.distances(q) for q in rng.uniform(arm.q_min, arm.q_max, (300, arm.n))])
+    found = np.array([clearance.distances(q) for q in rng.uniform(arm.q_min, arm.q_max, (300, arm.n))])
     least = np.array([float(re.findall(r"[0-9.]+", why)[0]) for why in every.always_apart.values()])
     assert np.all(1e3 * found.min(axis=0) >= least - 0.1)
     assert np.all(least > 0)

@@ -48,10 +48,10 @@ def test_yes_without_a_person_is_only_for_cells_without_an_arm(cell: Cell, drive
 
 
 def test_the_question_says_what_this_is_not(cell: Cell) -> None:
-    asked = question(cell, "test6")
-    assert "not a safety-rated function" in asked
-    assert "does not replace the emergency stop or the robot's own safety configuration" in asked
-    assert expected(cell) in asked
+    text = question(cell, "test6")
+    assert "not a safety-rated function" in text
+    assert "does not replace the emergency stop or the robot's own safety configuration" in text
+    assert expected(cell) in text
 
 
 @pytest.mark.parametrize("answer", ["yes", "y", "", "Test-cell is empty", "test-cell is empty!", "test-cell"])

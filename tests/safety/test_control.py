@@ -1,7 +1,7 @@
 """The control process: it stops the arm for every way in which the command process can end, and nothing skips the stop.
 
 A driver that follows exactly keeps the wall clock here, at a slow rate so that a busy computer does not look like a fault. What is
-asserted is that the stop happened and how it is told, not how long it took; a computer that is busy enough is late even so, which is a
+asserted is that the stop happened and how it is reported, not how long it took; a computer that is busy enough is late even so, which is a
 stop, and so these tests stand in the slow lane.
 """
 
@@ -185,12 +185,12 @@ def test_what_is_no_error_of_ours_crosses_the_process_boundary_as_a_device_error
 @pytest.mark.slow
 def test_a_stop_crosses_the_process_boundary_with_its_numbers(place: Path) -> None:
     plan, cell, arm = prepared(place, 30.0)
-    asked: list[str] = []
+    reasons: list[str] = []
     with pytest.raises(MotionStopped, match="released") as stopped:
         drive(
             plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl",
-            stop_requested=lambda: asked[0] if asked else None,
-            watch=lambda p: asked.append("the space bar was released") if p.cycle and p.cycle.k > 10 else None,
+            stop_requested=lambda: reasons[0] if reasons else None,
+            watch=lambda p: reasons.append("the space bar was released") if p.cycle and p.cycle.k > 10 else None,
         )  # fmt: skip
     assert stopped.value.standstill.at_rest
     assert len(stopped.value.samples) > 1
@@ -227,9 +227,9 @@ def test_an_arm_that_is_held_is_told_of_and_let_go_by_ctrl_c_alone(place: Path) 
     )  # fmt: skip
     wait_for(lambda: (place / "held").exists(), process)
     time.sleep(0.5)
-    said = (place / "held").read_text()
-    assert "a joint is silent" in said
-    assert "support it, then press Ctrl-C" in said
+    held_reason = (place / "held").read_text()
+    assert "a joint is silent" in held_reason
+    assert "support it, then press Ctrl-C" in held_reason
     process.send_signal(signal.SIGTERM)
     time.sleep(0.5)
     assert process.poll() is None

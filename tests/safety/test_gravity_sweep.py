@@ -24,7 +24,7 @@ RATE = 100.0
 
 
 class OfFamily(MockDriver):
-    """The mock, asked as the UR driver is."""
+    """The mock, called as the UR driver is."""
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
         return [family.torque(self.arm, None, q, tau, friction)]

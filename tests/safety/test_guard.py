@@ -139,8 +139,8 @@ def test_a_stop_is_told_with_its_numbers(
 ) -> None:
     driver.fault = lambda state, k: hot(state) if k == AT else state
     stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)
-    told = stop.record()
-    assert (told["joint"], told["quantity"], told["value"], told["limit"], told["unit"]) == (
+    record = stop.record()
+    assert (record["joint"], record["quantity"], record["value"], record["limit"], record["unit"]) == (
         "j1",
         "temperature",
         90.0,

@@ -38,15 +38,18 @@ def driver(ur10e: Arm, mock_cell: Cell) -> MockDriver:
 
 
 def test_a_healthy_arm_passes_and_ends_where_it_began(driver: MockDriver, mock_cell: Cell, ur10e: Arm) -> None:
-    said: list[str] = []
+    shown: list[str] = []
     with driver:
         begin = driver.read().q
-        checks = try_joints(driver, mock_cell, show=said.append)
+        checks = try_joints(driver, mock_cell, show=shown.append)
         assert driver.read().q == pytest.approx(begin, abs=5e-3)
     assert [c.name for c in checks] == [*(f"move {name}" for name in ur10e.joint_names), "gravity torque"]
     assert [c.detail for c in checks if not c.ok] == []
     assert all("in the direction of motion" in c.detail for c in checks[:-1])
-    assert said == [*(f"{name} by +2 deg" for name in ur10e.joint_names), "3 slow lines there and back, for the gravity torque"]
+    assert shown == [
+        *(f"{name} by +2 deg" for name in ur10e.joint_names),
+        "3 slow lines there and back, for the gravity torque",
+    ]
 
 
 def test_a_torque_of_the_wrong_sign_is_found(driver: MockDriver, mock_cell: Cell) -> None:

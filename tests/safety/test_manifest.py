@@ -99,9 +99,9 @@ def test_every_setting_that_is_edited_after_the_approval_is_refused(place: Path,
         except CalibError:
             continue  # the file does not load at all
         count += 1
-        said = refusal_of(approval, plan, *changed)
-        if not re.search(r"another (arm|cell)\.|cannot be read", said):
-            accepted.append((path, said))
+        refusal = refusal_of(approval, plan, *changed)
+        if not re.search(r"another (arm|cell)\.|cannot be read", refusal):
+            accepted.append((path, refusal))
     assert count > 15
     assert accepted == []
 

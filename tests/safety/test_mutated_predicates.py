@@ -25,7 +25,7 @@ SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.And: ast.Or, ast.Or: ast.And, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
 CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
-# function -> the tests that have to notice; what is mutated is the predicate, not what is said when it breaks
+# function -> the tests that have to notice; what is mutated is the predicate, not the message when it breaks
 TARGETS = {
     "monitor": (
         ("_check_device", "_check_motion", "_check_feedback", "_check_torque", "_check_clearance"),
@@ -58,8 +58,8 @@ def mutants(tree: ast.Module, functions: tuple[str, ...]) -> Iterator[tuple[str,
             function = next(f for f in ast.walk(mutant) if isinstance(f, ast.FunctionDef) and f.name == name)
             target = behaviour(function)[k]
             apply(target, change)
-            said = ast.unparse(target).split("\n")[0][:90]
-            yield f"{name}:{getattr(node, 'lineno', '?')} {change} -> {said}", ast.fix_missing_locations(mutant)
+            line = ast.unparse(target).split("\n")[0][:90]
+            yield f"{name}:{getattr(node, 'lineno', '?')} {change} -> {line}", ast.fix_missing_locations(mutant)
 
 
 def behaviour(function: ast.FunctionDef) -> list[ast.AST]:

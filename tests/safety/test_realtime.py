@@ -1,4 +1,4 @@
-"""What the system grants is asked for in a process of its own; what it does not grant is said."""
+"""What the system grants is requested in a process of its own; what it does not grant is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stop is told in one sentence and in numbers, across processes too, with the last samples before it."""
+"""A stop is reported in one sentence and in numbers, across processes too, with the last samples before it."""
 
 from __future__ import annotations
 

@@ -198,10 +198,10 @@ def test_a_controller_is_told_friction_payload_and_gravity(tmp_path):
     ]
     arm = write_arm(tmp_path / "arm", load_arm("ur10e"), effects=effects)
     files = {p.name: p for p in export(arm, tmp_path / "out")}
-    told = json.loads(files["ur10e_payload.json"].read_text())
-    assert told["payload"]["mass"] == 2.0
-    assert told["urscript"][0] == "set_target_payload(2.0, [0.01, 0.02, 0.08], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])"
-    np.testing.assert_allclose(told["gravity"], 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]))
+    payload = json.loads(files["ur10e_payload.json"].read_text())
+    assert payload["payload"]["mass"] == 2.0
+    assert payload["urscript"][0] == "set_target_payload(2.0, [0.01, 0.02, 0.08], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])"
+    np.testing.assert_allclose(payload["gravity"], 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]))
     rows = [r for r in csv.DictReader(files["ur10e_friction.csv"].read_text().splitlines()) if r["joint"] == "elbow_joint"]
     curve = {float(r["speed"]): float(r["torque"]) for r in rows if r["speed"] not in ("0.0", "-0.0")}
     own = {e.effect: e.parameters for e in arm.effects if e.joint == "elbow_joint"}

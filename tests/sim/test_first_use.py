@@ -10,26 +10,26 @@ from sim.rigid_body import RigidBody
 
 
 @pytest.fixture
-def said():
+def sentences():
     sentences = []
     first_use.announce(sentences.append)
     yield sentences
     first_use.announce(None)
 
 
-def test_said_once_where_kernels_are_compiled(said):
+def test_said_once_where_kernels_are_compiled(sentences):
     RigidBody(load_arm("ur5e"))  # its kernels bring the listener along
     numba.njit(lambda x: x + 1)(np.zeros(2))
     numba.njit(lambda x: x + 2)(np.zeros(2))
-    assert len(said) == 1
-    assert said[0].startswith("compiling numerical kernels")
-    assert "are not kept" in said[0]
+    assert len(sentences) == 1
+    assert sentences[0].startswith("compiling numerical kernels")
+    assert "are not kept" in sentences[0]
 
 
-def test_silent_where_they_come_from_memory_or_from_the_cache(said):
+def test_silent_where_they_come_from_memory_or_from_the_cache(sentences):
     body = RigidBody(load_arm("ur5e"))
     body.gravity_torque(np.zeros((1, 6)))
-    said.clear()
-    first_use.announce(said.append)
+    sentences.clear()
+    first_use.announce(sentences.append)
     body.gravity_torque(np.zeros((1, 6)))
-    assert said == []
+    assert sentences == []

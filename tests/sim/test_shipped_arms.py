@@ -46,7 +46,7 @@ def test_nothing_is_missing_and_everything_has_a_source(arm):
     assert arm.incomplete == ()
     for key in ("q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max"):
         assert np.all(np.isfinite(getattr(arm, key)))
-    told = " ".join(arm.provenance)
+    sources = " ".join(arm.provenance)
     for subject in (
         "kinematics",
         "mass",
@@ -60,7 +60,7 @@ def test_nothing_is_missing_and_everything_has_a_source(arm):
         "sensors",
         "capsules",
     ):
-        assert subject in told
+        assert subject in sources
     assert "not published" in arm.provenance["jerk_max"]
     assert (arm.torque_constant is not None) == ("torque_constant" in arm.provenance)
 

@@ -1,4 +1,4 @@
-"""A plant of a few arms, from recordings to rows: what is done, what is said of the rest, and what a second call does."""
+"""A plant of a few arms, from recordings to rows: what is done, what is reported of the rest, and what a second call does."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
     assert status == {f"ur5e+cell-{k}+S-cell-{k}": "done" for k in range(5)} | {
         "ur5e+still+S-still": "no_excitation", "ur5e+bad+S-bad": "bad_logs", "nobodys+unknown+S-unknown": "configuration",
     }  # fmt: skip
-    told = {row["arm"]: row["sentence"] for row in answer["arms"]}
-    assert "wrist_2_joint" in told["ur5e+still+S-still"]
-    assert "check sum" in told["ur5e+bad+S-bad"]
-    assert "nobodys" in told["nobodys+unknown+S-unknown"]
+    sentences = {row["arm"]: row["sentence"] for row in answer["arms"]}
+    assert "wrist_2_joint" in sentences["ur5e+still+S-still"]
+    assert "check sum" in sentences["ur5e+bad+S-bad"]
+    assert "nobodys" in sentences["nobodys+unknown+S-unknown"]
     table = pq.read_table(out / "fleet.parquet").to_pylist()
     assert [row["arm"] for row in table] == sorted(status)
     row = next(r for r in table if r["arm"] == "ur5e+cell-1+S-cell-1")

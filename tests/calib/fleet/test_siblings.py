@@ -49,13 +49,13 @@ def test_only_the_arm_that_is_different_stands_out(rng: np.random.Generator) -> 
 
 
 def test_chance_makes_no_outlier_of_few_arms() -> None:
-    told = 0
+    outliers = 0
     for seed in range(20):
         _, _, found, covariance = fleet(np.random.default_rng(seed), 5)
         together = compare(found, covariance)
         assert together is not None
-        told += int(np.sum(np.abs(together.score) > OUTLIER))
-    assert told == 0
+        outliers += int(np.sum(np.abs(together.score) > OUTLIER))
+    assert outliers == 0
 
 
 def test_the_order_of_the_arms_does_not_matter(rng: np.random.Generator) -> None:

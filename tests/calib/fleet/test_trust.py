@@ -66,9 +66,9 @@ def test_one_recording_that_says_nonsense_takes_no_other(
     assert [says in why for _, why in unknown] == [True]
     out = tmp_path / "out"
     assert program.main(["fleet", str(tmp_path / "plant"), "--workers", "0", "--no-diagnose", "--out", str(out)]) == 1
-    said = capsys.readouterr()
-    assert "\x1b[2J" not in said.out + said.err
-    assert "Traceback" not in said.err
+    printed = capsys.readouterr()
+    assert "\x1b[2J" not in printed.out + printed.err
+    assert "Traceback" not in printed.err
     assert {p.name for p in (out / "arms").iterdir()} == {"ur5e+cell-0+S-cell-0"}
 
 
@@ -161,9 +161,9 @@ def test_an_open_scheduler_is_told(
     monkeypatch.setattr("calib.fleet.engine.CONNECT_SECONDS", 0.5)
     arguments = ["fleet", str(tmp_path / "plant"), "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "out")]
     assert program.main(arguments) == 2
-    said = capsys.readouterr().err
-    assert "without TLS whoever reaches this scheduler can run programs" in said
-    assert "nobody answers" in said
+    printed = capsys.readouterr().err
+    assert "without TLS whoever reaches this scheduler can run programs" in printed
+    assert "nobody answers" in printed
 
 
 def test_the_parts_of_an_extra_are_asked_for_by_name(tmp_path: Path) -> None:

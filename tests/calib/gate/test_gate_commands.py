@@ -1,4 +1,4 @@
-"""The gate in front of the commands: each refuses with the cause first, reads another way where it is told to, and lets nothing hide."""
+"""The gate in front of the commands: each refuses with the cause first, reads another way where --assume is given, and lets nothing hide."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def test_import_refuses_and_reads_another_way(
     rows = np.column_stack([log.t, log.q, log.dq, current])
     np.savetxt("wrong.csv", rows, "%.6f", ",", header=",".join(["timestamp", *names]), comments="")
     assert main(["import", "wrong.csv", "--arm", "ur10e", "--out", "first"]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "the torque (or current) of shoulder_lift_joint has the wrong sign" in said
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "the torque (or current) of shoulder_lift_joint has the wrong sign" in printed
     assert not list(Path("first").glob("*.mcap"))
     word = "sign:tau:shoulder_lift_joint"
-    assert word in said
+    assert word in printed
     assert main(["import", "wrong.csv", "--arm", "ur10e", "--assume", word, "--out", "second"]) == 0
     assert word in capsys.readouterr().out
     read = read_log("second/wrong.mcap", of.joint_names)
@@ -56,9 +56,9 @@ def test_every_command_refuses_with_the_cause_first(
     monkeypatch.chdir(tmp_path)
     of, log = base("servo6 2")
     wrong, right = changes(of)[what](log, of, np.random.default_rng(5))
-    code, said = through(command, Case(what, of, (wrong,), (what,), right), tmp_path)
+    code, cause = through(command, Case(what, of, (wrong,), (what,), right), tmp_path)
     assert code == 2
-    assert any(word in said for word in right), said
+    assert any(word in cause for word in right), cause
     assert command == "diagnose" or not list(tmp_path.glob("out/arm"))
 
 

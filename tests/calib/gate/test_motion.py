@@ -1,4 +1,4 @@
-"""Speed against position: columns, signs and units are told apart, a filtered speed is none of them; laws are no mark of a wrong column."""
+"""Speed against position: columns, signs and units are distinguished, a filtered speed is none of them; laws are no mark of a wrong column."""
 
 from __future__ import annotations
 

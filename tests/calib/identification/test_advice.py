@@ -1,4 +1,4 @@
-"""Advice: the motion that is named makes known what it is said to make known, and a well-recorded arm needs none."""
+"""Advice: the motion that is named makes known what it names, and a well-recorded arm needs none."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def test_the_motion_that_is_named_helps_as_it_says(ur5e: Arm) -> None:
     fit = fitted(ur5e, [log], NARROW)
     unknown = unknown_of(ur5e, fit)
     assert "Ia_3" in [fit.model.names[k] for k in unknown]
-    told = advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), unknown, HOME)
-    item = next(a for a in told if "Ia_3" in a.parameters)
+    entries = advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), unknown, HOME)
+    item = next(a for a in entries if "Ia_3" in a.parameters)
     assert "elbow_joint" in item.motion
     assert "fast" in item.motion
     assert item.path is not None

@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass
 class Visit:
-    """A page as a browser has it open, and everything that it complained of or asked for."""
+    """A page as a browser has it open, and everything that it complained of or requested."""
 
     page: Any
     complaints: list[str] = field(default_factory=list)

@@ -52,14 +52,14 @@ def test_what_else_was_found_is_said() -> None:
     data = examples.diagnosis()[0] | {
         "laws": [law], "refused": ["backlash at elbow_joint raises its residual from 1 to 2 N m"], "calibration": moves
     }  # fmt: skip
-    gain, simulated, law_said, refused, moved = diagnosis.remarks(data)
+    gain, simulated, law_sentence, refused, moved = diagnosis.remarks(data)
     assert simulated.startswith("Simulated for 5 s under the measured torque (closed loop), the flange is off by 2 mm")
     assert gain.startswith("On validation.mcap the corrected arm has a residual RMS of ")
-    assert "wrist_1_joint: 3.1 z(0.003). It removes 25%" in law_said
+    assert "wrist_1_joint: 3.1 z(0.003). It removes 25%" in law_sentence
     assert refused == "Backlash at elbow_joint raises its residual from 1 to 2 N m."
     assert "mass at elbow_joint +0.31 kg (6 times its tolerance) and base tilt -0.02 rad (4 times" in moved
     assert "viscous" not in moved
-    assert diagnosis.next_steps(data)[:5] == [gain, simulated, law_said, refused, moved]
+    assert diagnosis.next_steps(data)[:5] == [gain, simulated, law_sentence, refused, moved]
     assert diagnosis.remarks(examples.diagnosis()[0] | {"laws": [], "refused": [], "calibration": moves[1:2]}) == [
         gain,
         simulated,

@@ -53,14 +53,14 @@ def test_a_short_watch_is_examined_at_its_end(tmp_path: Path, log: Log) -> None:
 def test_the_arms_own_readings_pass_and_nothing_is_examined_again(
     tmp_path: Path, log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = []
+    calls = []
     examined = live_gate.examined
-    monkeypatch.setattr(live_gate, "examined", lambda arm, logs: (asked.append(len(logs[0])), examined(arm, logs))[1])
+    monkeypatch.setattr(live_gate, "examined", lambda arm, logs: (calls.append(len(logs[0])), examined(arm, logs))[1])
     found = watch(live(_states(log)), tmp_path)
     assert found.seconds == pytest.approx(log.t[-1] - log.t[0])
-    assert len(asked) == 1
+    assert len(calls) == 1
     # the watch went on while it was examined: not all of the log is in it
-    assert asked[0] < len(log)
+    assert calls[0] < len(log)
 
 
 def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:

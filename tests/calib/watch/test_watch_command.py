@@ -85,10 +85,10 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     capsys.readouterr()
     code = main(["watch", "--trend", "--json", "--out", str(tmp_path / "trend"), "--database", str(folder / "trend.sqlite")])
     assert code == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["arm"] == "servo6"
-    assert "too few for a trend" in told["outcome"]
-    assert len(told["runs"]) == 1
+    reply = json.loads(capsys.readouterr().out)
+    assert reply["arm"] == "servo6"
+    assert "too few for a trend" in reply["outcome"]
+    assert len(reply["runs"]) == 1
     assert (tmp_path / "trend" / "trend.html").read_text().startswith("<!")
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
 

@@ -88,9 +88,9 @@ def test_a_push_from_the_side_is_a_contact_and_no_payload(servo6: Arm, seconds: 
     push = {"start": start, "duration": seconds, "force_x": 6.0, "force_y": 8.0, "force_z": 3.0}
     touched = with_effect(servo6, ArmEffect("external_contact", None, push))
     events = watched(Watcher(servo6, 200.0), states(servo6, motion, 0, truth=touched))
-    told = kinds(events)
-    assert Kind.UNEXPECTED_CONTACT in told
-    assert not {Kind.PAYLOAD_ATTACHED, Kind.PAYLOAD_CHANGED, Kind.PAYLOAD_REMOVED} & set(told)
+    reported = kinds(events)
+    assert Kind.UNEXPECTED_CONTACT in reported
+    assert not {Kind.PAYLOAD_ATTACHED, Kind.PAYLOAD_CHANGED, Kind.PAYLOAD_REMOVED} & set(reported)
     contact = next(e for e in events if e.kind is Kind.UNEXPECTED_CONTACT)
     assert contact.t - start < 0.5
 

@@ -46,17 +46,17 @@ def test_a_fault_stops_the_stream_and_stays(bench, fault, says, periods, others_
     error, elapsed = run_until_fault(b, fault)
     assert says.split(".*")[-1].split("|")[0] in str(error) or says.split("|")[-1] in str(error)
     assert elapsed <= (periods + 1e-6) / b.driver.rate
-    # the mended bus carries nothing of the interrupted motion, whatever is asked of the driver
+    # the mended bus carries nothing of the interrupted motion, whatever the driver is called for
     b.bus.inject("restore")
-    heard = b.bus.arrived
+    arrived = b.bus.arrived
     for _ in range(5):
         with pytest.raises(DeviceError, match=r"latched"):
             b.driver.send(b.rest, np.zeros(6), np.zeros(6))
         with pytest.raises(DeviceError, match=r"latched"):
             b.driver.read()
-    assert b.bus.arrived == heard
+    assert b.bus.arrived == arrived
     b.driver.stop()
-    assert (b.bus.arrived > heard) is others_held
+    assert (b.bus.arrived > arrived) is others_held
 
 
 @pytest.mark.parametrize("fault", ["bus-off", "tx-full", "unplugged", "error-passive"])
@@ -68,10 +68,10 @@ def test_the_drives_switch_off_when_the_bus_is_gone_and_no_old_command_follows(b
     b.clock.sleep_until(b.clock.now() + 0.2)
     assert not b.bus.body.live.any()
     b.bus.inject("restore")
-    heard = b.bus.arrived
+    arrived = b.bus.arrived
     b.driver.stop()
     b.driver.close()
-    assert b.bus.arrived == heard
+    assert b.bus.arrived == arrived
     assert all(servo.error == 0xD for servo in b.bus.servos)
     # the next session refuses drives that still report what happened
     with pytest.raises(DeviceError, match=r"communication lost.*calib servo"):
@@ -136,10 +136,10 @@ def test_a_host_that_stalls_finds_its_drives_off(bench):
 def test_a_command_that_is_not_six_finite_numbers_never_leaves(bench, q, dq, tau):
     b = bench()
     b.driver.connect()
-    heard = b.bus.arrived
+    arrived = b.bus.arrived
     with pytest.raises(DeviceError, match=r"nothing was sent"):
         b.driver.send(np.array(q, dtype=float), np.array(dq, dtype=float), np.array(tau, dtype=float))
-    assert b.bus.arrived == heard
+    assert b.bus.arrived == arrived
     assert b.driver.read().status is Status.IDLE
 
 
@@ -147,10 +147,10 @@ def test_a_command_beyond_a_range_is_refused_whole(bench):
     b = bench()
     b.driver.connect()
     b.stream(20)
-    heard = b.bus.arrived
+    arrived = b.bus.arrived
     with pytest.raises(DeviceError, match=r"wrist_2_joint: speed 40 rad/s cannot be sent"):
         b.driver.send(b.rest, np.array([0, 0, 0, 0, 40.0, 0]), np.zeros(6))
-    assert b.bus.arrived == heard
+    assert b.bus.arrived == arrived
 
 
 def test_the_first_command_must_begin_where_the_arm_stands(bench):

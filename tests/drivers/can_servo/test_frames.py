@@ -50,10 +50,10 @@ def test_mit_frames_equal_the_dbc(family, count):
         data = frames.mit_command(*(f.raw(v) for f, v in zip(fields, x, strict=True)))
         assert data == command.encode({f.name: v for f, v in zip(fields, x, strict=True)})
     for data in np.random.default_rng(2).integers(0, 256, (count, 8), dtype=np.uint8):
-        told = feedback.decode(data.tobytes(), decode_choices=False)
+        decoded = feedback.decode(data.tobytes(), decode_choices=False)
         raw = frames.mit_state(data.tobytes())
         values = [f.value(r) for f, r in zip((q, dq, tau), raw, strict=True)]
-        assert values == pytest.approx([told["Position"], told["Velocity"], told["Torque"]], abs=1e-12)
+        assert values == pytest.approx([decoded["Position"], decoded["Velocity"], decoded["Torque"]], abs=1e-12)
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -69,10 +69,10 @@ def test_robstride_frames_equal_the_dbc(count):
         data = frames.four_words(*(f.raw(v) for f, v in zip(fields, x, strict=True)))
         assert data == command.encode({f.name: v for f, v in zip(fields, x, strict=True)})
     for data in np.random.default_rng(4).integers(0, 256, (count, 8), dtype=np.uint8):
-        told = feedback.decode(data.tobytes())
+        decoded = feedback.decode(data.tobytes())
         a, b, c, d = frames.unpack_four_words(data.tobytes())
         values = [fields[0].value(a), fields[1].value(b), torque.value(c), d / 10]
-        assert values == pytest.approx([told[k] for k in ("Position", "Velocity", "Torque", "Temperature")], abs=1e-9)
+        assert values == pytest.approx([decoded[k] for k in ("Position", "Velocity", "Torque", "Temperature")], abs=1e-9)
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -112,7 +112,7 @@ def test_register_and_parameter_frames_equal_the_dbc(count):
 
 def test_golden_vectors_of_the_vendors():
     """Bytes printed in manuals and drivers, not made by this code."""
-    # RobStride RS03 manual, "Read example": loc_kp (0x701E) is asked for, the drive answers 30.0
+    # RobStride RS03 manual, "Read example": loc_kp (0x701E) is requested, the drive answers 30.0
     assert frames.parameter(0x701E) == bytes.fromhex("1E70000000000000")
     index, raw = frames.unpack_parameter(bytes.fromhex("1E7000000000F041"))
     assert (index, frames.as_float(raw)) == (0x701E, 30.0)

@@ -58,9 +58,9 @@ def frames_of(bench: Bench, cycles: int) -> tuple[list[can.Message], list[JointS
     driver.connect()
     frames.clear()
     states = bench.stream(cycles)
-    heard = list(frames)
+    received = list(frames)
     driver.release()
-    return heard, states
+    return received, states
 
 
 @pytest.fixture
@@ -93,12 +93,12 @@ def test_a_listener_reads_what_the_commanding_program_reads(bench, listener, pro
     ear = listener(made, frames)
     started = [ear.read() for _ in range(10)][-1]  # while drives are switched on one by one, rounds are broken
     lost = ear.lost
-    heard = [ear.read() for _ in range(30)]
+    received = [ear.read() for _ in range(30)]
     first = next(k for k, s in enumerate(states) if np.array_equal(s.tau, started.tau)) + 1
-    for mine, own in zip(heard, states[first:], strict=False):
+    for mine, own in zip(received, states[first:], strict=False):
         np.testing.assert_array_equal(mine.q, own.q)
         np.testing.assert_array_equal(mine.tau, own.tau)
-    t = np.array([s.t_device for s in heard])
+    t = np.array([s.t_device for s in received])
     np.testing.assert_allclose(np.diff(t), 1 / made.driver.rate, atol=0.3 / made.driver.rate)
     assert ear.lost == lost
 
@@ -110,11 +110,11 @@ def test_a_lost_answer_costs_its_round_and_mixes_no_two(bench, listener) -> None
     answers = [k for k, m in enumerate(frames) if made.driver.drives[0].key_of(m) == key]
     del frames[answers[20]]
     ear = listener(made, frames)
-    heard = [ear.read() for _ in range(30)]
+    received = [ear.read() for _ in range(30)]
     assert ear.lost >= 1
     rounds = {s.tau.tobytes() for s in states} | {s.q.tobytes() for s in states}
-    assert all(s.q.tobytes() in rounds for s in heard[5:])
-    assert np.max(np.diff([s.t_device for s in heard[5:]])) > 1.5 / made.driver.rate
+    assert all(s.q.tobytes() in rounds for s in received[5:])
+    assert np.max(np.diff([s.t_device for s in received[5:]])) > 1.5 / made.driver.rate
 
 
 def test_silence_names_who_was_heard(bench, listener) -> None:
@@ -154,7 +154,7 @@ def test_beside_a_commanding_program_over_socketcand(tmp_path, servo6) -> None:
         listening = CanServo.from_cell(stating_ranges(cell, commanding), servo6)
         at_work.start()
         listening.listen()
-        heard = [listening.read() for _ in range(10)]
+        received = [listening.read() for _ in range(10)]
         with pytest.raises(DeviceError, match="connect first"):
             listening.send(rest, np.zeros(6), np.zeros(6))
         listening.close()
@@ -163,11 +163,11 @@ def test_beside_a_commanding_program_over_socketcand(tmp_path, servo6) -> None:
         commanding.release()
         emulator.stop()
     known = {s.q.tobytes() for s in own}
-    assert all(s.q.tobytes() in known for s in heard)
+    assert all(s.q.tobytes() in known for s in received)
 
 
 def stating_ranges(cell: Cell, driver: CanServo) -> Cell:
-    """The cell with the ranges that the drives have told."""
+    """The cell with the ranges that the drives have reported."""
     servos = [
         {**servo, "ranges": d.ranges.model_dump()} for servo, d in zip(cell.table.options["servos"], driver.drives, strict=True)
     ]

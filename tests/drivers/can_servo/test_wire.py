@@ -94,12 +94,12 @@ def test_a_fault_on_the_wire_ends_the_motion_and_nothing_old_follows(interface, 
         with pytest.raises(DeviceError, match=says):
             swing(driver, rest, 60, k=5)
         time.sleep(WATCHDOG + 0.3)
-        heard = emulator.bus.arrived
+        arrived = emulator.bus.arrived
         emulator.inject("restore")
         time.sleep(0.2)
         if "silent:" not in fault:
             # What a TCP server has taken from the host is out of the host's reach; the drives' watchdogs have made it harmless.
-            assert emulator.bus.arrived == heard or interface == "socketcand"
+            assert emulator.bus.arrived == arrived or interface == "socketcand"
             assert not emulator.bus.body.live.any()
         with pytest.raises(DeviceError, match=r"latched"):
             driver.send(rest, np.zeros(6), np.zeros(6))

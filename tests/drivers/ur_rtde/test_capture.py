@@ -40,7 +40,7 @@ def test_a_session_is_captured_and_played_back(
         assert main(["capture", str(path), "--seconds", "1.5", "--out", str(tmp_path / "run"), "--json"]) == 0
         assert (emulator.robot.runtime_state, emulator.robot.ended) == (PLAYING, [])
         assert not emulator.robot.claims
-        there = asked(table, arm)
+        there = checked(table, arm)
     finally:
         emulator.stop()
     file = Path(json.loads(capsys.readouterr().out)["file"])
@@ -51,7 +51,7 @@ def test_a_session_is_captured_and_played_back(
     again = CapturedUr(file, emulator.host)
     again.start()
     try:
-        here = asked(table, arm)
+        here = checked(table, arm)
     finally:
         again.stop()
     changed = {"serial", "program", "rate", "device clock"}
@@ -59,7 +59,7 @@ def test_a_session_is_captured_and_played_back(
     assert here["program"] is False
 
 
-def asked(table: Cell, arm: Arm) -> dict[str, bool | None]:
+def checked(table: Cell, arm: Arm) -> dict[str, bool | None]:
     driver = open_driver(table, arm)
     try:
         driver.info = driver.inspect()

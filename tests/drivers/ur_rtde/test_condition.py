@@ -59,8 +59,8 @@ def test_an_idle_controller_may_report_any_scaling() -> None:
     ("state", "word"), [(0, "stopping"), (2, "playing"), (3, "pausing"), (4, "paused"), (5, "resuming"), (9, "9")]
 )
 def test_before_control_is_taken_every_program_that_is_not_stopped_counts(state: int, word: str) -> None:
-    status, said, remedy = other_program(state, "palletise.urp")
+    status, text, remedy = other_program(state, "palletise.urp")
     assert status is Status.IDLE
-    assert word in said
-    assert "palletise.urp" in said
+    assert word in text
+    assert "palletise.urp" in text
     assert "left alone" in remedy

@@ -3,7 +3,7 @@
 Measured with the real library before: the receive interface answers with old values after its socket is gone; a dropped control socket
 makes it upload its program again and again; on PolyScope X a drop is a segmentation fault, and an interface that is destroyed after its
 controller went aborts the process; a second control interface takes the registers or the program of the first; from 5.26 the upper
-registers time out; after a stop was unlocked, a program that was uploaded again is said to run before it does; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
+registers time out; after a stop was unlocked, a program that was uploaded again is reported to run before it does; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
 test_driver.py.
 """
 

@@ -74,12 +74,12 @@ def test_torque_that_is_not_a_number_is_not_compared_and_one_that_is_infinite_fi
 
 
 @pytest.mark.parametrize(
-    ("told", "major", "names"),
+    ("reported", "major", "names"),
     [("UR5", 5, ["ur5e", "ur7e"]), ("UR5", 3, ["ur5"]), ("UR5e", 10, ["ur5e", "ur7e"]), ("UR8_LONG", 5, ["ur8l"]),
      ("UR8 Long", 10, ["ur8l"]), ("UR99", 5, []), ("", 5, [])],
 )  # fmt: skip
-def test_what_a_controller_calls_itself(told: str, major: int, names: list[str]) -> None:
-    assert family.called(told, major) == names
+def test_what_a_controller_calls_itself(reported: str, major: int, names: list[str]) -> None:
+    assert family.called(reported, major) == names
 
 
 @pytest.mark.parametrize(
@@ -92,14 +92,14 @@ def test_the_arm_that_a_folder_is_of(arm: Arm, name: str, of: str | None) -> Non
 
 
 def test_the_serial_number_is_pinned_at_first_use() -> None:
-    told = ControllerInfo("5.25.1", serial="20231")
-    first = checks.serial(told, UrOptions(host="192.168.1.10"))
+    info = ControllerInfo("5.25.1", serial="20231")
+    first = checks.serial(info, UrOptions(host="192.168.1.10"))
     assert first.ok is False
     assert 'serial = "20231"' in first.remedy
-    assert checks.serial(told, UrOptions(host="127.0.0.1")).ok is False, "where a tunnel to a robot ends"
-    assert checks.serial(told, UrOptions(host="127.0.0.2")).ok is None
-    assert checks.serial(told, UrOptions(host="192.168.1.10", serial="20231")).ok is True
-    assert checks.serial(told, UrOptions(host="127.0.0.2", serial="20239")).ok is False
+    assert checks.serial(info, UrOptions(host="127.0.0.1")).ok is False, "where a tunnel to a robot ends"
+    assert checks.serial(info, UrOptions(host="127.0.0.2")).ok is None
+    assert checks.serial(info, UrOptions(host="192.168.1.10", serial="20231")).ok is True
+    assert checks.serial(info, UrOptions(host="127.0.0.2", serial="20239")).ok is False
     assert checks.serial(ControllerInfo("3.11"), UrOptions(host="192.168.1.10")).ok is None
 
 

@@ -96,9 +96,9 @@ def test_the_command_reads_it_from_a_controller(
         assert main(["arm", "read", str(path), "--out", str(tmp_path / "mine"), "--json"]) == 0
     finally:
         emulator.stop()
-    said = json.loads(capsys.readouterr().out)
-    assert said["serial"] == "20230000000"
-    assert 0 < max(said["moved"]) < 0.005
+    reply = json.loads(capsys.readouterr().out)
+    assert reply["serial"] == "20230000000"
+    assert 0 < max(reply["moved"]) < 0.005
     assert load_arm(tmp_path / "mine").name == "mine"
 
 

@@ -41,16 +41,16 @@ def robot(cell: Callable[..., Cell], arm: Arm):  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize(
-    ("polyscope", "told"),
+    ("polyscope", "reply"),
     [
         ("10.11.0", ControllerInfo("10.11.0")),
         ("10.12.0", ControllerInfo("10.12.0", remote=True, operational_mode="AUTOMATIC", safety="NORMAL")),
         ("10.14.0", ControllerInfo("10.14.0", "UR10", "20230000000", True, "AUTOMATIC", "NORMAL")),
     ],
 )
-def test_each_version_tells_what_it_can(robot, polyscope: str, told: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
+def test_each_version_tells_what_it_can(robot, polyscope: str, reply: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
     emulator, _ = robot(polyscope)
-    assert controller_info(emulator.host, emulator.robot.version, PORT) == told
+    assert controller_info(emulator.host, emulator.robot.version, PORT) == reply
 
 
 def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> None:  # type: ignore[no-untyped-def]

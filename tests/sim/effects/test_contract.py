@@ -142,7 +142,7 @@ def test_a_joint_effect_acts_at_its_joint(effect: Effect, arm: Arm, motion: Traj
 def test_its_probes_give_its_torque(effect: Effect, arm: Arm, motion: Trajectory) -> None:
     """Each point of a probe is what `combine` makes of that point's unit coefficient; half of it is half of the torque.
 
-    A compliance, a stiffness that `combine` divides, is linear only where it is small: there the half is not asked for.
+    A compliance, a stiffness that `combine` divides, is linear only where it is small: there the half is not required.
     """
     compliance = effect.none() == {"stiffness": effect.parameters[0].upper}
     joint = arm.joint_names[1] if effect.scope == "joint" else None

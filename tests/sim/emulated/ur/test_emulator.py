@@ -17,14 +17,14 @@ import json, sys
 import rtde_control, rtde_receive
 host = sys.argv[1]
 receive = rtde_receive.RTDEReceiveInterface(host)
-said = {"q": receive.getActualQ(), "mode": receive.getRobotMode()}
+reply = {"q": receive.getActualQ(), "mode": receive.getRobotMode()}
 control = rtde_control.RTDEControlInterface(host)
 q = receive.getActualQ()
-said["moved"] = control.moveJ([q[0] + 0.05] + q[1:], 1.0, 5.0)
-said["servoed"] = control.servoJ([q[0] + 0.05] + q[1:], 0.0, 0.0, 0.002, 0.1, 300.0)
-said["stopped"] = control.servoStop(5.0)
+reply["moved"] = control.moveJ([q[0] + 0.05] + q[1:], 1.0, 5.0)
+reply["servoed"] = control.servoJ([q[0] + 0.05] + q[1:], 0.0, 0.0, 0.002, 0.1, 300.0)
+reply["stopped"] = control.servoStop(5.0)
 control.stopScript()
-print(json.dumps(said))
+print(json.dumps(reply))
 """
 
 
@@ -38,8 +38,8 @@ def test_the_real_clients_connect_move_and_stop(emulator: Callable[..., UrEmulat
     before = list(controller.robot.actual_q)
     done = client(controller.host)
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout.splitlines()[-1])
-    assert said == {"q": before, "mode": 7, "moved": True, "servoed": True, "stopped": True}
+    reply = json.loads(done.stdout.splitlines()[-1])
+    assert reply == {"q": before, "mode": 7, "moved": True, "servoed": True, "stopped": True}
     assert controller.robot.actual_q[0] == pytest.approx(before[0] + 0.05, abs=0.02)
 
 
