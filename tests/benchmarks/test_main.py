@@ -27,7 +27,7 @@ def test_a_topic_needs_nothing_to_run_in_full() -> None:
         inspect.signature(import_module(f"benchmarks.{topic}").run).bind()
 
 
-def test_a_topic_that_fails_is_told_and_takes_no_other_with_it(
+def test_a_topic_that_fails_is_reported_and_takes_no_other_with_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     def broken() -> list[dict[str, Any]]:

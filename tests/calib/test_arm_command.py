@@ -50,7 +50,7 @@ def test_a_ros_package_becomes_an_arm_folder(package, tmp_path, capsys, with_roo
     assert all(any(_holds(shape, corner) for shape in arm.tree.shapes) for corner in corners)
 
 
-def test_what_nobody_stated_stays_missing_and_is_told(package, tmp_path, capsys):
+def test_what_nobody_stated_stays_missing_and_is_reported(package, tmp_path, capsys):
     assert main(["arm", "new", str(package / "urdf" / "two.urdf"), "--out", str(tmp_path / "arm")]) == 0
     assert "not stated, and needed before a motion: ddq_max, jerk_max" in " ".join(capsys.readouterr().err.split())
     assert load_arm(tmp_path / "arm").incomplete == ("ddq_max", "jerk_max", "sensors")

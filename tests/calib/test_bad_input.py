@@ -134,7 +134,7 @@ def test_joints_in_another_order_are_the_same_log(tmp_path: Path, monkeypatch: p
     np.testing.assert_allclose(turned.q[10], 0.1 * np.sin(np.arange(6, 0, -1) * 0.1), atol=1e-12)
 
 
-def test_a_gap_is_told_and_nothing_reaches_across(
+def test_a_gap_is_reported_and_nothing_reaches_across(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -78,7 +78,7 @@ def test_a_cell_without_a_controller_to_emulate_is_exit_code_2(capsys: pytest.Ca
     assert "has no emulated controller" in capsys.readouterr().err
 
 
-def test_check_turns_the_joints_where_that_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_turns_the_joints_where_that_is_requested(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "slow.toml"
     text = 'schema = "cell/1"\nname = "slow"\narm = "ur10e"\ndriver = "mock"\nhome = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]\n'
     path.write_text(text + "[options]\nrate = 100.0\n")

@@ -51,7 +51,7 @@ def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
     assert "calib.mujoco.read(model, data)" in printed
 
 
-def test_a_bare_model_without_limits_gets_no_urdf_and_is_told_why(tmp_path, capsys):
+def test_a_bare_model_without_limits_gets_no_urdf_and_the_reason(tmp_path, capsys):
     (tmp_path / "one.xml").write_text(BARE)
     assert main(["export", str(tmp_path / "one.xml"), "--out", str(tmp_path / "out")]) == 0
     assert "no URDF, which must state every limit: " in " ".join(capsys.readouterr().err.split())

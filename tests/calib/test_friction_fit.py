@@ -51,7 +51,7 @@ def test_what_one_recording_has_and_the_others_have_not_is_no_law() -> None:
     assert fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)]).joints == []
 
 
-def test_only_the_joints_that_are_asked_for() -> None:
+def test_only_the_joints_that_are_requested() -> None:
     data, _ = parts(1)
     assert fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)], only=[1]).joints == []
 
@@ -72,7 +72,7 @@ def test_a_prior_holds_what_the_rows_do_not_show() -> None:
     assert np.abs(found.theta[[0, 1, 3, 4]] - 7.0).min() > 1.0
 
 
-def test_a_joint_that_was_not_asked_gets_no_law_though_the_law_of_another_helps_it() -> None:
+def test_a_joint_that_was_not_requested_gets_no_law_though_the_law_of_another_helps_it() -> None:
     rng = np.random.default_rng(11)
     data = []
     for _ in range(4):

@@ -154,7 +154,7 @@ def test_who_says_no_leaves_the_session_open(desk: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("how", ["no motion fits", "no rounds left"])
-def test_what_cannot_be_decided_is_said(
+def test_what_cannot_be_decided_is_reported(
     how: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if how == "no motion fits":
@@ -178,7 +178,7 @@ def test_nobody_who_answers_means_no(desk: Path, monkeypatch: pytest.MonkeyPatch
     assert commands.verbs == ["check"]
 
 
-def test_a_new_session_is_begun_when_asked_and_after_a_closed_one(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_session_is_begun_when_requested_and_after_a_closed_one(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
     assert go(Commands([NOTHING]), monkeypatch, "--yes", "--new") == 0
     assert len(list((desk / "runs").iterdir())) == 2

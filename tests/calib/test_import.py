@@ -36,7 +36,7 @@ def test_a_csv_file(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (len(log), log.state) == (400, State.CLEAN)
 
 
-def test_json_tells_the_loss(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_states_the_loss(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     csv_file.write_text(csv_file.read_text()[:-20])
     assert main(["import", str(csv_file), "--out", "here", "--json"]) == 0
     reply = json.loads(capsys.readouterr().out)
@@ -130,7 +130,7 @@ def test_options_for_tables_are_refused_elsewhere(csv_file: Path, capsys: pytest
     assert "says itself what it holds" in capsys.readouterr().err
 
 
-def test_jitter_is_told_and_the_stamps_are_kept(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_jitter_is_reported_and_the_stamps_are_kept(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(4)
     lines = table_file.read_text().splitlines()
     t = 0.002 * np.arange(len(lines) - 1)

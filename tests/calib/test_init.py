@@ -57,7 +57,7 @@ def test_a_robot_becomes_a_cell_that_can_be_checked(robot: str, desk: Path, caps
     assert (checks["model"], checks["remote control"], checks["torque at rest"]) == (True, True, True)
 
 
-def test_a_network_is_asked_only_where_it_was_given(robot: str, desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_is_queried_only_where_it_was_given(robot: str, desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     around = ipaddress.IPv4Network(f"{robot}/30", strict=False)
     assert main(["init", "--json"]) == 1
     monkeypatch.setattr(finding, "own_networks", lambda: [around])
@@ -68,7 +68,7 @@ def test_a_network_is_asked_only_where_it_was_given(robot: str, desk: Path, monk
     assert load_cell("agreed").table.options == load_cell("given").table.options
 
 
-def test_nobody_there_is_said_with_what_to_do(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nobody_there_is_reported_with_what_to_do(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["init", "--host", NOBODY]) == 1
     assert "dashboard server is enabled" in capsys.readouterr().err
     assert not (desk / "configs").exists()

@@ -48,7 +48,7 @@ def test_a_place_that_cannot_be_written_is_answered_in_one_sentence(capsys: pyte
     assert error.count("\n") == 1
 
 
-def test_a_disk_that_fills_up_while_a_run_ends_is_told(
+def test_a_disk_that_fills_up_while_a_run_ends_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(*_: object) -> None:
@@ -164,7 +164,7 @@ def test_no_color_is_respected(tmp_path: Path) -> None:
     assert max(map(len, lines)) <= 80
 
 
-def test_a_run_that_cannot_be_ended_is_told_and_keeps_its_answer(
+def test_a_run_that_cannot_be_ended_is_reported_and_keeps_its_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its run.toml was changed meanwhile: that is no reason to lose the exit code of what was done."""

@@ -113,7 +113,7 @@ def test_mistake(line: str, desk: Path, snapshot: SnapshotAssertion, capsys: pyt
     assert words(sentence) == snapshot
 
 
-def test_a_log_of_another_arm_is_said_aloud(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_of_another_arm_is_reported(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 2
     printed = " ".join(capsys.readouterr().err.split())
     assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in printed

@@ -65,7 +65,7 @@ def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
         assert rise == pytest.approx(np.sum(gradient * along), rel=1e-5)
 
 
-def test_a_short_descent_already_tells_more() -> None:
+def test_a_short_descent_already_determines_more() -> None:
     room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
     start, before = random_start(room, information, Basis(4, 10.0), HOME, np.random.default_rng(1), 1)
     objective = Objective(room, MODEL, noise_of(MODEL), start, samples=60)

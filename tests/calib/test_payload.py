@@ -45,7 +45,7 @@ def found() -> tuple[Identification, Load]:
     return identify_with_load(arm, logs_of(truth, 10), logs_of(carrying(truth), 20), options=OPTIONS)
 
 
-def test_a_load_is_weighed_and_placed(found: tuple[Identification, Load]) -> None:
+def test_mass_and_place_of_a_load_are_estimated(found: tuple[Identification, Load]) -> None:
     _, load = found
     assert abs(load.mass - MASS) < 3.5 * load.mass_std < 0.1
     assert np.all(np.abs(load.com - COM) < 3.5 * load.com_std)
@@ -55,7 +55,7 @@ def test_a_load_is_weighed_and_placed(found: tuple[Identification, Load]) -> Non
     assert np.linalg.eigvalsh(load.inertia)[0] >= -1e-12
 
 
-def test_the_result_tells_of_the_load(found: tuple[Identification, Load]) -> None:
+def test_the_result_states_the_load(found: tuple[Identification, Load]) -> None:
     result = found[0].result
     assert any("kg" in sentence and "last link" in sentence for sentence in result.findings)
     assert json.loads(json.dumps(result.as_dict()))["load"]["mass"]["unit"] == "kg"

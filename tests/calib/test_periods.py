@@ -38,7 +38,7 @@ def errors(m: Measurement, path: Trajectory) -> np.ndarray:
 
 
 @pytest.mark.parametrize("periods", [2, 4])
-def test_the_average_is_better_and_its_noise_is_told(ur5e: Arm, periods: int) -> None:
+def test_the_average_is_better_and_its_noise_is_reported(ur5e: Arm, periods: int) -> None:
     path = motion(ur5e, periods)
     m = prepare(noisy(ur5e, path), ur5e)
     found = averaged(m)

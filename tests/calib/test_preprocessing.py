@@ -45,7 +45,7 @@ def test_blocks_give_the_rows_of_the_whole() -> None:
     assert np.allclose(np.concatenate(parts), m.rows(m.tau), atol=1e-12)
 
 
-def test_a_gap_is_seen_and_told() -> None:
+def test_a_gap_is_seen_and_reported() -> None:
     t, q = sine()
     keep = (t < 5.0) | (t > 5.5)
     m = prepare(log_of(t[keep], q[keep], q[keep]), ARM)

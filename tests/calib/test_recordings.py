@@ -33,7 +33,7 @@ def aborted(tmp_path: Path) -> Path:
     return path
 
 
-def test_it_is_refused_unless_told_otherwise(aborted: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_refused_unless_accepted(aborted: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arm = load_arm("ur5e")
     with pytest.raises(BadLog, match=r"emergency stop was pressed.*--accept-partial"):
         read_logs([aborted], arm)
@@ -110,7 +110,7 @@ def test_an_attachment_is_never_made_a_file_elsewhere(name: str, tmp_path: Path,
     assert made == {"a.mcap", "arm.toml", "model.xml"}
 
 
-def test_without_an_arm_inside_the_one_of_that_name_is_taken_and_a_change_is_told(
+def test_without_an_arm_inside_the_one_of_that_name_is_taken_and_a_change_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arm = load_arm("servo6")
@@ -123,7 +123,7 @@ def test_without_an_arm_inside_the_one_of_that_name_is_taken_and_a_change_is_tol
             recorded_arm(recorded(tmp_path / f"c{len(name)}.mcap", arm, {}, arm=name))
 
 
-def test_a_recording_without_samples_is_left_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_without_samples_is_left_out_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arm = load_arm("servo6")
     full = recorded(tmp_path / "a.mcap", arm, {})
     Recorder(tmp_path / "b.mcap", arm.joint_names).close("stopped in another motion")

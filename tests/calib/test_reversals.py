@@ -37,7 +37,7 @@ def test_sticking_does_not_bias_friction(ur5e: Arm) -> None:
         assert np.abs([off[found.model.friction_column(kind, j)] for j in range(6)]).max() < 4
 
 
-def test_a_joint_that_trembles_is_told_of(ur5e: Arm) -> None:
+def test_a_joint_that_trembles_is_reported(ur5e: Arm) -> None:
     motion = fourier_motion(ur5e, 1)
     log = recorded(ur5e, motion)
     q = log.q.copy()

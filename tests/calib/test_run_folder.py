@@ -97,7 +97,7 @@ time.sleep(60)
 """
 
 
-def test_a_run_whose_program_was_killed_is_told_from_one_that_goes_on() -> None:
+def test_a_run_whose_program_was_killed_is_distinguished_from_one_that_goes_on() -> None:
     with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         folder = Path(child.stdout.readline().strip())

@@ -95,7 +95,7 @@ os.kill(os.getpid(), 9)
 """
 
 
-def test_a_killed_run_is_told_with_what_its_recordings_hold(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_killed_run_is_reported_with_what_its_recordings_hold(capsys: pytest.CaptureFixture[str]) -> None:
     assert subprocess.run([sys.executable, "-c", KILLED]).returncode == -9
     assert main(["runs"]) == 0
     shown = " ".join(capsys.readouterr().out.split())

@@ -89,7 +89,7 @@ def bus_of(path: str) -> list[str]:
     return ["--interface", options["interface"], "--channel", options["channel"]]
 
 
-def test_a_scan_tells_every_drive(there: tuple[str, CanEmulator], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scan_reports_every_drive(there: tuple[str, CanEmulator], capsys: pytest.CaptureFixture[str]) -> None:
     path, emulator = there
     emulator.bus.servos[2].error = LOST
     assert main(["servo", "scan", *bus_of(path), "--json"]) == 1
@@ -120,13 +120,13 @@ def test_a_scan_writes_the_cell_that_hands_show(
     assert "it is there already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("words", "code", "says"), [
+@pytest.mark.parametrize(("words", "code", "message"), [
     (["--interface", "virtual", "--channel", "nobody-there"], 4, "no drive answered at 1000000 bit/s"),
     (["--interface", "nonsense", "--channel", "x"], 4, "cannot be opened"),
     (["--interface", "virtual", "--channel", "x", "--bitrate", "7"], 2, "bitrate = 7"),
     (["--interface", "virtual", "--channel", "x", "--bus", "port"], 2, "no KEY=VALUE form"),
     (["--interface", "virtual", "--channel", "x", "--arm", "servo6"], 2, "belong together"),
 ])  # fmt: skip
-def test_a_scan_that_cannot_be(words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scan_that_cannot_be(words: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["servo", "scan", *words]) == code
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err

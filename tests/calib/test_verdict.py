@@ -35,7 +35,7 @@ def test_the_worst_joint_decides(left: tuple[float, ...], verdict: Verdict, code
     assert found.as_dict()["limits"]["good"] == GOOD_SHARE
 
 
-def test_a_joint_that_hardly_bears_anything_is_judged_by_its_largest_torque() -> None:
+def test_a_joint_that_hardly_bears_anything_is_assessed_by_its_largest_torque() -> None:
     signal = np.array([10.0, 10.0, 10.0, 1.0])
     small = np.array([0.1, 0.1, 0.1, 0.45])
     assert assess(NAMES, small, signal, MOST).verdict is Verdict.GOOD

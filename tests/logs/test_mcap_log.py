@@ -207,7 +207,7 @@ def reordered(stamps, q, sequence):
     return stream.getvalue()
 
 
-def test_losses_are_told_by_sequence_numbers(tmp_path, motion):
+def test_losses_are_reported_by_sequence_numbers(tmp_path, motion):
     stamps, q = motion
     keep = np.r_[0:100, 103:250, 251:400]
     (tmp_path / "a.mcap").write_bytes(reordered(stamps[keep], q[keep], keep))

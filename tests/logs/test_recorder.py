@@ -73,7 +73,7 @@ def test_a_running_journal_is_an_mcap_stream_for_other_readers(tmp_path):
     recorder.close()
 
 
-def test_an_end_that_was_not_asked_for_is_aborted(tmp_path):
+def test_an_end_that_was_not_requested_is_aborted(tmp_path):
     def fault():
         with Recorder(tmp_path / "a.mcap", NAMES) as recorder:
             record(recorder, 30)

@@ -201,7 +201,7 @@ def test_a_kill_loses_nothing_that_was_handed_over(tmp_path, victims):
     assert read_log(path).metadata["end_reason"] == log.metadata["end_reason"]
 
 
-def test_a_ring_that_is_gone_is_told(tmp_path):
+def test_a_ring_that_is_gone_is_reported(tmp_path):
     recorder = RecorderProcess(tmp_path / "a.mcap", NAMES)
     record(recorder, 20)
     while len(read_log(tmp_path / "a.mcap", accept_partial=True)) < 20:

@@ -13,7 +13,7 @@ from sim.errors import BadLog
 from tests.logs.written import NAMES, killed, record
 
 
-def test_an_open_file_is_refused_and_can_be_read_when_asked(tmp_path):
+def test_an_open_file_is_refused_and_can_be_read_when_requested(tmp_path):
     path = tmp_path / "a.mcap"
     recorder = Recorder(path, NAMES)
     record(recorder, 30)

@@ -128,7 +128,7 @@ def test_large_positions_are_doubted_and_taken_as_degrees(tmp_path: Path) -> Non
     assert any("taken as deg" in doubt for doubt in doubts)
 
 
-def test_a_map_is_kept_as_it_was_said(tmp_path: Path) -> None:
+def test_a_map_is_kept_as_it_was_stated(tmp_path: Path) -> None:
     one = ColumnMap(
         ("a", "b"), "stamp", "ms", {"q": Columns(("x", ""), "deg", (1.0, -0.5), 2 * math.pi)}, None, {"episode_index": 4.0}
     )
@@ -201,7 +201,7 @@ def test_a_reading_that_starts_again_after_a_turn(tmp_path: Path) -> None:
     assert any("started again" in finding for finding in log.findings)
 
 
-def test_damage_is_told_with_its_row(tmp_path: Path) -> None:
+def test_damage_is_reported_with_its_row(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     lines = csv_text(PLAIN, WIDE).splitlines()
     lines[10] = lines[10].rsplit(",", 1)[0]

@@ -90,7 +90,7 @@ def test_a_single_step_back_is_refused():
         checked([1.0, 0.5])
 
 
-def test_gaps_duplicates_and_skew_are_told():
+def test_gaps_duplicates_and_skew_are_reported():
     device, host = clocks(skew=-300e-6)
     keep = np.r_[0:1000, 1005:1005, 1020:20_000]
     device, host = device[keep], host[keep]

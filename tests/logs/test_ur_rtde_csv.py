@@ -30,7 +30,7 @@ def test_columns_are_read_and_model_outputs_are_not(tmp_path, csv_text):
     assert np.isnan(log.t_host).all()
 
 
-def test_joint_order_is_the_one_asked_for(tmp_path, csv_text):
+def test_joint_order_is_the_requested_one(tmp_path, csv_text):
     path = write(tmp_path / "a.csv", csv_text())
     plain = read_log(path)
     turned = read_log(path, plain.joint_names[::-1])

@@ -53,7 +53,7 @@ def test_one_pair_that_is_too_near_is_refused_beside_others_that_are_not(arm: Ar
         clearance.certify(PathSheet(standing, arm), "the motion", LEAST, 0.1)
 
 
-def test_what_is_not_too_near_but_cannot_be_decided_is_said_to_be_so(arm: Arm, cell: Cell) -> None:
+def test_what_is_not_too_near_but_cannot_be_decided_is_reported_so(arm: Arm, cell: Cell) -> None:
     clearance = Clearance(arm, cell)
     motion = deep(clearance, 0.0002, 0.002)
     with pytest.raises(SafetyStop, match="not decided to"):

@@ -82,7 +82,7 @@ def test_only_a_trajectory_can_be_cleared(arm: Arm, cell: Cell, thing: object) -
 
 
 @pytest.mark.parametrize(
-    ("limit", "value", "says"),
+    ("limit", "value", "message"),
     [
         ("q_max", HOME + 0.01, "q "),
         ("dq_max", np.full(6, 0.1), "dq"),
@@ -91,10 +91,10 @@ def test_only_a_trajectory_can_be_cleared(arm: Arm, cell: Cell, thing: object) -
         ("tau_max", np.full(6, 5.0), "torque"),
     ],
 )
-def test_each_limit_of_the_arm_is_asked(
-    arm: Arm, cell: Cell, motion: Trajectory, limit: str, value: np.ndarray, says: str
+def test_each_limit_of_the_arm_is_checked(
+    arm: Arm, cell: Cell, motion: Trajectory, limit: str, value: np.ndarray, message: str
 ) -> None:
-    with pytest.raises(SafetyStop, match=says):
+    with pytest.raises(SafetyStop, match=message):
         clear(motion, replace(arm, **{limit: value}), cell)  # type: ignore[arg-type]
 
 
@@ -104,11 +104,11 @@ def cell_of(tmp_path: Path, text: str) -> Cell:
     return load_cell(file)
 
 
-def test_the_cell_rules_are_asked(arm: Arm, tmp_path: Path, motion: Trajectory) -> None:
+def test_the_cell_rules_are_checked(arm: Arm, tmp_path: Path, motion: Trajectory) -> None:
     head, tail = CELL.split("[[obstacles]]", 1)
     rules = {"point_speed_max = 0.05": "point of it may move", "clearance_obstacle = 0.9": "nearer than the margin"}
-    for rule, says in rules.items():
-        with pytest.raises(SafetyStop, match=says):
+    for rule, message in rules.items():
+        with pytest.raises(SafetyStop, match=message):
             clear(motion, arm, cell_of(tmp_path, f"{head}[motion]\n{rule}\n[[obstacles]]{tail}"))
     heavy = cell_of(tmp_path, f"{head}[payload]\nmass = 40.0\ncom = [0, 0, 0.3]\n[[obstacles]]{tail}")
     with pytest.raises(SafetyStop, match="torque"):

@@ -185,7 +185,7 @@ def test_a_posture_that_is_not_finite_is_never_free(arm: Arm, cell: Cell, bad: f
 
 
 @pytest.mark.parametrize(
-    ("obstacle", "says"),
+    ("obstacle", "message"),
     [
         ('[[obstacles]]\nkind = "box"\nname = "x"\nposition = [2, 0, 0]\nsize = [0.1, 0.0, 0.1]\n', "above 0"),
         ('[[obstacles]]\nkind = "box"\nname = "x"\nposition = [2, 0, 0]\nsize = [0.1, -0.1, 0.1]\n', "above 0"),
@@ -197,10 +197,10 @@ def test_a_posture_that_is_not_finite_is_never_free(arm: Arm, cell: Cell, bad: f
         ('[[obstacles]]\nkind = "mesh"\nname = "x"\nfile = "huge.obj"\n', "millimetres"),
     ],
 )
-def test_obstacles_that_could_lie_are_refused(arm: Arm, tmp_path: Path, obstacle: str, says: str) -> None:
+def test_obstacles_that_could_lie_are_refused(arm: Arm, tmp_path: Path, obstacle: str, message: str) -> None:
     (tmp_path / "bad.obj").write_text("v 0 0 nonsense\n")
     (tmp_path / "huge.obj").write_text(cube(500.0))
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         Clearance(arm, cell_with(tmp_path, obstacle))
 
 

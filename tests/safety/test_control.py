@@ -114,7 +114,7 @@ def stop_entry(place: Path) -> dict:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("numbers", "says"),
+    ("numbers", "message"),
     [
         ([signal.SIGINT], "Ctrl-C"),
         ([signal.SIGINT] * 5, "Ctrl-C"),
@@ -122,31 +122,31 @@ def stop_entry(place: Path) -> dict:
         ([signal.SIGHUP], "SIGHUP"),
     ],
 )
-def test_signals_end_in_a_bounded_stop(place: Path, command: subprocess.Popen[str], numbers: list[int], says: str) -> None:
+def test_signals_end_in_a_bounded_stop(place: Path, command: subprocess.Popen[str], numbers: list[int], message: str) -> None:
     for number in numbers:
         os.killpg(command.pid, number)
         time.sleep(0.03)
     out, _ = command.communicate(timeout=60)
     assert command.returncode == 3, out
-    assert says in out
+    assert message in out
     stop = stop_entry(place)["facts"]["stop"]
     assert stop["at_rest"] is True
     log = read_log(place / "run" / "friction.mcap", accept_partial=True)
     assert log.metadata["state"] == "aborted"
-    assert says in log.metadata["end_reason"]
+    assert message in log.metadata["end_reason"]
     assert np.max(np.abs(log.dq[-1])) < 0.05
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "died"), (signal.SIGSTOP, "silent")])
+@pytest.mark.parametrize(("number", "message"), [(signal.SIGKILL, "died"), (signal.SIGSTOP, "silent")])
 def test_the_arm_is_stopped_when_the_command_process_is_gone_or_hangs(
-    place: Path, command: subprocess.Popen[str], number: int, says: str
+    place: Path, command: subprocess.Popen[str], number: int, message: str
 ) -> None:
     os.kill(command.pid, number)
     try:
         wait_for(lambda: any(e["event"] == "run stopped" for e in audit.verify(place / "audit.jsonl")))
         entry = stop_entry(place)
-        assert says in entry["facts"]["reason"]
+        assert message in entry["facts"]["reason"]
         assert entry["facts"]["stop"]["at_rest"] is True
         assert read_log(place / "run" / "friction.mcap", accept_partial=True).metadata["state"] == "aborted"
     finally:
@@ -155,7 +155,7 @@ def test_the_arm_is_stopped_when_the_command_process_is_gone_or_hangs(
 
 
 @pytest.mark.slow
-def test_a_control_process_that_is_killed_is_told_as_a_device_error(place: Path) -> None:
+def test_a_control_process_that_is_killed_is_reported_as_a_device_error(place: Path) -> None:
     plan, cell, arm = prepared(place, 30.0)
 
     def kill_it(progress: Progress) -> None:
@@ -218,7 +218,7 @@ if __name__ == "__main__":
 """
 
 
-def test_an_arm_that_is_held_is_told_of_and_let_go_by_ctrl_c_alone(place: Path) -> None:
+def test_an_arm_that_is_held_is_reported_and_let_go_by_ctrl_c_alone(place: Path) -> None:
     prepared(place, 30.0)
     (place / "holding.py").write_text(HOLDING)
     process = subprocess.Popen(

@@ -214,7 +214,7 @@ def test_a_stop_closes_the_log_as_aborted_and_says_why_in_the_trail(arm: Arm, ce
     assert (last["facts"]["stop"]["quantity"], last["facts"]["stop"]["at_rest"]) == ("temperature", True)
 
 
-def test_a_disk_that_fails_on_closing_is_told_beside_the_first_cause(arm: Arm, cell: Cell, tmp_path: Path) -> None:
+def test_a_disk_that_fails_on_closing_is_reported_beside_the_first_cause(arm: Arm, cell: Cell, tmp_path: Path) -> None:
     def fail(state: JointState) -> JointState:
         if state.t_device > 2.5:
             for link in Path("/proc/self/fd").iterdir():

@@ -94,7 +94,7 @@ def test_only_what_begins_where_the_arm_is_may_begin(
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (lambda s: replace(s, status=Status.EMERGENCY_STOP), "emergency stop"),
         (lambda s: replace(s, q=s.q * np.nan), "not complete"),
@@ -102,10 +102,10 @@ def test_only_what_begins_where_the_arm_is_may_begin(
     ],
 )
 def test_no_guard_for_an_arm_that_is_not_ready(
-    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, change, says: str
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, change, message: str
 ) -> None:  # type: ignore[no-untyped-def]
     driver.fault = lambda state, k: change(state)
-    with pytest.raises(SafetyStop, match=says):
+    with pytest.raises(SafetyStop, match=message):
         guard_of(driver, arm, cell, clearance)
 
 
@@ -134,7 +134,7 @@ def test_a_driver_that_sends_something_else_is_stopped(
     assert driver.stops >= 1
 
 
-def test_a_stop_is_told_with_its_numbers(
+def test_a_stop_is_reported_with_its_numbers(
     driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
 ) -> None:
     driver.fault = lambda state, k: hot(state) if k == AT else state

@@ -36,7 +36,7 @@ FAULTS = {
 def test_each_fault_is_answered_by_the_next_command(
     arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, name: str
 ) -> None:
-    change, says = FAULTS[name]
+    change, message = FAULTS[name]
     driver = PerfectDriver(arm, cell, 500.0, simulated(cell, arm).clock, with_torque=name == "contact")
     driver.connect()
     if name == "protective stop":
@@ -45,8 +45,8 @@ def test_each_fault_is_answered_by_the_next_command(
         driver.fault = lambda state, k: change(state) if k == AT else state
     log = Log()
     stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared, log)
-    assert stop.trip.quantity.startswith(says)
-    assert says in log.events[0]
+    assert stop.trip.quantity.startswith(message)
+    assert message in log.events[0]
     if name == "protective stop":
         assert "device's own stop" in stop.standstill.stop
         assert driver.stops == 1
@@ -188,18 +188,18 @@ def test_a_joint_that_goes_on_trembling_is_given_to_the_devices_stop(
 
 
 @pytest.mark.parametrize(
-    ("later", "says"),
+    ("later", "message"),
     [
         (lambda s: replace(s, q=s.q * np.nan), "the stop met a reading during the stop is not complete"),
         (lambda s: replace(s, status=Status.PROTECTIVE_STOP), "temperature"),
     ],
 )
 def test_a_second_fault_during_the_stop_ends_in_the_devices_stop(
-    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, later, says: str
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, later, message: str
 ) -> None:  # type: ignore[no-untyped-def]
     driver.fault = lambda state, k: later(state) if k >= AT + 20 else hot(state) if k >= AT else state
     stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)
-    assert says in str(stop)
+    assert message in str(stop)
     assert "the device's own stop" in stop.standstill.stop
     assert driver.stops >= 1
     assert driver.stopping

@@ -27,13 +27,13 @@ def only(joint: int, value: float) -> np.ndarray:
 
 @pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize(
-    ("name", "value", "says"), [("q", np.nan, "not complete"), ("dq", np.nan, "not complete"), ("dq", 0.2, "the arm moves")]
+    ("name", "value", "message"), [("q", np.nan, "not complete"), ("dq", np.nan, "not complete"), ("dq", 0.2, "the arm moves")]
 )
 def test_before_motion(
-    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, joint: int, name: str, value: float, says: str
+    driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, joint: int, name: str, value: float, message: str
 ) -> None:
     driver.fault = lambda state, k: replace(state, **{name: getattr(state, name) + only(joint, value)})
-    with pytest.raises(SafetyStop, match=says):
+    with pytest.raises(SafetyStop, match=message):
         guard_of(driver, arm, cell, clearance)
     assert driver.sent == []
 

@@ -130,7 +130,7 @@ def test_coefficients_that_are_not_finite_are_an_excess(bad: float) -> None:
         ([[0.0, -2.4, 0.0], [0.0, 1.2, 0.0]], 0, -1.2),
     ],
 )
-def test_the_excess_is_told_where_it_is_reached(b: list[list[float]], piece: int, value: float) -> None:
+def test_the_excess_is_reported_where_it_is_reached(b: list[list[float]], piece: int, value: float) -> None:
     """At one end of a piece; in the middle of one of two that both have to be halved."""
     found = first_excess(np.array(b)[:, :, None], -np.ones(1), np.ones(1))
     assert found == Excess(piece, 0, value, True)
@@ -154,7 +154,7 @@ def test_halving_ends_and_what_is_open_then_is_refused() -> None:
     assert first_excess(b - 1e-12, -np.ones(1), np.ones(1)) is None
 
 
-def test_a_missing_limit_is_asked_for(arm: Arm, motion: Trajectory) -> None:
+def test_a_missing_limit_is_requested(arm: Arm, motion: Trajectory) -> None:
     with pytest.raises(ConfigError, match="jerk_max of j2"):
         check_limits(motion, limited(arm, "jerk_max", np.array([1, np.nan, 1, 1, 1, 1])))
 
@@ -177,10 +177,10 @@ def test_sampled_is_exact_at_samples_and_refuses_to_extrapolate(motion: Trajecto
 
 def test_samples_that_will_be_sent_are_checked_on_their_own(arm: Arm, motion: Trajectory) -> None:
     check_sent(motion, arm)
-    for name, says in (("q", "q"), ("dq", "dq"), ("ddq", "ddq")):
+    for name, message in (("q", "q"), ("dq", "dq"), ("ddq", "ddq")):
         values = {key: np.array(getattr(motion, key)) for key in ("q", "dq", "ddq")}
         values[name][100, 3] += 50
-        with pytest.raises(SafetyStop, match=rf"j4: {says} "):
+        with pytest.raises(SafetyStop, match=rf"j4: {message} "):
             check_sent(Trajectory(motion.t, **values), arm)
     jump = np.array(motion.q)
     jump[200:, 5] += 0.5

@@ -98,7 +98,7 @@ def test_temperature(monitor: Monitor, value: float, trips: bool) -> None:
     assert ask(monitor, state_at(1, temperature=hot)) == ("temperature" if trips else None)
 
 
-def test_what_was_never_reported_is_not_asked_for(arm: Arm, cell: Cell) -> None:
+def test_what_was_never_reported_is_not_required(arm: Arm, cell: Cell) -> None:
     nothing = np.full(6, np.nan)
     silent = Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at(tau=nothing, temperature=nothing))
     assert ask(silent, state_at(1, tau=nothing, temperature=nothing), tau_hat=np.zeros(6)) is None
@@ -161,7 +161,7 @@ def test_a_frozen_encoder_trips_as_soon_as_the_joint_has_turned_by_more_than_its
     assert found.index("readings with the same position at speed") == reading - 1
 
 
-def test_a_joint_that_sticks_where_it_was_told_to_end_may_report_its_speed_late(monitor: Monitor) -> None:
+def test_a_joint_that_sticks_where_it_was_commanded_to_end_may_report_its_speed_late(monitor: Monitor) -> None:
     """A drive's speed made of its positions: 85 ms of them, on a joint that dry friction holds at once."""
     found = []
     for k in range(1, 12):
@@ -312,7 +312,7 @@ def test_the_arm_where_it_was_not_sent_is_seen_by_its_clearance(arm: Arm, cell: 
     assert "table" in found.quantity
 
 
-def test_a_trip_tells_joint_quantity_value_limit_unit_and_remedy(monitor: Monitor) -> None:
+def test_a_trip_states_joint_quantity_value_limit_unit_and_remedy(monitor: Monitor) -> None:
     hot = np.full(6, 30.0)
     hot[2] = 81.5
     trip = monitor.check(state_at(1, temperature=hot), PERIOD, HOME)

@@ -83,7 +83,7 @@ def resealed(plan: Plan, old: str, new: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ('name = "friction"', 'name = "../friction"', "pattern"),
         ('name = "excitation"', 'name = "friction"', "twice"),
@@ -99,9 +99,9 @@ def resealed(plan: Plan, old: str, new: str) -> None:
         ('"j1",', "", "at most"),
     ],
 )
-def test_a_well_sealed_plan_that_breaks_a_rule_is_refused(plan: Plan, old: str, new: str, says: str) -> None:
+def test_a_well_sealed_plan_that_breaks_a_rule_is_refused(plan: Plan, old: str, new: str, message: str) -> None:
     resealed(plan, old, new)
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         load_plan(plan.folder)
 
 

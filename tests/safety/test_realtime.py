@@ -36,14 +36,14 @@ def ask(how: str) -> tuple[dict[str, bool], bool, bool]:
     return granted, collecting, real_time
 
 
-def test_what_is_granted_is_told() -> None:
+def test_what_is_granted_is_reported() -> None:
     granted, collecting, real_time = ask("as I am")
     assert not collecting
     assert granted["no garbage collection"]
     assert granted["real-time priority"] is real_time
 
 
-def test_what_is_refused_is_told() -> None:
+def test_what_is_refused_is_reported() -> None:
     granted, collecting, real_time = ask("nothing")
     assert not collecting
     assert not real_time
@@ -104,7 +104,7 @@ def test_a_system_without_schedulers_and_a_program_without_a_collector_stay_as_t
     assert done.stdout.split() == ["False", "False", "False"]
 
 
-def test_a_system_that_knows_nothing_of_this_is_asked_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_requested_of_a_system_without_these_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown(*arguments: object, **options: object) -> None:
         raise OSError("no such library")
 

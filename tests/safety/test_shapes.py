@@ -72,7 +72,7 @@ def test_the_tip_of_a_tool_is_the_fastest_point(arm: Arm, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (ROD.replace("radius = 0.02", "radius = 0.0"), "radius"),
         (BLOCK.replace("0.3]\n", "-0.3]\n"), "above 0"),
@@ -81,9 +81,9 @@ def test_the_tip_of_a_tool_is_the_fastest_point(arm: Arm, tmp_path: Path) -> Non
         (MESH.replace("part.obj", "../part.obj"), "leaves"),
     ],
 )
-def test_a_tool_that_is_no_body_is_refused(arm: Arm, tmp_path: Path, text: str, says: str) -> None:
+def test_a_tool_that_is_no_body_is_refused(arm: Arm, tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "inside").mkdir()
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         Clearance(arm, cell_with(tmp_path / "inside", text))
 
 

@@ -109,7 +109,7 @@ def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allow
     motion = Trajectory(np.array([0.0, 1e-3]), np.vstack((HOME, HOME + 0.0015)), dq, ddq)
     hard = replace(arm, jerk_max=np.full(6, 200.0))
     end = stop_profile(dq, ddq, hard.ddq_max, hard.jerk_max).extrema()[1] + motion.q
-    for make, reached, says in (
+    for make, reached, message in (
         (lambda a: OwnStops(motion, replace(a, jerk_max=hard.jerk_max), a.ddq_max), end, "a stop that begins"),
         (lambda a: DeviceStops(motion, a, DeviceStop(0.02, 4.0), 0.0), motion.q + dq * (0.02 + 1.5 / 8), "device's own stop"),
     ):
@@ -117,5 +117,5 @@ def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allow
         if allowed:
             make(tight).check_limits()
         else:
-            with pytest.raises(SafetyStop, match=says):
+            with pytest.raises(SafetyStop, match=message):
                 make(tight).check_limits()

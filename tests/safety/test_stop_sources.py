@@ -13,16 +13,16 @@ from sim.clock import SimulatedClock
 
 
 @pytest.mark.parametrize(
-    ("number", "says"), [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM"), (signal.SIGHUP, "SIGHUP")]
+    ("number", "message"), [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM"), (signal.SIGHUP, "SIGHUP")]
 )
-def test_signals_ask_for_a_stop_and_do_nothing_else(number: int, says: str) -> None:
+def test_signals_ask_for_a_stop_and_do_nothing_else(number: int, message: str) -> None:
     before = signal.getsignal(number)
     with StopSignals() as signals:
         assert signals.reason() is None
         os.kill(os.getpid(), number)
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), number)
-        assert says in str(signals.reason())
+        assert message in str(signals.reason())
         assert signals.count == 3
     assert signal.getsignal(number) is before
 

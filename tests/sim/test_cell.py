@@ -20,17 +20,17 @@ def opened(tmp_path: Path, lines: str) -> None:
 
 @pytest.mark.parametrize("key", ["home", "rest"])
 @pytest.mark.parametrize(
-    ("angles", "says"),
+    ("angles", "message"),
     [
         ([0.0] * 5, "has 5 angles; ur10e has 6 joints: shoulder_pan_joint"),
         ([0.0, -80.0, 75.0, -80.0, -70.0, 17.0], "shoulder_lift_joint at -80 rad; it turns from -6.283 to 6.283 rad"),
         ([0.0, 0.0, 0.0, 0.0, 0.0, 6.284], "wrist_3_joint at 6.284 rad"),
     ],
 )
-def test_a_posture_that_the_arm_cannot_take(tmp_path: Path, key: str, angles: list[float], says: str) -> None:
+def test_a_posture_that_the_arm_cannot_take(tmp_path: Path, key: str, angles: list[float], message: str) -> None:
     with pytest.raises(ConfigError, match=f"{key} has") as error:
         opened(tmp_path, f"{key} = {angles}")
-    assert says in str(error.value)
+    assert message in str(error.value)
 
 
 def test_postures_at_the_limits(tmp_path: Path) -> None:
@@ -38,15 +38,15 @@ def test_postures_at_the_limits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("obstacle", "says"),
+    ("obstacle", "message"),
     [
         ('kind = "plane"\nposition = [0, 0, -1]\nnormal = [0, 0, 0]', "no direction"),
         ('kind = "box"\nposition = [2, 0, 0]\nsize = [0.1, 0.0, 0.1]', "above 0"),
         ('kind = "box"\nposition = [2, 0, 0]\nsize = [0.1, -0.1, 0.1]', "above 0"),
     ],
 )
-def test_an_obstacle_without_extent(tmp_path: Path, obstacle: str, says: str) -> None:
-    with pytest.raises(ConfigError, match=f"'thing'.*{says}"):
+def test_an_obstacle_without_extent(tmp_path: Path, obstacle: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=f"'thing'.*{message}"):
         opened(tmp_path, f'[[obstacles]]\nname = "thing"\n{obstacle}')
 
 

@@ -190,7 +190,7 @@ def test_roll_pitch_yaw_give_the_rotation_back(pitch):
     np.testing.assert_allclose(axis(y, 2) @ axis(p, 1) @ axis(r, 0), turn, atol=2e-15 if abs(pitch) < 1 else 1e-12)
 
 
-def test_a_controller_is_told_friction_payload_and_gravity(tmp_path):
+def test_a_controller_gets_friction_payload_and_gravity(tmp_path):
     effects = [
         ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.01, "com_y": 0.02, "com_z": 0.08}),
         ArmEffect("stribeck_friction", "elbow_joint", {"stiction_excess": 3.0, "stribeck_velocity": 0.1}),

@@ -17,7 +17,7 @@ def sentences():
     first_use.announce(None)
 
 
-def test_said_once_where_kernels_are_compiled(sentences):
+def test_reported_once_where_kernels_are_compiled(sentences):
     RigidBody(load_arm("ur5e"))  # its kernels bring the listener along
     numba.njit(lambda x: x + 1)(np.zeros(2))
     numba.njit(lambda x: x + 2)(np.zeros(2))

@@ -50,7 +50,7 @@ def test_slides_and_branches_equal_pinocchio() -> None:
     np.testing.assert_allclose(bodies.inverse_dynamics(q, dq, ddq), expected @ bodies.parameters(), atol=1e-9)
 
 
-def test_weighed_is_the_sum_over_the_regressor() -> None:
+def test_weighted_regressor_is_the_sum_over_the_regressor() -> None:
     bodies = RigidBody(load_arm("servo6"))
     samples, each = 3, 40  # more states than one block holds, and a remainder
     q, dq, ddq = (x.reshape(samples, each, bodies.n) for x in states(bodies.n, samples * each))

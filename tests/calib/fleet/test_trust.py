@@ -44,7 +44,7 @@ def test_arms_with_different_words_are_never_one() -> None:
     assert recording("ur10e", "line", "1-2").arm_id == "ur10e+line+1-2"
 
 
-@pytest.mark.parametrize(("key", "value", "says"), [
+@pytest.mark.parametrize(("key", "value", "message"), [
     ("wall_clock_start_ns", "9" * 40, "is no time"),
     ("wall_clock_start_ns", "²", "is no time"),
     ("wall_clock_start_ns", "-5", "is no time"),
@@ -55,7 +55,7 @@ def test_arms_with_different_words_are_never_one() -> None:
     ("serial", "9" * 5000, "longer than 500 characters"),
 ])  # fmt: skip
 def test_one_recording_that_says_nonsense_takes_no_other(
-    tmp_path: Path, ur5e: Arm, capsys: pytest.CaptureFixture[str], key: str, value: str, says: str
+    tmp_path: Path, ur5e: Arm, capsys: pytest.CaptureFixture[str], key: str, value: str, message: str
 ) -> None:
     write_recording(tmp_path / "plant" / "cell-0" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
     words = {"arm": ur5e.name, "cell": "c", "serial": "s", "motion": "excitation", "wall_clock_start_ns": "1767225600000000000"}
@@ -63,7 +63,7 @@ def test_one_recording_that_says_nonsense_takes_no_other(
     write_log(log, tmp_path / "plant" / "b.mcap", "clean", words | {key: value})
     recordings, unknown = inventory(str(tmp_path / "plant"))
     assert [r.arm_id for r in recordings] == ["ur5e+cell-0+S-cell-0"]
-    assert [says in why for _, why in unknown] == [True]
+    assert [message in why for _, why in unknown] == [True]
     out = tmp_path / "out"
     assert program.main(["fleet", str(tmp_path / "plant"), "--workers", "0", "--no-diagnose", "--out", str(out)]) == 1
     printed = capsys.readouterr()
@@ -154,7 +154,7 @@ def test_the_processes_of_this_computer_take_work_from_nobody_else() -> None:
         assert client.submit(sum, [1, 2]).result() == 3
 
 
-def test_an_open_scheduler_is_told(
+def test_an_open_scheduler_is_reported(
     tmp_path: Path, ur5e: Arm, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_recording(tmp_path / "plant" / "cell-0" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
@@ -166,7 +166,7 @@ def test_an_open_scheduler_is_told(
     assert "nobody answers" in printed
 
 
-def test_the_parts_of_an_extra_are_asked_for_by_name(tmp_path: Path) -> None:
+def test_the_parts_of_an_extra_are_requested_by_name(tmp_path: Path) -> None:
     (tmp_path / "plant").mkdir()
     (tmp_path / "log.csv").write_text("t,q1\n0.0,1.0\n0.1,1.0\n")
     hidden = "import sys; sys.modules.update(dict.fromkeys(('dask', 'distributed', 'pyarrow', 'fsspec')))\nfrom calib.main import main\n"

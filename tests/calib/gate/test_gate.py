@@ -217,7 +217,7 @@ def test_as_recorded_lifts_the_refusal_and_says_so() -> None:
     assert any(not check.ok for check in found.checks)
 
 
-def test_two_corrections_are_applied_in_the_order_they_are_said() -> None:
+def test_two_corrections_are_applied_in_the_order_they_are_stated() -> None:
     _, log = base("servo6 sample")
     twice = applied(applied(log, Correction("sign", "tau", (0,))), Correction("sign", "tau", (0,)))
     np.testing.assert_array_equal(twice.tau, log.tau)

@@ -40,7 +40,7 @@ def logs(ur5e: Arm) -> list[Log]:
 
 
 @pytest.mark.parametrize("rows", [3, 40, 1000])
-def test_the_factor_says_what_the_rows_said(rows: int) -> None:
+def test_the_factor_carries_the_information_of_the_rows(rows: int) -> None:
     rng = np.random.default_rng(rows)
     x = rng.standard_normal((rows, 7)) * 10.0 ** np.arange(7)
     whole = Information.of(x)

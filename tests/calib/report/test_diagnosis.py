@@ -30,7 +30,7 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     assert words in diagnosis.sentence(examples.diagnosis(verdict)[0])
 
 
-def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
+def test_what_cannot_be_reported_apart_is_reported_with_the_experiment() -> None:
     data, _ = examples.diagnosis()
     data["effects"][0] |= {
         "indistinguishable_from": [{"effect": "load_dependent_friction", "joint": "elbow_joint"}],
@@ -41,7 +41,7 @@ def test_what_cannot_be_told_apart_is_said_with_the_experiment() -> None:
     assert "record the elbow at two loads" in steps
 
 
-def test_what_else_was_found_is_said() -> None:
+def test_what_else_was_found_is_reported() -> None:
     """Fitted laws with what they remove, refused effects, and parameters that a refit moves far; small moves are left out."""
     moves = [
         {"name": "mass", "joint": "elbow_joint", "from": 12.0, "to": 12.31, "unit": "kg", "prior_std": 0.05},
@@ -95,7 +95,7 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit], dark: bool) -
     assert ink != paper
 
 
-def test_without_arrays_the_page_still_tells(tmp_path: Path, visit: Callable[..., Visit]) -> None:
+def test_without_arrays_the_page_still_works(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     seen = visit(diagnosis.write(tmp_path / "bad-data.html", *examples.diagnosis("bad_data")), width=480)
     assert seen.complaints == []
     assert "time runs backwards" in seen.page.inner_text("h1")

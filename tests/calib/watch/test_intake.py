@@ -81,7 +81,7 @@ def test_another_number_of_joints(at_work: Fresh, calm: list[JointState]) -> Non
     assert [e.kind for e in events] == [Kind.WRONG_ARM]
 
 
-def test_many_faults_are_told_once_in_a_while_and_counted(at_work: Fresh, calm: list[JointState]) -> None:
+def test_many_faults_are_reported_once_in_a_while_and_counted(at_work: Fresh, calm: list[JointState]) -> None:
     watcher = at_work()
     rng = np.random.default_rng(0)
     readings = [replace(s, tau=one(s.tau, 1, np.nan)) if rng.random() < 0.02 else s for s in calm[AT:]]

@@ -42,7 +42,7 @@ def test_the_interval_covers_the_truth() -> None:
     assert hits >= 53
 
 
-def test_wear_is_told_and_a_healthy_joint_is_not() -> None:
+def test_wear_is_reported_and_a_healthy_joint_is_not() -> None:
     found = slopes(runs(30, 0.5))
     assert of(found, "coulomb").wears
     assert not of(found, "viscous").wears

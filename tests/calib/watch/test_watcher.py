@@ -25,7 +25,7 @@ def kinds(events: list[WatchEvent]) -> list[Kind]:
     return [e.kind for e in events]
 
 
-def test_a_load_is_told_when_it_comes_and_when_it_goes(servo6: Arm, shift: tuple[list[JointState], float, float]) -> None:
+def test_a_load_is_reported_when_it_comes_and_when_it_goes(servo6: Arm, shift: tuple[list[JointState], float, float]) -> None:
     readings, on, off = shift
     events = watched(Watcher(servo6, 200.0), readings)
     assert kinds(events) == [Kind.LOAD_CHANGED, Kind.PAYLOAD_ATTACHED, Kind.LOAD_CHANGED, Kind.PAYLOAD_REMOVED]
@@ -61,7 +61,7 @@ def test_standing_still_claims_nothing_and_says_why(servo6: Arm, loaded: Arm) ->
     assert "no claim without motion" in picture.sentence
 
 
-def test_a_load_taken_up_at_rest_is_told_once_the_arm_moves(servo6: Arm, loaded: Arm) -> None:
+def test_a_load_taken_up_at_rest_is_reported_once_the_arm_moves(servo6: Arm, loaded: Arm) -> None:
     motion = work(servo6, 26.0, seed=3, pause=1.0)
     speed = np.abs(motion[1]).max(axis=1)
     rests = [k for k in range(18 * 200, len(speed)) if speed[k] == 0 and speed[k - 1] > 0]

@@ -45,7 +45,7 @@ def test_swapped_drives_are_found_by_their_serial_numbers(bench, protocol):
     assert b.driver._link is None
 
 
-def test_a_missing_serial_number_is_told_and_asked_for(bench):
+def test_a_missing_serial_number_is_reported_and_requested(bench):
     b = bench()
     servos = [s if s.joint != "elbow_joint" else s.model_copy(update={"serial": None}) for s in b.driver.options.servos]
     b.driver.options = b.driver.options.model_copy(update={"servos": servos})
@@ -91,7 +91,7 @@ def test_a_stated_range_of_another_model_is_found(bench):
 
 
 @pytest.mark.parametrize(
-    ("fault", "says"),
+    ("fault", "message"),
     [
         ("babble", "unknown traffic.*0x123"),
         ("second-host", "another host"),
@@ -101,10 +101,10 @@ def test_a_stated_range_of_another_model_is_found(bench):
         ("over-temperature:wrist_1_joint", "wrist_1_joint.*over-temperature"),
     ],
 )
-def test_a_bus_that_is_not_sound_is_not_used(bench, fault, says):
+def test_a_bus_that_is_not_sound_is_not_used(bench, fault, message):
     b = bench()
     b.bus.inject(fault)
-    with pytest.raises(DeviceError, match=says):
+    with pytest.raises(DeviceError, match=message):
         b.driver.connect()
     assert not b.bus.body.live.any()
     with pytest.raises(DeviceError, match=r"connect first"):
@@ -171,7 +171,7 @@ def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
     def options(**changes):
         return dataclasses.replace(cell, table=cell.table.model_copy(update={"options": {**cell.table.options, **changes}}))
 
-    for changes, says in (
+    for changes, message in (
         ({"colour": 1}, "unknown key colour"),
         (changed_servos(cell, 0, node=2), "node 2 stands twice"),
         (changed_servos(cell, 0, joint="elbow"), "did you mean 'elbow_joint'"),
@@ -180,7 +180,7 @@ def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
         ({"servos": cell.table.options["servos"][:5]}, "no drive for wrist_3_joint"),
         ({"watchdog": 2.0}, "watchdog"),
     ):
-        with pytest.raises(ConfigError, match=says):
+        with pytest.raises(ConfigError, match=message):
             can_options(options(**changes), servo6)
 
 
@@ -248,7 +248,7 @@ def test_speed_is_differentiated_where_the_field_is_coarser():
     assert abs(np.mean(error)) < 1e-3
 
 
-def test_a_joint_that_friction_has_caught_is_not_said_to_move_for_the_rest_of_the_window():
+def test_a_joint_that_friction_has_caught_does_not_count_as_moving_for_the_rest_of_the_window():
     """The guard takes ten equal positions at speed for a frozen encoder."""
     step, rate = 2 * 12.5 / 65535, 200.0
     slope = Differentiator(17, step)

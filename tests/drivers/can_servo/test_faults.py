@@ -39,12 +39,12 @@ def run_until_fault(b, fault, cycles=60):
     return caught.value, b.clock.now() - start
 
 
-@pytest.mark.parametrize(("fault", "says", "periods", "others_held"), FAULTS, ids=[f[0] for f in FAULTS])
-def test_a_fault_stops_the_stream_and_stays(bench, fault, says, periods, others_held):
+@pytest.mark.parametrize(("fault", "message", "periods", "others_held"), FAULTS, ids=[f[0] for f in FAULTS])
+def test_a_fault_stops_the_stream_and_stays(bench, fault, message, periods, others_held):
     b = bench()
     b.driver.connect()
     error, elapsed = run_until_fault(b, fault)
-    assert says.split(".*")[-1].split("|")[0] in str(error) or says.split("|")[-1] in str(error)
+    assert message.split(".*")[-1].split("|")[0] in str(error) or message.split("|")[-1] in str(error)
     assert elapsed <= (periods + 1e-6) / b.driver.rate
     # the mended bus carries nothing of the interrupted motion, whatever the driver is called for
     b.bus.inject("restore")
@@ -79,7 +79,7 @@ def test_the_drives_switch_off_when_the_bus_is_gone_and_no_old_command_follows(b
     assert not b.bus.body.live.any()
 
 
-def test_one_lost_answer_is_asked_for_again_and_counted(bench):
+def test_one_lost_answer_is_requested_again_and_counted(bench):
     b = bench()
     b.driver.connect()
     b.stream(20)
@@ -232,7 +232,7 @@ def test_engaging_switches_on_and_moves_nothing(bench):
     assert np.max(np.abs(after.q - before.q)) < 0.01
 
 
-def test_a_drive_that_stays_on_is_told(bench):
+def test_a_drive_that_stays_on_is_reported(bench):
     b = bench()
     b.driver.connect()
     b.stream(20)

@@ -37,7 +37,7 @@ def test_a_firmware_without_serial_numbers_is_no_hindrance(bench):
     assert [i.serial for i in b.driver.identities] == [""] * 6
 
 
-def test_an_older_firmware_is_asked_with_the_order_off_while_it_is_off(bench):
+def test_an_older_firmware_is_polled_with_the_order_off_while_it_is_off(bench):
     b = bench()
     for servo in b.bus.servos[:3]:
         servo.answers_refresh = False

@@ -117,7 +117,7 @@ def test_a_lost_answer_costs_its_round_and_mixes_no_two(bench, listener) -> None
     assert np.max(np.diff([s.t_device for s in received[5:]])) > 1.5 / made.driver.rate
 
 
-def test_silence_names_who_was_heard(bench, listener) -> None:
+def test_silence_names_who_answered(bench, listener) -> None:
     made = bench("robstride")
     frames, _ = frames_of(made, 10)
     key = made.driver.drives[2].key
@@ -127,15 +127,15 @@ def test_silence_names_who_was_heard(bench, listener) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"interface": "slcan", "channel": "/dev/none"}, "nobody can listen beside it"),
         ({"interface": "virtual", "channel": "nothing"}, "cannot ask a drive for its ranges"),
     ],
 )
-def test_what_cannot_be_heard_is_refused_before_the_bus_is_opened(servo6, options: dict, says: str) -> None:
+def test_what_cannot_be_received_is_refused_before_the_bus_is_opened(servo6, options: dict, message: str) -> None:
     cell = cell_of("damiao", options=options)
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         CanServo.from_cell(cell, servo6).listen()
 
 

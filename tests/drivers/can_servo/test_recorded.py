@@ -63,8 +63,8 @@ def test_a_plan_becomes_a_log_with_every_sample_and_the_arm_ends_at_rest(recordi
     assert not b.bus.body.live.any()
 
 
-@pytest.mark.parametrize(("fault", "says"), CASES)
-def test_what_happens_on_the_bus_is_a_bounded_stop_and_a_closed_log(recording, fault, says):
+@pytest.mark.parametrize(("fault", "message"), CASES)
+def test_what_happens_on_the_bus_is_a_bounded_stop_and_a_closed_log(recording, fault, message):
     b, run, folder = recording
     begun = []
 
@@ -74,7 +74,7 @@ def test_what_happens_on_the_bus_is_a_bounded_stop_and_a_closed_log(recording, f
             begun.append(fault)
             b.bus.inject(fault)
 
-    with pytest.raises(MotionStopped, match=says) as stopped:
+    with pytest.raises(MotionStopped, match=message) as stopped:
         run(watch)
     assert stopped.value.exit_code == 3
     log = read_log(folder / "run" / "excitation.mcap", accept_partial=True)

@@ -74,7 +74,7 @@ def test_what_is_not_there_is_not_found_and_fd_is_missed_without_its_bit_rate(be
     assert any("error frames: a drive with another bit rate or with CAN FD" in note for note in result.notes)
 
 
-def test_cubemars_are_asked_where_nothing_can_fall(bench, scanned):
+def test_cubemars_are_queried_where_nothing_can_fall(bench, scanned):
     b = bench("cubemars")
     assert scanned(b)[0].found == ()
     result, _ = scanned(b, supported=True)
@@ -82,7 +82,7 @@ def test_cubemars_are_asked_where_nothing_can_fall(bench, scanned):
     assert "ranges stand in its manual" in result.found[0].described.problems[0]
 
 
-def test_what_must_be_set_first_is_said_for_each_drive(bench, scanned):
+def test_what_must_be_set_first_is_reported_for_each_drive(bench, scanned):
     b = bench()
     b.bus.inject("twin:wrist_1_joint")
     b.bus.servos[0].registers[10] = 2
@@ -100,7 +100,7 @@ def test_what_must_be_set_first_is_said_for_each_drive(bench, scanned):
     assert any("2 drives tell the serial number 0" in note for note in result.notes)
 
 
-def test_other_traffic_is_told(bench, scanned):
+def test_other_traffic_is_reported(bench, scanned):
     b = bench()
     b.bus.inject("babble")
     assert any("identifier 0x123 was on the bus" in note for note in scanned(b)[0].notes)

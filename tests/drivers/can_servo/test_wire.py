@@ -74,7 +74,7 @@ def test_the_arm_swings_over_the_wire_and_is_let_go_at_rest(wire):
     assert not emulator.bus.body.live.any()
 
 
-@pytest.mark.parametrize(("interface", "fault", "says"), [
+@pytest.mark.parametrize(("interface", "fault", "message"), [
     ("slcan", "silent:elbow_joint", "elbow_joint.*silent"),
     ("slcan", "bus-off", "bus-off"),
     ("slcan", "tx-full", "queue is full"),
@@ -84,14 +84,14 @@ def test_the_arm_swings_over_the_wire_and_is_let_go_at_rest(wire):
     ("socketcand", "error-frames", "error frames"),
     ("socketcand", "tx-full", "silent"),
 ])  # fmt: skip
-def test_a_fault_on_the_wire_ends_the_motion_and_nothing_old_follows(interface, fault, says, tmp_path, servo6):
+def test_a_fault_on_the_wire_ends_the_motion_and_nothing_old_follows(interface, fault, message, tmp_path, servo6):
     emulator, cell = started(wire_cell(interface, tmp_path), servo6)
     driver, rest = CanServo.from_cell(cell, servo6), np.array(cell.table.rest)
     driver.connect()
     try:
         swing(driver, rest, 5)
         emulator.inject(fault)
-        with pytest.raises(DeviceError, match=says):
+        with pytest.raises(DeviceError, match=message):
             swing(driver, rest, 60, k=5)
         time.sleep(WATCHDOG + 0.3)
         arrived = emulator.bus.arrived

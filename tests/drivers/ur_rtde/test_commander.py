@@ -108,7 +108,7 @@ def test_a_closed_channel_is_the_order_to_stop(channel: tuple[socket.socket, soc
     assert control.targets == [], "an order is obeyed before a setpoint that came with it"
 
 
-def test_without_setpoints_the_arm_is_stopped_and_the_supervisor_told(channel: tuple[socket.socket, socket.socket]) -> None:
+def test_without_setpoints_the_arm_is_stopped_and_the_supervisor_notified(channel: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = channel
     control = Remembers()
     commander = Commander(control, theirs, {**SETTINGS, "setpoint_timeout": 0.02})

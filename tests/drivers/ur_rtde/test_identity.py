@@ -47,7 +47,7 @@ def test_twelve_of_twelve_wrong_arms_are_refused_by_their_model(cell: Callable[.
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_the_torque_alone_tells_a_wrong_arm_that_reaches_out(arm: Arm, name: str) -> None:
+def test_the_torque_alone_shows_a_wrong_arm_that_reaches_out(arm: Arm, name: str) -> None:
     tau = RigidBody(load_arm(name)).gravity_torque(REACHED)[0]
     check = family.torque(arm, None, REACHED, tau)
     if name in INDISTINCT:

@@ -94,7 +94,7 @@ def test_a_plan_becomes_a_log_with_every_frame(there: tuple[Cell, Plan], orders:
 
 
 @pytest.mark.parametrize("there", [("ur5e", "5.12.0"), ("ur5", "3.15.4")], ids="-".join, indirect=True)
-def test_where_no_torque_is_known_the_current_is_recorded_and_said(
+def test_where_no_torque_is_known_the_current_is_recorded_and_reported(
     there: tuple[Cell, Plan], orders: Connection, tmp_path: Path
 ) -> None:
     cell, plan = there

@@ -48,7 +48,7 @@ def robot(cell: Callable[..., Cell], arm: Arm):  # type: ignore[no-untyped-def]
         ("10.14.0", ControllerInfo("10.14.0", "UR10", "20230000000", True, "AUTOMATIC", "NORMAL")),
     ],
 )
-def test_each_version_tells_what_it_can(robot, polyscope: str, reply: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
+def test_each_version_reports_what_it_can(robot, polyscope: str, reply: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
     emulator, _ = robot(polyscope)
     assert controller_info(emulator.host, emulator.robot.version, PORT) == reply
 
@@ -64,7 +64,7 @@ def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> No
     assert emulator.robot.ended == []
 
 
-def test_where_the_service_is_off_only_rtde_is_said() -> None:
+def test_where_the_service_is_off_only_rtde_is_reported() -> None:
     assert controller_info("127.0.0.1", (10, 14, 0, 0), 1) == ControllerInfo("10.14.0")
 
 

@@ -20,12 +20,12 @@ def outputs(frequency: float, names: str) -> bytes:
     return struct.pack(">d", frequency) + names.encode()
 
 
-def test_only_protocol_version_2_is_spoken(robot: Robot) -> None:
+def test_only_protocol_version_2_is_supported(robot: Robot) -> None:
     assert ask(RtdeSession(robot), VERSION, b"\x00\x02") == b"\x01"
     assert ask(RtdeSession(robot), VERSION, b"\x00\x01") == b"\x00"
 
 
-def test_outputs_are_packed_in_the_order_asked_for(robot: Robot) -> None:
+def test_outputs_are_packed_in_the_requested_order(robot: Robot) -> None:
     session = RtdeSession(robot)
     assert ask(session, OUTPUTS, outputs(500, "timestamp,actual_current,")) == b"\x01DOUBLE,VECTOR6D"
     assert session.due(1) is None, "nothing is sent before the start"
