@@ -1,7 +1,7 @@
 """What a person waits for: the demo, help and completion, the pages; and how large a page is.
 
 CPU seconds are those of the command and its children; the demo's bar is of the wall clock, on two cores that do nothing else. Every
-demo is told by what it found. `python -m benchmarks operator` prints them.
+demo is labelled by what it found. `python -m benchmarks operator` prints them.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Approval(BaseModel):
 
 
 def approve(plan: Plan, arm: Arm, cell: Cell, approved_by: str, now: datetime, hours: float = APPROVAL_HOURS) -> Approval:
-    """Write approval.toml beside plan.toml; replaces an older approval. The caller has cleared every motion and asked a person."""
+    """Write approval.toml beside plan.toml; replaces an older approval. The caller has cleared every motion and asked the operator."""
     approval = {
         "schema": "approval/2", "approved_by": approved_by, "approved_at": now.astimezone(UTC).replace(microsecond=0),
         "hours": float(hours), "manifest": manifest_of(plan, arm, cell),

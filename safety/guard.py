@@ -58,7 +58,7 @@ class Guard:
     """Drives cleared motions of one connected driver, one after another, each beginning where the last one ended.
 
     A context manager: entered, it reads, switches the device on where that is needed, and begins to watch; left, the device is
-    told to stop, which is nothing new to an arm at rest.
+    commanded to stop, which is nothing new to an arm at rest.
     `stop_requested()` returns the reason for which someone wants a stop, or None; it is called every cycle. `watch` gets every
     cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
     """

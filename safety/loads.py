@@ -55,7 +55,7 @@ class Loads:
         Not refined where it is `enough`; SafetyStop names what is exceeded where it is not `least`.
         """
         if not sheet.boxes.finite():
-            raise SafetyStop(f"{what}: a state is not finite; its torque is not asked")
+            raise SafetyStop(f"{what}: a state is not finite; its torque is not checked")
         rows, stages = sheet.boxes.lo.shape[:2]
         first = 0 if torque else self.arm.n + 1
         room, open_ = np.full(rows, np.inf), np.ones((rows, stages), dtype=bool)

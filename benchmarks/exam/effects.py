@@ -2,7 +2,7 @@
 
 Each effect changes a `TrueArm` by a dose and returns the answer, the catalogue's parameters at their true values. `form` 0 and 1
 are the truth's forms; 1 is farther from the textbook and is drawn for the hard cases. Doses are physical: `first` guesses one for
-an arm, `severity.py` scales it to be as visible as is asked.
+an arm, `severity.py` scales it to be as visible as is requested.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ IDENTIFIED = ("excitation_20s_5h.csv", "excitation_30s_12h.csv", "excitation_40s
 DIAGNOSED = ("excitation_20s_8h.csv", "excitation_50s_12h.csv")
 HELD_OUT = "excitation_20s_10h.csv"
 # N m: what 40 base parameters, viscous, sign and offset leave of such runs (0.339 0.382 0.201 0.062 0.078 0.051 A); nothing smaller
-# can be asked to be seen
+# can be expected to be seen
 REST = np.array([4.0, 4.6, 2.0, 0.67, 0.85, 0.54])
 NOT_AFTERWARDS = ("joint_elasticity", "backlash")  # they would have moved the arm otherwise
 

@@ -152,7 +152,7 @@ def _echo(driver: Driver, q: np.ndarray) -> str:
     driver.engage()
     sent = np.asarray(driver.send(q, np.zeros(len(q)), np.zeros(len(q))))
     ok = sent.shape == q.shape and np.all(np.abs(sent - q) < QUANTUM)
-    return "" if ok else f"told {np.round(q, 4).tolist()}, it says that it sent {sent!r}"
+    return "" if ok else f"commanded {np.round(q, 4).tolist()}, it reports that it sent {sent!r}"
 
 
 def _no_clamp(driver: Driver, arm: Arm) -> str:
@@ -166,7 +166,7 @@ def _no_clamp(driver: Driver, arm: Arm) -> str:
     return (
         ""
         if np.all(np.abs(sent - q) < QUANTUM)
-        else f"told {q[0]:.4g} rad, beyond its range, it sent {sent[0]:.4g} without a word"
+        else f"commanded {q[0]:.4g} rad, beyond its range, it sent {sent[0]:.4g} without an error"
     )
 
 

@@ -164,9 +164,7 @@ class RobStride(Drive):
                 return None
             replied, raw = frames.unpack_parameter(bytes(message.data))
             if replied == index and identifier >> 16 & 0xFF:
-                raise NotReported(
-                    f"{self.name}: it refuses to report parameter 0x{index:04X}; use a firmware that can be asked"
-                )
+                raise NotReported(f"{self.name}: it refuses to report parameter 0x{index:04X}; use a firmware that reports it")
             return raw if replied == index else None
 
         answer = ask(self._frame(READ, frames.parameter(index)), reply, f"{self.name}: parameter 0x{index:04X}")

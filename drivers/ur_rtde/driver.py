@@ -213,7 +213,7 @@ class UrDriver(Driver):
                 f"{self.options.host}: a command must be {JOINTS} finite numbers, not {q}, {dq}, {tau}; nothing was sent"
             )
         if np.any(tau != 0.0):
-            raise DeviceError(f"{self.options.host}: servoj takes no torque, {tau} N m was asked for; nothing was sent")
+            raise DeviceError(f"{self.options.host}: servoj takes no torque, {tau} N m was requested; nothing was sent")
         if self._commands is None:
             raise DeviceError(f"{self.options.host}: there is no connection; connect first")
         try:

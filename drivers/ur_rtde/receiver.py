@@ -149,7 +149,7 @@ class Receiver:
         answer = self._ask("O", struct.pack(">d", self.rate) + ",".join(names).encode())
         types = tuple(answer[1:].decode("ascii", "replace").split(","))
         if not answer or len(types) != len(names):
-            raise BrokenStream(f"{len(names)} variables were asked for, {len(types)} types came")
+            raise BrokenStream(f"{len(names)} variables were requested, {len(types)} types came")
         return answer[0], types
 
     def _ask(self, kind: str, payload: bytes = b"") -> bytes:

@@ -58,7 +58,7 @@ class Recipe:
     def __post_init__(self) -> None:
         unknown = [t for t in self.types if t not in FORMATS]
         if unknown or len(self.types) != len(self.names):
-            raise BrokenStream(f"{len(self.names)} variables were asked for, the controller answered {', '.join(self.types)}")
+            raise BrokenStream(f"{len(self.names)} variables were requested, the controller answered {', '.join(self.types)}")
         object.__setattr__(self, "_layout", struct.Struct(">B" + "".join(FORMATS[t] for t in self.types)))
 
     def unpack(self, payload: bytes) -> dict[str, tuple[float, ...]]:
