@@ -58,17 +58,15 @@ def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> tuple[float,
     e = r - x @ (gram @ (x.T @ r))
     sigma, phi = scale_and_colour(e, joined)
     white = np.random.default_rng(0).standard_normal((len(r), DRAWS))
-    # What is left of the noise is less coloured than the noise, the more so the more columns there are: the colour that leaves as much as was
-    # seen. A wrong model only adds to the residual, and slowly, so neither colour nor size of the noise is beyond the residual's own.
-    most, colour_most = scale_and_colour(r, joined)
-    low, high = 0.0, max(colour_most, 0.0)
+    # what is left of the noise is less coloured than the noise, the more so the more columns there are: the colour that leaves as much as was seen
+    low, high = 0.0, LARGEST_COLOUR
     for _ in range(HALVINGS):
         colour = 0.5 * (low + high)
         made = lfilter([1.0], [1.0, -colour], white * np.sqrt(1 - colour**2), axis=0)
         left = made - x @ (gram @ (x.T @ made))
         of = np.mean([scale_and_colour(column, joined) for column in left.T], axis=0)
         low, high = (colour, high) if of[1] < phi else (low, colour)
-    return max(min(sigma / max(float(of[0]), 1e-3), most), 1e-9), colour
+    return max(sigma / max(float(of[0]), 1e-3), 1e-9), colour
 
 
 def scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
