@@ -41,18 +41,27 @@ def friction_table(arm: Arm) -> list[dict[str, Any]]:
     ]
 
 
-def _steady(arm: Arm, dq: np.ndarray, way: float) -> np.ndarray:
-    """(N, n) torque of friction at the speeds dq (N, n), after a long way in the direction `way`, 1 or -1."""
+def dry_friction(arm: Arm, load: np.ndarray) -> np.ndarray:
+    """(n,) N m: half the width of the band within which joints that stand under load (n,) N m may hold their torque."""
+    rest = np.zeros((2, arm.n))
+    up, down = (_steady(arm, rest, way, load) for way in (1.0, -1.0))
+    return np.asarray(0.5 * np.abs(up[-1] - down[-1]))
+
+
+def _steady(arm: Arm, dq: np.ndarray, way: float, load: np.ndarray | float = 0.0) -> np.ndarray:
+    """(N, n) torque of friction at the speeds dq (N, n) under load, after a long way in the direction `way`, 1 or -1."""
     memory: dict[Hashable, tuple[float, float]] = {}
     came = np.array([[-way * RUN_IN], [0.0]]) * np.ones(arm.n)
-    _friction(arm, came, dq[:2], way, memory)
-    return _friction(arm, np.zeros_like(dq), dq, way, memory)
+    _friction(arm, came, dq[:2], way, load, memory)
+    return _friction(arm, np.zeros_like(dq), dq, way, load, memory)
 
 
-def _friction(arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, memory: dict[Hashable, tuple[float, float]]) -> np.ndarray:
+def _friction(
+    arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, load: np.ndarray | float, memory: dict[Hashable, tuple[float, float]]
+) -> np.ndarray:
     zero = np.zeros_like(dq)
     state = PathState(
-        t=np.zeros(len(dq)), q=zero.copy(), dq=dq.copy(), ddq=zero.copy(), load=zero.copy(), q_motor=q, dq_motor=dq.copy(),
+        t=np.zeros(len(dq)), q=zero.copy(), dq=dq.copy(), ddq=zero.copy(), load=zero + load, q_motor=q, dq_motor=dq.copy(),
         ddq_motor=zero.copy(), level=zero.copy(), width=np.full_like(dq, SLIP_WIDTH), warmth=np.ones_like(dq),
         slip=np.full_like(dq, way), tau=zero.copy(), force=np.zeros((len(dq), 3)), memory=memory,
     )  # fmt: skip

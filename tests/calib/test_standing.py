@@ -15,7 +15,8 @@ from calib.watch.events import Kind
 from calib.watch.watcher import Watcher
 from logs import read_log
 from logs.log import Log
-from sim.arm import Arm, load_arm
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
 from sim.joint_state import JointState
 from sim.rigid_body import RigidBody
 
@@ -53,7 +54,7 @@ def test_a_push_is_found_with_its_time_and_torque(arm: Arm, force: np.ndarray) -
     assert push.end == pytest.approx(END, abs=0.1)
     linear, _ = RigidBody(arm).jacobian(POSE[None])
     expected = -linear[0].T @ force
-    assert push.joint == int(np.argmax(np.abs(expected) / break_away(arm)))
+    assert push.joint == int(np.argmax(np.abs(expected) / break_away(arm, POSE)))
     assert push.torque == pytest.approx(expected, abs=2.0)
 
 
@@ -85,15 +86,45 @@ def test_a_motion_that_begins_is_no_push(arm: Arm) -> None:
         ddq = np.where((t > 0) & (t < 0.4), most, 0.0)[:, None] * np.ones(6)
         q = log.q + (most * (0.5 * rise**2 + 0.4 * (t - rise)))[:, None]
         dq = np.tile((most * rise)[:, None], 6)
-        friction = break_away(arm) * (t > 0)[:, None]
+        friction = break_away(arm, POSE) * (t > 0)[:, None]
         tau = log.tau - log.tau.mean(axis=0) + bodies.inverse_dynamics(q, dq, ddq) + friction
         assert pushes(arm, replace(log, q=q, dq=dq, tau=tau)) == [], most
 
 
 def test_without_known_friction_nothing_is_claimed(arm: Arm) -> None:
     bare = replace(arm, effects=tuple(e for e in arm.effects if e.effect != "coulomb_friction"))
-    assert not np.isfinite(break_away(bare)).any()
+    assert not np.isfinite(break_away(bare, POSE)).any()
     assert pushes(bare, standing(bare, 10 * SIDEWAYS)) == []
+
+
+def test_friction_that_grows_with_the_load_hides_more(arm: Arm) -> None:
+    load = RigidBody(arm).inverse_dynamics(POSE[None], np.zeros((1, 6)), np.zeros((1, 6)))[0]
+    rubbing = with_effect(arm, ArmEffect("load_dependent_friction", "elbow_joint", {"coefficient": 0.5}))
+    more = break_away(rubbing, POSE) - break_away(arm, POSE)
+    assert more == pytest.approx(np.where(np.arange(6) == 2, 0.5 * np.abs(load), 0.0), abs=1e-6)
+    sticking = with_effect(
+        arm, ArmEffect("stribeck_friction", "elbow_joint", {"stiction_excess": 3.0, "stribeck_velocity": 0.1})
+    )
+    assert (break_away(sticking, POSE) - break_away(arm, POSE))[2] == pytest.approx(3.0)
+    force = np.array([0.0, 0.0, 60.0])
+    assert pushes(arm, standing(arm, force))
+    assert (
+        pushes(
+            with_effect(rubbing, ArmEffect("load_dependent_friction", "shoulder_lift_joint", {"coefficient": 0.5})),
+            standing(arm, force),
+        )
+        == []
+    )
+
+
+def test_a_gap_in_a_recording_is_no_push(arm: Arm) -> None:
+    log = standing(arm, SIDEWAYS, end=20.0)
+    keep = (log.t < START - 0.5) | (log.t > START + 0.5)
+    arrays = {
+        name: getattr(log, name)[keep]
+        for name in ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+    }
+    assert pushes(arm, replace(log, **arrays)) == []
 
 
 def test_a_push_does_not_reach_across_a_gap(arm: Arm) -> None:
