@@ -196,9 +196,8 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     answer = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())
     for stage in ("identified", "diagnosed"):
-        where = (
-            folder / stage if (folder / stage / "arm").is_dir() else folder / "identified"
-        )  # where every correction was refused
+        # A diagnosis that refused every correction writes no arm: the arm as it was is its answer.
+        where = folder / stage if (folder / stage / "arm").is_dir() else folder / "identified"
         rmse, spread = score(where / "arm", s, logs[1], folder, stage)
         ratio = rmse / np.array(s.reference) if s.reference else rmse / spread
         unit = "of plain least squares" if s.reference else "of the torque's standard deviation"

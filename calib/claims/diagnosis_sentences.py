@@ -21,6 +21,10 @@ def complete(n: Numbers) -> str:
     return f"No effect is missing: the model of {n['arm']} agrees with the log within noise and its own uncertainty"
 
 
+def none_accepted(n: Numbers) -> str:
+    return f"No effect is identified: the model of {n['arm']} does not agree with the log, but no correction that was tried predicts it better"
+
+
 def unchanged(n: Numbers) -> str:
     return f"Nothing has changed on {n['arm']} since the {n['healthy']} healthy recordings, beyond their own variation"
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.claims.claim import Claim
 
 FAR = 3.0  # of a parameter's tolerance
-VERDICT = ("bad_data", "complete", "unchanged", "missing", "changed", "unexplained")
+VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
 REMARKS = ("removed", "motion", "law", "possible", "refused", "refit")
 
 
@@ -48,7 +48,7 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
         return Claim("missing" if healthy is None else "changed", {"effects": effects})
     if healthy is not None:
         return Claim("unchanged", {"arm": answer["arm"], "healthy": len(healthy)})
-    return Claim("complete", {"arm": answer["arm"]})
+    return Claim("none_accepted" if answer.get("refused") else "complete", {"arm": answer["arm"]})
 
 
 def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:

@@ -90,6 +90,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "separation": _separation,
     "bad_data": diagnosis.bad_data,
     "complete": diagnosis.complete,
+    "none_accepted": diagnosis.none_accepted,
     "unchanged": diagnosis.unchanged,
     "missing": diagnosis.missing,
     "changed": diagnosis.changed,

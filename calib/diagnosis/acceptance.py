@@ -15,7 +15,7 @@ from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
-# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) are not told apart.
+# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished.
 APART = 8.0
 MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.

@@ -24,7 +24,7 @@ from sim.effects import effect_named
 
 @dataclass
 class Diagnosis:
-    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which no fit of torques can tell."""
+    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which show in no fit of torques."""
 
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]

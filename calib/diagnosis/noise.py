@@ -58,7 +58,8 @@ def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> tuple[float,
     e = r - x @ (gram @ (x.T @ r))
     sigma, phi = scale_and_colour(e, joined)
     white = np.random.default_rng(0).standard_normal((len(r), DRAWS))
-    # what is left of the noise is less coloured than the noise, the more so the more columns there are: the colour that leaves as much as was seen
+    # Fitted columns take up the slow part of the noise, so its residual is less coloured than itself. Sought is the colour of a noise whose
+    # residual has the colour that was measured.
     low, high = 0.0, LARGEST_COLOUR
     for _ in range(HALVINGS):
         colour = 0.5 * (low + high)

@@ -14,9 +14,8 @@ from calib.gate.readings import OVER_LOAD, SHARE
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-INFORMATIVE = (
-    0.12  # of a joint's reading that its masses make, for its scale to be estimated; and more than what nothing explains
-)
+# Share of a joint's reading that its masses make, for its scale to be estimated; and more than what nothing explains.
+INFORMATIVE = 0.12
 SURE = 4.0  # standard deviations
 ODD, ODD_ALONE, ODD_LOADED = (
     4.0,

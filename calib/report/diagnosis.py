@@ -78,16 +78,16 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
-    elif diagnosis["arm_out"] is None and diagnosis.get("refused"):
-        steps.append("The arm stays as it was: no correction that was tried predicts these recordings better.")
-    elif verdict == "no_missing_effect":
+    elif verdict == "no_missing_effect" and not diagnosis.get("refused"):
         steps.append("Nothing to do: the model agrees with these recordings.")
     elif verdict == "unexplained":
         steps.append(
             "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."
         )
-    else:
+    elif verdict == "bad_data":
         steps.append("Correct the failed checks, then record again.")
+    if diagnosis["arm_out"] is None and diagnosis.get("refused"):
+        steps.append("The arm stays as it was: no correction that was tried predicts these recordings better.")
     return steps
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from safety.monitor import DQ_OVER, Q_OVER, Expected, Monitor
 from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell
+from sim.joint_state import JointState
 from tests.safety.conftest import HOME
 from tests.safety.test_monitor import state_at
 
@@ -31,6 +33,12 @@ def trip_of(monitor: Monitor, **changes: object) -> Trip:
     trip = monitor.check(state, state.t, HOME, None)
     assert trip is not None
     return trip
+
+
+def first_trip(monitor: Monitor, cycles: Iterable[tuple[JointState, np.ndarray]], expected: Expected | None = None) -> Trip:
+    """The trip of the first cycle that has one; cycles: readings with what was commanded."""
+    trips = (monitor.check(state, state.t, commanded, expected) for state, commanded in cycles)
+    return next(trip for trip in trips if trip is not None)
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -67,12 +75,7 @@ def test_a_speed(arm: Arm, cell: Cell, joint: int) -> None:
 def test_a_following_error(arm: Arm, cell: Cell, joint: int) -> None:
     monitor, speed = monitor_of(arm, cell), at(joint, 1.5)
     most = cell.table.motion.following_error_max
-    for k in range(1, 60):
-        state = state_at(k, q=HOME + 1.5 * 0.002 * k * at(joint, 1.0), dq=speed)
-        trip = monitor.check(state, state.t, HOME, None)
-        if trip is not None:
-            break
-    assert trip is not None
+    trip = first_trip(monitor, ((state_at(k, q=HOME + 0.002 * k * speed, dq=speed), HOME) for k in range(1, 60)))
     assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "following error")
     assert most < float(trip.value) <= most + 0.0031
 
@@ -92,26 +95,17 @@ def test_one_joint_that_reports_its_temperature_is_watched(arm: Arm, cell: Cell)
 
 @pytest.mark.parametrize("joint", range(6))
 def test_a_position_that_stays_at_speed(arm: Arm, cell: Cell, joint: int) -> None:
-    monitor = monitor_of(arm, cell)
-    for k in range(1, 20):
-        state = state_at(k, q=HOME, dq=at(joint, 0.5))
-        trip = monitor.check(state, state.t, HOME + 0.001 * k * at(joint, 1.0), None)
-        if trip is not None:
-            break
-    assert trip is not None
+    moved = at(joint, 0.001)
+    cycles = ((state_at(k, q=HOME, dq=at(joint, 0.5)), HOME + k * moved) for k in range(1, 20))
+    trip = first_trip(monitor_of(arm, cell), cycles)
     assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "readings with the same position at speed")
 
 
 @pytest.mark.parametrize("joint", range(6))
 def test_a_speed_that_is_not_that_of_the_position(arm: Arm, cell: Cell, joint: int) -> None:
-    monitor, speed = monitor_of(arm, cell), 1.5
-    for k in range(1, 40):
-        q = HOME + speed * 0.002 * k * at(joint, 1.0)
-        state = state_at(k, q=q, dq=at(joint, -speed))
-        trip = monitor.check(state, state.t, q, None)
-        if trip is not None:
-            break
-    assert trip is not None
+    speed = at(joint, 1.5)
+    path = [HOME + 0.002 * k * speed for k in range(40)]
+    trip = first_trip(monitor_of(arm, cell), ((state_at(k, q=path[k], dq=-speed), path[k]) for k in range(1, 40)))
     assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "speed against change of position")
 
 
@@ -131,12 +125,8 @@ def test_one_joint_that_reports_its_torque_is_watched(arm: Arm, cell: Cell) -> N
 @pytest.mark.parametrize("joint", range(6))
 def test_a_sudden_change_of_torque(arm: Arm, cell: Cell, joint: int) -> None:
     monitor, quiet = monitor_of(arm, cell), Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
-    for k in range(1, 60):
-        state = state_at(k, tau=at(joint, 0.25 * arm.tau_max[joint]) if k > 50 else np.zeros(6))
-        trip = monitor.check(state, state.t, HOME, quiet)
-        if trip is not None:
-            break
-    assert trip is not None
+    torque = at(joint, 0.25 * arm.tau_max[joint])
+    trip = first_trip(monitor, ((state_at(k, tau=torque if k > 50 else 0.0 * torque), HOME) for k in range(1, 60)), quiet)
     assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "sudden change of torque beside expectation")
 
 

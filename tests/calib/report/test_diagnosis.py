@@ -30,6 +30,22 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     assert words in diagnosis.sentence(examples.diagnosis(verdict)[0])
 
 
+def test_a_refused_correction_is_no_agreement() -> None:
+    """Neither the verdict nor the next steps call a model right whose corrections were all refused."""
+    data = examples.diagnosis("no_missing_effect")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
+    assert "does not agree" in diagnosis.sentence(data)
+    steps = diagnosis.next_steps(data)
+    assert "The arm stays as it was: no correction that was tried predicts these recordings better." in steps
+    assert not any(step.startswith("Nothing to do") for step in steps)
+
+
+def test_a_joint_without_an_explanation_is_to_be_inspected_whatever_was_refused() -> None:
+    data = examples.diagnosis("unexplained")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
+    steps = " ".join(diagnosis.next_steps(data))
+    assert "Inspect the joint" in steps
+    assert "The arm stays as it was" in steps
+
+
 def test_what_cannot_be_reported_apart_is_reported_with_the_experiment() -> None:
     data, _ = examples.diagnosis()
     data["effects"][0] |= {
