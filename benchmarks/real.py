@@ -33,7 +33,7 @@ class Set:
     """Recordings of one arm.
 
     new: words after `calib`, with DATA for the folder of the recordings; train and test: (file, from s, to s); cutoff Hz; reference N m
-    per joint, empty where nobody has published one; names: what the tables' columns mean where their names do not say it.
+    per joint, empty where nobody has published one; columns: what the tables' columns mean where their names do not say it; assume: words for `--assume`.
     """
 
     new: tuple[str, ...]
@@ -42,6 +42,7 @@ class Set:
     cutoff: float
     reference: tuple[float, ...] = ()
     columns: tuple[str, ...] = ()
+    assume: tuple[str, ...] = ()
 
 
 ALL = (0.0, 1e9)
@@ -105,7 +106,8 @@ SETS: dict[str, Set] = {
         (("servo_pendulum/xl330__up_and_down__m0.49_l0.1_kp400__2026-01-15_10h29m29.csv", *ALL),),
         8.0,
         (),
-        ("time=t:s", "q=q1:rad", "dq=dq1:rad/s", "current=load_raw:A"),
+        ("time=t:s", "q=q1:rad", "dq=dq1:rad/s", "current=load_raw:mA"),
+        ("current=int16",),
     ),
 }  # fmt: skip
 
@@ -183,8 +185,8 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
             log = recording
             if s.new:
                 out = folder / f"import_{kind}_{k}"
-                columns = [w for c in s.columns for w in ("--column", c)]
-                calib("import", str(recording), "--arm", arm, "--yes", *columns, "--out", str(out))
+                words = [w for c in s.columns for w in ("--column", c)] + [w for a in s.assume for w in ("--assume", a)]
+                calib("import", str(recording), "--arm", arm, "--yes", *words, "--out", str(out))
                 log = next(out.glob("*.mcap"))
             logs[kind].append((log, recording))
     train = [str(log) for log, _ in logs[0]]

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from calib import console
 from logs.column_guess import guess_map
-from logs.column_map import CHANNELS, ColumnMap, of_plain, read_map
+from logs.column_map import CHANNELS, DRIVE, ColumnMap, of_plain, read_map
 from logs.tables import Table
 from logs.units import TIME, UNITS
+from logs.words import BITS
 from sim.errors import ConfigError
 from sim.resources import nearest
 
@@ -33,11 +34,26 @@ def chosen_map(
     if not stated and rate is None:
         return guess, doubts, False
     plain = {"joints": list(guess.joints), "time": {"column": guess.time, "unit": guess.time_unit}}
-    plain |= {name: {"columns": list(part.columns), "unit": part.unit} for name, part in guess.channels.items()}
+    plain |= {
+        name: {"columns": list(part.columns), "unit": part.unit} | ({"integer": part.integer} if part.integer else {})
+        for name, part in guess.channels.items()
+    }
     own = _plain(stated, rate)
     if "q" in own and names is None:
         plain["joints"] = _names(own["q"]["columns"])
     return of_plain({**plain, **own, "where": dict(guess.where)}, "--column"), doubts, False
+
+
+def with_words(chosen: ColumnMap, assume: Sequence[str]) -> tuple[ColumnMap, list[str]]:
+    """The map with the words `tau=int16`, `current=int32` and their like of `--assume`, which are about the raw numbers; the other words."""
+    channels, others = dict(chosen.channels), []
+    for word in assume:
+        channel, _, integer = word.partition("=")
+        if integer in BITS and channel in channels and channel in DRIVE:
+            channels[channel] = replace(channels[channel], integer=integer)
+        else:
+            others.append(word)
+    return replace(chosen, channels=channels), others
 
 
 def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) -> None:

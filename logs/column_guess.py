@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from logs.column_map import CALENDAR, ColumnMap, Columns
+from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns
 from logs.tables.table import Table
 from logs.units import TIME, UNITS
+from logs.words import finding, wrapped
 from sim.errors import BadLog
 
 TIMES = {"t", "time", "timestamp", "stamp", "times", "seconds", "secs", "sec", "elapsed", "clock"}
@@ -91,7 +92,8 @@ def guess_map(
         if not any(columns):
             doubts.append(f"{', '.join(group.values())} is {channel} of other joints than the positions and is not taken")
             continue
-        channels[channel] = Columns(columns, _unit(table, channel, columns, doubts), (1.0,) * len(keys))
+        integer = _integer(table, columns, doubts) if channel in DRIVE else None
+        channels[channel] = Columns(columns, _unit(table, channel, columns, doubts), (1.0,) * len(keys), None, integer)
     rows = np.ones(len(table), dtype=bool)
     for name, value in where.items():
         rows &= table.columns[name] == value
@@ -204,6 +206,16 @@ def _unit(table: Table, channel: str, columns: tuple[str, ...], doubts: list[str
             doubts.append(f"{channel} reaches {reach:.4g}: it is taken as deg")
             return "deg"
     return own
+
+
+def _integer(table: Table, columns: tuple[str, ...], doubts: list[str]) -> str | None:
+    """The word whose sign a drive's reading has lost."""
+    for name in filter(None, columns):
+        integer = wrapped(table.columns[name])
+        if integer is not None:
+            doubts.append(f"{name} holds {finding(table.columns[name], integer)}; it is taken as {integer}")
+            return integer
+    return None
 
 
 def _turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]) -> Columns:

@@ -12,6 +12,11 @@ unit = "deg"
 factor = [1.0, -1.0]        # after the unit; a direction, a gear ratio; one number for all joints, or one for each
 wraps = 6.283185307179586   # rad: the reading starts again after so much
 
+[current]
+columns = ["load1", "load2"]
+unit = "mA"
+integer = "int16"           # or "int32": the raw numbers are signed words that were kept as unsigned ones, 65535 for -1
+
 [where]                     # rows of one recording, where the file holds several
 episode_index = 0
 """
@@ -33,12 +38,14 @@ from logs.plausible import UNIT, bad_samples, first_fault
 from logs.tables.table import Table
 from logs.timing import checked_times
 from logs.units import TEMPERATURE_ZERO, TIME, UNITS
+from logs.words import BITS, finding, signed, wrapped
 from sim.errors import ConfigError
 from sim.files import read_toml
 from sim.resources import nearest
 
 MAX_JOINTS = 64
 CHANNELS = tuple(UNITS)
+DRIVE = ("tau", "current")
 MEASURED = ("q", "dq", "tau", "current", "temperature")
 CALENDAR = "ns"  # the unit of columns that hold instants of a calendar
 
@@ -46,12 +53,13 @@ CALENDAR = "ns"  # the unit of columns that hold instants of a calendar
 @dataclass(frozen=True)
 class Columns:
     """The columns of one channel: a name for each joint ("" where there is none), their unit, a factor for each joint after it, and the
-    angle rad after which a position reading starts again."""
+    angle rad after which a position reading starts again; the word (logs.words) whose sign was lost."""
 
     columns: tuple[str, ...]
     unit: str
     factor: tuple[float, ...]
     wraps: float | None = None
+    integer: str | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,8 @@ class ColumnMap:
                 out[name]["factor"] = part.factor[0] if len(set(part.factor)) == 1 else list(part.factor)
             if part.wraps is not None:
                 out[name]["wraps"] = part.wraps
+            if part.integer is not None:
+                out[name]["integer"] = part.integer
         if self.where:
             out["where"] = dict(self.where)
         return tomli_w.dumps(out)
@@ -113,7 +123,7 @@ def of_plain(data: Mapping[str, Any], where: str) -> ColumnMap:
 
 
 def _columns(name: str, data: Any, n: int, where: str) -> Columns:
-    _known(data if isinstance(data, dict) else {"": 0}, ("columns", "unit", "factor", "wraps"), where)
+    _known(data if isinstance(data, dict) else {"": 0}, ("columns", "unit", "factor", "wraps", "integer"), where)
     columns = _strings(data.get("columns"), f"{where} columns")
     if len(columns) != n:
         raise ConfigError(f'{where} columns: {len(columns)} names for {n} joints; give one for each, "" where there is none')
@@ -124,8 +134,11 @@ def _columns(name: str, data: Any, n: int, where: str) -> Columns:
     wraps = data.get("wraps")
     if wraps is not None and (name != "q" or not 0.1 < _number(wraps, f"{where} wraps") < 1e4):
         raise ConfigError(f"{where} wraps: {wraps!r}; only a position starts again, after 0.1 to 1e4 rad")
+    integer = data.get("integer")
+    if integer is not None and (name not in DRIVE or not isinstance(integer, str) or integer not in BITS):
+        raise ConfigError(f"{where} integer: {integer!r:.40}; {' or '.join(BITS)}, and only for {', '.join(DRIVE)}")
     return Columns(
-        columns, _unit(data.get("unit"), UNITS[name], where), tuple(factors), None if wraps is None else float(wraps)
+        columns, _unit(data.get("unit"), UNITS[name], where), tuple(factors), None if wraps is None else float(wraps), integer
     )
 
 
@@ -169,7 +182,12 @@ def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -
         values[name] = np.full((int(rows.sum()), n), np.nan)
         for j, column in enumerate(part.columns):
             if column:
-                values[name][:, j] = (_column(table, column, damage)[rows] - zero) * scale * part.factor[j]
+                raw = _column(table, column, damage)[rows]
+                if part.integer is not None:
+                    raw = signed(raw, part.integer)
+                elif name in DRIVE:
+                    _require_signed(name, column, raw, damage)
+                values[name][:, j] = (raw - zero) * scale * part.factor[j]
         if part.wraps is not None:
             _unwrap(values[name], part.wraps, damage)
     measured = {name: values[name] for name in MEASURED if name in values}
@@ -188,6 +206,15 @@ def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -
         columns.joints, seconds, nothing[:, 0], q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd, about, (),
         damage.all_findings(), path, State.CUT if damage.count else State.UNSTATED, None, max(origin + round(float(shift) * 1e9), 0),
     )  # fmt: skip
+
+
+def _require_signed(channel: str, column: str, raw: np.ndarray, damage: Damage) -> None:
+    integer = wrapped(raw)
+    if integer is not None:
+        raise damage.refuse(
+            f"column {column!r:.80}", finding(raw, integer),
+            f'import it with --assume {channel}={integer}, or with integer = "{integer}" under [{channel}] in the column map',
+        )  # fmt: skip
 
 
 def _column(table: Table, name: str, damage: Damage) -> np.ndarray:

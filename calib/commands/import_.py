@@ -57,7 +57,7 @@ def command(
     assume: Annotated[
         list[str] | None,
         typer.Option(
-            "--assume", metavar="HOW", help="Read it that way (q=deg, t=ms, tau=current, sign:tau:JOINT, ...); needs --arm."
+            "--assume", metavar="HOW", help="Read it that way (q=deg, t=ms, tau=current, current=int16, sign:tau:JOINT, ...); most need --arm."
         ),
     ] = None,
     report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
@@ -80,7 +80,7 @@ def command(
 
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
-    from calib.column_choice import chosen_map, confirm
+    from calib.column_choice import chosen_map, confirm, with_words
     from calib.gate.commands import passed
     from calib.recordings import require
     from calib.torque_delay import torque_delay
@@ -90,8 +90,7 @@ def command(
     from sim.errors import AnswerIsNo, BadLog, ConfigError, EmptyLog
 
     require(file)
-    if assume and not arm:
-        raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")
+    words = list(assume or ())
     model = load_arm(arm, configs) if arm else None
     table = table_of(file)
     if table is None and (map_file or columns or rate is not None or joints or episode is not None):
@@ -104,7 +103,10 @@ def command(
     if table is not None:
         names = model.joint_names if model else None
         chosen, doubts, complete = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
-    else:
+        chosen, words = with_words(chosen, words)
+    if words and not arm:
+        raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")
+    if table is None:
         try:
             read_log(file, model.joint_names if model else None, accept_partial=True)
         except EmptyLog as error:
@@ -118,7 +120,7 @@ def command(
             confirm(chosen, doubts, table, folder / MAP)
     change = None
     if model is not None:
-        change = passed(model, tuple(assume or ()), configs)
+        change = passed(model, tuple(words), configs)
     with console.progress(f"import {file.name}"):
         done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change)
         delay, no_delay = None, ""
@@ -128,7 +130,8 @@ def command(
             except (
                 AnswerIsNo,
                 BadLog,
-            ) as error:  # the recording is imported; that its motion says nothing of a delay is no failure
+                ConfigError,
+            ) as error:  # the recording is imported; that its motion says nothing of a delay, or its torque is unknown, is no failure
                 no_delay = str(error)
     if as_json:
         console.print_json(_plain(done, delay))

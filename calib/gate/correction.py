@@ -3,6 +3,7 @@
 t=ms                 instants are in ms (us, ns, min)
 q=deg  dq=deg/s      all positions are in degrees (rev), all speeds in deg/s (rpm, rev/s)
 current=mA  tau=mNm  readings of the drives in thousandths
+current=int16 tau=int16  the raw numbers are signed words that were kept as unsigned ones (65535 is -1); int32 too
 tau=current          what is recorded as torque is a current in A
 sign:tau:elbow       the sign of one joint's reading is reversed (tau: torque or current; q, dq, motion, all)
 swap:all:a,b         the columns of two joints are exchanged (tau, q, dq, or all)
@@ -20,8 +21,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from logs.column_map import DRIVE
 from logs.log import Log
 from logs.units import ANGLE, SPEED, TIME
+from logs.words import BITS, signed
 from sim.errors import ConfigError
 from sim.resources import nearest
 
@@ -39,7 +42,7 @@ ASSUMED = "assumed"  # under which a log's metadata states how it is read
 
 @dataclass(frozen=True)
 class Correction:
-    """kind: unit, sign, swap, scale, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
+    """kind: unit, word, sign, swap, scale, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
     factor: the reading is divided by it (units, scale), or moved earlier by it, s (shift)."""
 
     kind: str
@@ -52,7 +55,7 @@ class Correction:
         """As `--assume` has it."""
         at = ",".join(names[j] for j in self.joints)
         match self.kind:
-            case "unit":
+            case "unit" | "word":
                 return f"{self.part}={self.unit}"
             case "current":
                 return CURRENT
@@ -76,6 +79,8 @@ class Correction:
         match self.kind:
             case "unit" if self.part == "t":
                 return f"the instants are in {self.unit}, not in s"
+            case "word":
+                return f"the raw numbers of the {'currents' if self.part == 'current' else 'torques'} are signed words kept as unsigned ones"
             case "unit":
                 own = {"q": "rad", "dq": "rad/s", "current": "A", "tau": "N m"}[self.part]
                 what = {"q": "positions", "dq": "speeds", "current": "currents", "tau": "torques"}[self.part]
@@ -100,6 +105,8 @@ def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None
     match c.kind:
         case "unit" if c.part == "t":
             change = {"t": log.t * TIME[c.unit]}
+        case "word":
+            change = {c.part: signed(getattr(log, c.part), c.unit)}
         case "unit" | "scale":
             names = ("current",) if c.part == "current" else ("tau",) if c.unit == "mNm" else ARRAYS[c.part]
             factor = np.ones(log.n)
@@ -164,8 +171,11 @@ def _of_all(text: str) -> Correction:
         return Correction("current", "tau")
     if part == "shift":
         return Correction("shift", "tau", (), _factor(value, text))
+    if part in DRIVE and value in BITS:
+        return Correction("word", part, unit=value)
     if part not in UNITS or value not in UNITS[part]:
         known = [f"{p}={u}" for p, units in UNITS.items() for u in units if units[u] != 1.0]
+        known += [f"{p}={u}" for p in DRIVE for u in BITS]
         raise ConfigError(
             f"--assume {text!r:.80}: {nearest(text[:40], [*known, CURRENT, 'sign:tau:JOINT', 'swap:all:JOINT,JOINT', AS_RECORDED])}"
         )

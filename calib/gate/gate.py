@@ -69,7 +69,7 @@ def _gate(
     if all(check.ok for check in checks):
         for c in corrections:
             read = tuple(applied(log, c) for log in read)
-        checks += [readings.clock(log) for log in read]
+        checks += [readings.words(log) for log in read] + [readings.clock(log) for log in read]
     if all(check.ok for check in checks):
         checks.append(readings.twice(read))
         for check in (readings.losses, readings.frozen):

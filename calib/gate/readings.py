@@ -12,7 +12,9 @@ from calib.gate.check import Cause, Check
 from calib.gate.correction import UNITS, Correction
 from calib.gate.fit import moving
 from calib.gate.signals import Signals
+from logs.column_map import DRIVE
 from logs.log import Log
+from logs.words import finding, wrapped
 from sim.arm import Arm
 
 MOST = 1e9
@@ -74,6 +76,19 @@ def values(log: Log) -> Check:
                 "values", False, f"{name}: {channel} reaches {np.nanmax(np.abs(x)):.3g}", (Cause("the file is damaged"),)
             )
     return Check("values", True, f"{name}: all values are of a possible size")
+
+
+def words(log: Log) -> Check:
+    """No reading of a drive is a signed word that was kept as an unsigned one."""
+    name = name_of(log)
+    for channel in DRIVE:
+        for j, column in enumerate(getattr(log, channel).T):
+            integer = wrapped(column)
+            if integer is not None:
+                way = Correction("word", channel, unit=integer)
+                detail = f"{name}: {channel} of {log.joint_names[j]} holds {finding(column, integer)}"
+                return Check("words", False, detail, (Cause(way.sentence(()), 0.0, (way,)),))
+    return Check("words", True, f"{name}: no signed word was kept as an unsigned one")
 
 
 def clock(log: Log) -> Check:

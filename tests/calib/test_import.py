@@ -150,3 +150,43 @@ def test_jitter_is_reported_and_the_stamps_are_kept(table_file: Path, capsys: py
     out = capsys.readouterr().out
     assert "rebuilt" in out
     assert "dq over dq/dt of q" in out
+
+
+@pytest.fixture
+def servo_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, np.ndarray]:
+    """A table of a servo whose load word was kept unsigned, and the load in A."""
+    monkeypatch.chdir(tmp_path)
+    t = 0.004 * np.arange(1500)
+    milliampere = np.rint(600 * np.sin(2.0 * t)).astype(int)
+    q = 0.6 * np.sin(2.0 * t)
+    rows = [f"{t[k]:.6f},{q[k]:.6f},{1.2 * np.cos(2.0 * t[k]):.6f},{milliampere[k] % 65536}" for k in range(len(t))]
+    file = tmp_path / "servo.csv"
+    file.write_text("\n".join(["t,q1,dq1,present_current_ma", *rows]) + "\n")
+    return file, 1e-3 * milliampere
+
+
+def test_a_signed_word_that_was_kept_unsigned_is_named_and_converted(
+    servo_file: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, current = servo_file
+    stated = ["--column", "time=t", "--column", "q=q1", "--column", "current=present_current_ma:mA"]
+    assert main(["import", str(file), *stated, "--out", "first"]) == 2
+    error = capsys.readouterr().err
+    assert "a signed 16-bit word that was kept as an unsigned one (65535 is -1)" in " ".join(error.split())
+    assert "--assume current=int16" in error
+    assert not list(Path("first").glob("*.mcap"))
+    assert main(["import", str(file), *stated, "--assume", "current=int16", "--out", "second"]) == 0
+    assert main(["import", str(file), "--map", "second/map.toml", "--out", "third"]) == 0
+    assert main(["import", str(file), "--yes", "--out", "guessed"]) == 0
+    for folder in ("second", "third", "guessed"):
+        log = read_log(Path(folder) / "servo.mcap")
+        np.testing.assert_allclose(log.current[:, 0], current, atol=1e-12)
+        assert 'integer = "int16"' in log.metadata["column_map"]
+
+
+def test_a_recording_without_a_torque_constant_is_imported(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """ur5e has none: its currents are kept, and that torque is unknown is no refusal."""
+    assert main(["import", str(csv_file), "--arm", "ur5e", "--assume", "as-recorded", "--out", "kept"]) == 0
+    printed = capsys.readouterr().out
+    assert "ur5e has no torque_constant" in " ".join(printed.split())
+    assert np.isfinite(read_log(next(Path("kept").glob("*.mcap"))).current).all()

@@ -180,7 +180,7 @@ def test_no_arrays_make_it_fail(seed: int) -> None:
 
 
 WORDS = (
-    "t=ms", "q=deg", "dq=rpm", "current=mA", "tau=mNm", "tau=current", "shift=0.25", "sign:tau:elbow_joint", "swap:all:elbow_joint,wrist_1_joint",
+    "t=ms", "q=deg", "dq=rpm", "current=mA", "current=int16", "tau=int32", "tau=mNm", "tau=current", "shift=0.25", "sign:tau:elbow_joint", "swap:all:elbow_joint,wrist_1_joint",
     "sign:motion:wrist_3_joint", "scale:tau:elbow_joint=101", "scale:tau=0.1", "scale:q:elbow_joint=-3",
 )  # fmt: skip
 
@@ -205,6 +205,17 @@ def test_words_of_assume_are_what_corrections_are_called(word: str) -> None:
 def test_words_that_are_none(word: str) -> None:
     with pytest.raises(ConfigError, match="--assume"):
         parsed(word, arm("servo6").joint_names)
+
+
+def test_a_signed_word_that_was_kept_unsigned_is_named() -> None:
+    of, log = base("servo6 sample")
+    raw = np.rint(100 * log.tau)
+    kept = replace(log, tau=raw % 65536)
+    found = gate(of, [kept])
+    assert found.refusal is not None
+    assert "--assume tau=int16" in found.refusal
+    np.testing.assert_array_equal(applied(kept, parsed("tau=int16", of.joint_names)).tau, raw)
+    assert "words" not in [check.check for check in gate(of, [kept], ["tau=int16"]).checks if not check.ok]
 
 
 def test_as_recorded_lifts_the_refusal_and_says_so() -> None:
