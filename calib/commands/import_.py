@@ -57,7 +57,9 @@ def command(
     assume: Annotated[
         list[str] | None,
         typer.Option(
-            "--assume", metavar="HOW", help="Read it that way (q=deg, t=ms, tau=current, current=int16, sign:tau:JOINT, ...); most need --arm."
+            "--assume",
+            metavar="HOW",
+            help="Read it that way (q=deg, t=ms, tau=current, current=int16, sign:tau:JOINT, ...); most need --arm.",
         ),
     ] = None,
     report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
