@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.preprocessing import Measurement
 from sim.arm import Arm
+from sim.model import no_warnings
 from sim.plant import Plant
 from sim.rigid_body import RigidBody
 
@@ -51,6 +52,8 @@ HORIZONS = (SHORT, Horizon(1.0, False, 20), Horizon(5.0, True, 6))
 class ForwardError:
     """Over all windows of one horizon: RMS angle error (n,) rad and flange error m, and RMS travel (n,) rad; NaN without any window.
 
+    Infinite where the simulation is unstable, as it is with friction that drives a light joint.
+
     starts: first samples of the windows; squares: the flange's mean squared error in each, m^2, in a closed loop
     in each of PARTS of it.
     """
@@ -68,8 +71,8 @@ class ForwardError:
             "horizon_s": self.horizon.seconds,
             "loop": "closed" if self.horizon.closed else "open",
             "windows": len(self.starts),
-            "angle_rad": [float(x) for x in self.angle],
-            "flange_m": self.flange,
+            "angle_rad": [_finite(x) for x in self.angle],
+            "flange_m": _finite(self.flange),
             "travel_rad": [float(x) for x in self.travel],
         }
 
@@ -85,21 +88,25 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
         return ForwardError(horizon, none, float("nan"), none, (), np.zeros(0))
     plant, bodies, tr = Plant(arm), RigidBody(loop or arm), m.trajectory
     rotor = np.array([_value(loop or arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
-    torque = _torque(arm, m)
+    torque, travel = _torque(arm, m), np.array([tr.q[k + steps] - tr.q[k] for k in starts])
     errors, at = [], []
-    for k in starts:
-        stiffness = LOOP**2 * (np.diag(bodies.mass_matrix(tr.q[k])) + rotor) * horizon.closed
-        damping = 2 * DAMPING / LOOP * stiffness
-        plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k])
-        for i in range(k, k + steps):
-            # the torque of the middle of the step stands for the step
-            tau = 0.5 * (torque[i] + torque[i + 1])
-            plant.command(tr.q[i], tr.dq[i], tau, stiffness, damping)
-            plant.advance(1 / m.rate)
-            if horizon.closed or i == k + steps - 1:
-                errors.append(plant.read().q - tr.q[i + 1])
-                at.append(i + 1)
-    error, travel = np.array(errors), np.array([tr.q[k + steps] - tr.q[k] for k in starts])
+    with no_warnings():
+        for k in starts:
+            stiffness = LOOP**2 * (np.diag(bodies.mass_matrix(tr.q[k])) + rotor) * horizon.closed
+            damping = 2 * DAMPING / LOOP * stiffness
+            plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k])
+            for i in range(k, k + steps):
+                # the torque of the middle of the step stands for the step
+                tau = 0.5 * (torque[i] + torque[i + 1])
+                plant.command(tr.q[i], tr.dq[i], tau, stiffness, damping)
+                plant.advance(1 / m.rate)
+                if horizon.closed or i == k + steps - 1:
+                    errors.append(plant.read().q - tr.q[i + 1])
+                    at.append(i + 1)
+            if not plant.stable:
+                endless = np.full(arm.n, np.inf)
+                return ForwardError(horizon, endless, np.inf, _rms(travel), tuple(starts), np.full(len(starts), np.inf))
+    error = np.array(errors)
     linear, _ = bodies.jacobian(tr.q[at])
     moved = np.einsum("kcj,kj->kc", linear, error)
     parts = np.array_split(np.sum(moved**2, axis=1), len(starts) * (PARTS if horizon.closed else 1))
@@ -121,6 +128,11 @@ def _torque(arm: Arm, m: Measurement) -> np.ndarray:
 def _turned(m: Measurement, k: int) -> int:
     """The sample from which dry friction has forgotten what was before: MEMORY s earlier, not beyond the stretch."""
     return max(int(m.starts[np.searchsorted(m.starts, k, side="right") - 1]), k - round(MEMORY * m.rate))
+
+
+def _finite(x: float) -> float | None:
+    """A number that JSON can hold."""
+    return float(x) if np.isfinite(x) else None
 
 
 def _rms(x: np.ndarray) -> np.ndarray:

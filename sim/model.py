@@ -24,7 +24,7 @@ def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
     """The text as MuJoCo compiles it, with the files it names from `folder`; ConfigError carries MuJoCo's own words."""
     try:
         assets = {file.name: read_bytes(file, MAX_MESH) for file in asset_files(text, folder).values()}
-        with no_callback():
+        with no_callback(), no_warnings():
             return mujoco.MjModel.from_xml_string(text, assets)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from error
@@ -44,6 +44,17 @@ def no_callback() -> Iterator[None]:
         yield
     finally:
         mujoco.set_mjcb_passive(callback)
+
+
+@contextmanager
+def no_warnings() -> Iterator[None]:
+    """MuJoCo prints no warning meanwhile, and writes none to a file in the working folder; MjData.warning still counts them."""
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(handler)
 
 
 def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_JOINTS) -> KinematicTree:

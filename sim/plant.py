@@ -29,6 +29,7 @@ from sim.slip import SLIP_WIDTH, slip_direction
 # 300 behaves like a few hertz; feed-forward does the rest).
 BANDWIDTH = 2 * np.pi * 6.0
 PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
 AMBIENT = 25.0
 
@@ -162,6 +163,11 @@ class Plant:
             held = np.diag(np.diag(matrix))
             return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
         return BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous), 2 * 0.9 * BANDWIDTH * matrix
+
+    @property
+    def stable(self) -> bool:
+        """Whether MuJoCo has found every angle, speed and acceleration finite and moderate since `reset`; it starts anew where one is not."""
+        return not any(self.data.warning[kind].number for kind in DIVERGED)
 
     @property
     def time(self) -> float:

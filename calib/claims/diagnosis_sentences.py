@@ -90,10 +90,13 @@ def removed(n: Numbers) -> str:
 
 
 def motion(n: Numbers) -> str:
-    return (
-        f"Simulated for {n['horizon_s']:g} s under the measured torque ({n['loop']} loop), the flange is off by {1e3 * n['after']:.2g} mm RMS "
-        f"with the corrected arm, {1e3 * n['before']:.2g} mm with the nominal arm"
-    )
+    how = f"Simulated for {n['horizon_s']:g} s under the measured torque ({n['loop']} loop)"
+    arms = {"corrected": n["after"], "nominal": n["before"]}
+    stable = [f"off by {1e3 * x:.2g} mm RMS with the {arm} arm" for arm, x in arms.items() if x is not None]
+    unstable = [f"the {arm} arm" for arm, x in arms.items() if x is None]
+    if unstable:
+        stable.append(f"the simulation of {listed(unstable)} is unstable")
+    return f"{how}, {'the flange is ' if len(unstable) < len(arms) else ''}{listed(stable)}"
 
 
 def words(effect: str, joint: str | None) -> str:

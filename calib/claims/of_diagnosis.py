@@ -54,7 +54,7 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
 def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:
     """The flange's error over the longest horizon that was simulated."""
     pair = max(pairs, key=lambda p: float(p["after"]["horizon_s"]))
-    ends = {when: float(pair[when]["flange_m"]) for when in ("before", "after")}
+    ends = {when: pair[when]["flange_m"] for when in ("before", "after")}
     return Claim("motion", {"horizon_s": float(pair["after"]["horizon_s"]), "loop": pair["after"]["loop"], **ends})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -82,7 +83,7 @@ def command(
         if moved:
             console.table(
                 ["simulated motion", "windows", "flange RMS [mm]", *[f"{j} [mrad]" for j in subject.joint_names]],
-                [[e.horizon.words, len(e.starts), 1e3 * e.flange, *[1e3 * float(x) for x in e.angle]] for e in moved],
+                [[e.horizon.words, len(e.starts), *[_thousandths(x) for x in (e.flange, *e.angle)]] for e in moved],
                 f"{check.log}: motion simulated under the measured torque",
             )
     joints = zip(subject.joint_names, found.assessment.left, found.assessment.limit, found.assessment.verdicts, strict=True)
@@ -96,3 +97,8 @@ def command(
     console.say(f"{folder}: validation.json, prediction.csv, prediction.mcap, report.html")
     console.next_step(then)
     return verdict.exit_code
+
+
+def _thousandths(error: float) -> float | str:
+    """mm or mrad."""
+    return 1e3 * float(error) if math.isfinite(error) else "unstable"

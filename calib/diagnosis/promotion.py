@@ -65,10 +65,9 @@ class Refusal:
         what, unit = (
             (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
         )
-        return (
-            f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
-            f"{self.with_it:.4g} {unit} with it and {self.without:.4g} {unit} with {self.instead}"
-        )
+        left_out = f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+        with_it = f"{self.with_it:.4g} {unit} with it" if np.isfinite(self.with_it) else "unbounded with it"
+        return f"{left_out}{with_it} and {self.without:.4g} {unit} with {self.instead}"
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,8 @@ class _Motion:
 
     def worst(self, change: Correction) -> tuple[float, float]:
         """m before and after, over the horizon at which the error grows most."""
-        a, b = max(self.errors(change), key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
+        stable = [pair for pair in self.errors(change) if np.isfinite(pair[0].flange)]
+        a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
         return a.flange, b.flange
 
     def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
@@ -208,7 +208,7 @@ class _Motion:
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:
     if not np.isfinite(b.flange):
-        return True
+        return bool(np.isfinite(a.flange))
     if len(a.squares) < ENOUGH:
         return False
     more = b.squares - (1 + FARTHER) ** 2 * a.squares

@@ -233,8 +233,8 @@ def _gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
         rows = [
             [
                 f"{pair['before']['horizon_s']:g} s, {pair['before']['loop']} loop",
-                *(1e3 * pair[when]["flange_m"] for when in ("before", "after")),
-                *(1e3 * max(pair[when]["angle_rad"]) for when in ("before", "after")),
+                *(_thousandths([pair[when]["flange_m"]]) for when in ("before", "after")),
+                *(_thousandths(pair[when]["angle_rad"]) for when in ("before", "after")),
             ]
             for pair in motion
         ]
@@ -249,6 +249,12 @@ def _gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
             rows,
             "RMS error of the motion simulated under the measured torque",
         )
+
+
+def _thousandths(errors: Sequence[float | None]) -> float | str:
+    """The largest error in mm or mrad."""
+    known = [x for x in errors if x is not None]
+    return 1e3 * max(known) if len(known) == len(errors) else "unstable"
 
 
 def _symbol(parameter: str) -> str:

@@ -167,7 +167,7 @@ def test_what_else_is_claimed() -> None:
     answer["effects"][0]["indistinguishable_from"] = [{"effect": "payload", "joint": None}]
     made = {c.name: c for c in claims(answer)}
     assert set(made) == {"missing", "removed", "motion", "alike", "law", "possible", "refused", "refit"}
-    assert "20 mm with the nominal arm" in made["motion"].sentence
+    assert "20 mm RMS with the nominal arm" in made["motion"].sentence
     assert "25%" in made["law"].sentence
     assert [m["to"] - m["from"] > FAR * m["prior_std"] for m in made["refit"].numbers["parameters"]] == [True]
     assert made["alike"].sentence.endswith("cannot be distinguished from payload")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +56,19 @@ def test_a_recording_without_a_window_has_no_error(ur5e: Arm) -> None:
     assert none.starts == ()
     assert np.isnan(none.flange)
     assert np.isnan(none.angle).all()
+
+
+def test_an_arm_whose_simulation_is_unstable_has_no_error(ur5e: Arm, capfd: pytest.CaptureFixture[str]) -> None:
+    """Friction that drives a light joint: no number is given for it, and MuJoCo writes neither to the terminal nor to a file."""
+    m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2), ur5e)
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"power_1": -400.0}
+    driven = with_effect(ur5e, ArmEffect("friction_law", "wrist_3_joint", law))
+    found = forward_error(driven, m, FEW[2], ur5e)
+    assert np.isinf(found.flange)
+    assert found.entry()["flange_m"] is None
+    assert set(found.entry()["angle_rad"]) == {None}
+    assert capfd.readouterr() == ("", "")
+    assert not Path("MUJOCO_LOG.TXT").exists()
 
 
 def test_a_soft_joint_begins_under_its_load(ur5e: Arm) -> None:

@@ -39,6 +39,18 @@ def test_a_refused_correction_is_no_agreement() -> None:
     assert not any(step.startswith("Nothing to do") for step in steps)
 
 
+def test_a_simulation_that_is_unstable_has_no_error() -> None:
+    data = examples.diagnosis()[0]
+    for pair in data["motion"]:
+        pair["after"] |= {"flange_m": None, "angle_rad": [None] * 6}
+    simulated = diagnosis.remarks(data)[1]
+    assert simulated.endswith("RMS with the nominal arm and the simulation of the corrected arm is unstable.")
+    assert "None" not in simulated
+    for pair in data["motion"]:
+        pair["before"] |= {"flange_m": None}
+    assert diagnosis.remarks(data)[1].endswith("the simulation of the corrected arm and the nominal arm is unstable.")
+
+
 def test_a_joint_without_an_explanation_is_to_be_inspected_whatever_was_refused() -> None:
     data = examples.diagnosis("unexplained")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
     steps = " ".join(diagnosis.next_steps(data))
