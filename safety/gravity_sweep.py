@@ -38,11 +38,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Passed:
-    """Poses that were passed in both directions, rows k: q (K, n) rad, half the sum and half the difference (K, n) N m of the torques."""
+    """Poses that were passed in both directions, rows k: q (K, n) rad, half the sum and half the difference (K, n) of the torques N m;
+    of the currents A where `torque` is False, because no torque is known."""
 
     q: np.ndarray
     gravity: np.ndarray
     friction: np.ndarray
+    torque: bool
 
 
 def lines_from(q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, latency: float) -> list[Line]:
@@ -65,27 +67,33 @@ def lines_from(q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, 
 
 
 def sweep(lines: list[Line], arm: Arm, guard: Guard, seen: list[Cycle]) -> Passed:
-    """Drive the lines; seen is what the guard's watcher fills. Torque is NaN where the device reports none."""
+    """Drive the lines; seen is what the guard's watcher fills. NaN where the device reports neither torque nor current."""
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    torque = True
     for line in lines:
         begin, end = line.there.q[0], line.there.q[-1]
         ways: list[tuple[np.ndarray, np.ndarray]] = []
         for way in (line.there, line.back):
             seen.clear()
             guard.run(way, "there and back for the gravity torque")
-            ways.append(at_places([cycle.state for cycle in seen], begin, end, arm))
+            states = [cycle.state for cycle in seen]
+            torque = _torque_is_known(states, arm)
+            ways.append(at_places(states, begin, end, arm))
         (q, there), (_, back) = ways
         rows.append((q, (there + back) / 2, np.abs(there - back) / 2))
     q, gravity, friction = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return Passed(q, gravity, friction)
+    return Passed(q, gravity, friction, torque)
 
 
 def at_places(states: list[JointState], begin: np.ndarray, end: np.ndarray, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """q (P, n) and mean torque (P, n) at PLACES of the line from begin to end (n,) rad; NaN where too few readings fall there."""
+    """q (P, n) and mean torque (P, n) at PLACES of the line from begin to end (n,) rad; current where no torque is known; NaN where too
+    few readings fall there."""
     q, along = np.array([s.q for s in states]), end - begin
-    torque = np.array([s.tau for s in states])
+    torque, current = np.array([s.tau for s in states]), np.array([s.current for s in states])
     if arm.torque_constant is not None:
-        torque = np.where(np.isfinite(torque), torque, arm.torque_constant * np.array([s.current for s in states]))
+        torque = np.where(np.isfinite(torque), torque, arm.torque_constant * current)
+    if not _torque_is_known(states, arm):
+        torque = current
     share = (q - begin) @ along / float(along @ along)
     out = np.full((len(PLACES), len(begin)), np.nan)
     for k, place in enumerate(PLACES):
@@ -95,3 +103,8 @@ def at_places(states: list[JointState], begin: np.ndarray, end: np.ndarray, arm:
             fit = np.polynomial.polynomial.polyfit(share[near] - place, torque[near], 1)
             out[k] = fit[0]
     return begin + np.array(PLACES)[:, None] * along, out
+
+
+def _torque_is_known(states: list[JointState], arm: Arm) -> bool:
+    """False where the readings hold currents only and the arm has no torque constant."""
+    return arm.torque_constant is not None or any(bool(np.isfinite(s.tau).any()) for s in states)

@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers.driver import Check, Driver
 from drivers.preflight import gravity
+from drivers.torque_constants import torque_constants
 from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
@@ -93,7 +94,8 @@ def try_joints(
             return [*checks, Check("gravity torque", None, f"{why}, so which arm this is was not measured")]
         show(f"{len(lines)} slow lines there and back, for the gravity torque")
         passed = sweep(lines, arm, guard, seen)
-    return [*checks, *gravity(driver, cell, passed.q, passed.gravity, passed.friction)]
+    found = gravity if passed.torque else torque_constants
+    return [*checks, *found(driver, cell, passed.q, passed.gravity, passed.friction)]
 
 
 def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: list[JointState]) -> Check:

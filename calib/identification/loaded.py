@@ -13,6 +13,8 @@ from calib.identification.payload import Load, load_between, scale_from_known_ma
 from logs.log import Log
 from sim.arm import Arm
 
+VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
+
 
 def identify_with_load(
     arm: Arm,
@@ -62,6 +64,13 @@ def _with_load(found: Identification, load: Load, known_mass: float | None) -> I
             f"; the torque readings are {_row(load.scale)} ± {_row(load.scale_std)} of the torque that {known_mass:g} kg make"
         )
     more = [sentence]
+    vague = load.scale_std > VAGUE * np.abs(load.scale)
+    if known_mass and vague.any():
+        names = ", ".join(name for name, bad in zip(found.model.arm.joint_names, vague, strict=True) if bad)
+        more.append(
+            f"the torque constant of {names} stays unknown (standard deviation above {VAGUE:.0%}): this load hardly moves its torque; mount "
+            "more mass, or mount it farther from the axis"
+        )
     if load.chi2 > 3:
         more.append(
             f"something else changed between the logs with and without the load (chi^2 {load.chi2:.1f} per degree of freedom, 1 expected); "

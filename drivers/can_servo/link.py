@@ -18,6 +18,7 @@ from drivers.can_servo.lawicel import LawicelBus
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
 from sim.errors import ConfigError, DeviceError
+from sim.resources import nearest
 
 FULL = {errno.ENOBUFS, errno.EAGAIN}
 FULL_IN_ROW_MAX = 2  # refused frames one after another; one alone is a hiccup
@@ -27,6 +28,13 @@ STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
 SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
 SETS_NO_FD = ("socketcand",)  # python-can's client of it knows classical frames only
 FD_PROTOCOLS = (can.CanProtocol.CAN_FD, can.CanProtocol.CAN_FD_NON_ISO)
+REMEDY = "plug the adapter in, bring its interface up, and check interface, channel and bus in the cell file"
+REMEDIES = {
+    "gs_usb": 'on Linux the kernel drives such adapters, with CAN FD from 5.18 on: interface = "socketcan", channel = "can0"; elsewhere '
+    'install "python-can[gs_usb]" (classical CAN only), and channel is the number of the adapter, counted from 0',
+    "socketcan": "plug the adapter in, see its name with `ip link`, and bring it up: sudo ip link set can0 up type can bitrate 1000000 (for CAN FD "
+    "with dbitrate 5000000 fd on)",
+}
 PCAN_CLOCK = 80_000_000  # Hz, of PEAK's CAN FD adapters
 CAN_ERR_BUSOFF, CAN_ERR_CRTL, PASSIVE_BITS = 0x40, 0x04, 0x30  # linux/can/error.h
 
@@ -47,15 +55,18 @@ class Link:
     def open(cls, options: CanOptions, clock: Clock) -> Link:
         """The bus that a cell names; DeviceError with the remedy where it cannot be opened."""
         where = f"{options.interface} {options.channel}"
+        known = sorted({*can.VALID_INTERFACES, "damiao"})
+        if options.interface not in known:
+            raise ConfigError(
+                f"interface {options.interface!r:.40}: python-can has none of that name; {nearest(options.interface[:40], known)}; for "
+                f"another one install its python-can plugin. Candle-light adapters: {REMEDIES['gs_usb']}"
+            )
         if options.interface == "socketcand":
             _require_server(options)
         try:
             bus = _opened(options)
         except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
-            raise DeviceError(
-                f"{where}: cannot be opened ({error}); plug the adapter in, bring its interface up, and check interface, channel "
-                "and bus in the cell file"
-            ) from error
+            raise DeviceError(f"{where}: cannot be opened ({error}); {REMEDIES.get(options.interface, REMEDY)}") from error
         if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:
             bus.shutdown()
             raise DeviceError(
@@ -186,6 +197,8 @@ def _opened(options: CanOptions) -> can.BusABC:
     if options.interface == "damiao":
         return DamiaoBox(options.channel, options.bitrate, **options.bus)
     arguments: dict[str, Any] = {"channel": options.channel, "ignore_config": True}
+    if options.interface == "gs_usb" and options.channel.isdecimal():
+        arguments["index"] = int(options.channel)  # its channel is a name only
     if options.interface == "virtual":
         arguments["protocol"] = can.CanProtocol.CAN_20 if options.data_bitrate is None else can.CanProtocol.CAN_FD
     elif options.interface == "pcan" and options.data_bitrate is not None:

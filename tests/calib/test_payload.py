@@ -94,6 +94,17 @@ def test_an_arm_without_torque_constants_gets_them() -> None:
     assert np.all(np.abs(found.arm.torque_constant - 11.0) < 4 * 11.0 * load.scale_std / load.scale)
 
 
+def test_a_joint_whose_torque_a_load_hardly_moves_is_named() -> None:
+    nominal, mass = replace(load_arm("ur5e"), torque_constant=None), 0.15
+    free, loaded = (
+        by_current(logs_of(arm, seed)[:1], np.full(6, 11.0)) for arm, seed in ((nominal, 50), (carrying(nominal, mass), 60))
+    )
+    found, _ = identify_with_load(nominal, free, loaded, options=OPTIONS, known_mass=mass)
+    unknown = [sentence for sentence in found.result.findings if "stays unknown" in sentence]
+    assert len(unknown) == 1
+    assert unknown[0].startswith("the torque constant of wrist_3_joint stays unknown")
+
+
 @pytest.mark.parametrize(("mass", "message"), [(0.0, "may be nothing"), (-1.5, "wrong way round")])
 def test_a_load_that_is_none_or_negative(mass: float, message: str) -> None:
     arm = load_arm("ur5e")

@@ -9,6 +9,8 @@ import pytest
 
 from drivers.driver import Check
 from drivers.mock import MockDriver
+from drivers.preflight import GRAVITY_DOUBT, UNEVEN, ZERO_DOUBT
+from drivers.torque_constants import constants_from
 from drivers.ur_rtde import family
 from safety.collision import Clearance
 from safety.gravity_sweep import PLACES, at_places, lines_from
@@ -19,6 +21,7 @@ from sim.clock import SimulatedClock
 from sim.effects import with_effect
 from sim.joint_state import JointState
 from sim.plant import Plant
+from sim.rigid_body import RigidBody
 
 RATE = 100.0
 
@@ -91,6 +94,44 @@ def test_no_line_is_driven_where_none_can_be_verified(ur10e: Arm, mock_cell: Cel
     narrow = replace(ur10e, q_min=home - 0.2, q_max=home + 0.2)
     driver = OfFamily(Plant(ur10e), narrow, RATE, SimulatedClock(), start=home)
     assert lines_from(home, driver, mock_cell, Clearance(narrow, mock_cell), 0.0) == []
+
+
+def by_current(truth: Arm, cell: Cell, constant: np.ndarray, stated: Arm) -> dict[str, Check]:
+    """The checks of an arm whose device reports currents, and whose file has no torque constant."""
+    driver = OfFamily(Plant(truth), replace(stated, torque_constant=None), RATE, SimulatedClock(), start=cell.table.home)
+    driver.faults.append(lambda state: replace(state, current=state.tau / constant, tau=np.full(6, np.nan)))
+    with driver:
+        return {check.name: check for check in try_joints(driver, cell)}
+
+
+def test_currents_give_torque_constants_where_gravity_loads_a_joint(ur10e: Arm, mock_cell: Cell) -> None:
+    found = by_current(ur10e, mock_cell, np.array([9.0, 11.0, 12.0, 8.0, 8.0, 8.0]), ur10e)["torque constants"]
+    assert found.ok is None
+    assert "shoulder_lift_joint 11 ± 1," in found.detail
+    assert "elbow_joint 12 ± " in found.detail
+    unknown = found.detail.partition("unknown, because gravity hardly loads them here: ")[2]
+    assert unknown.startswith("shoulder_pan_joint, ")
+    assert "wrist_3_joint" in unknown
+
+
+def test_constants_are_as_sure_as_masses_friction_and_scatter(ur10e: Arm) -> None:
+    """Over poses drawn with masses, zeros and uneven friction off by what is said, the truth is within three standard deviations."""
+    rng, inside, count = np.random.default_rng(5), 0, 0
+    truth = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
+    for _ in range(200):
+        q = rng.uniform(-1.5, 1.5, (9, 6))
+        torque = (
+            RigidBody(ur10e).gravity_torque(q) * rng.normal(1.0, GRAVITY_DOUBT, 6)
+            + rng.normal(0.0, ZERO_DOUBT, 6) * ur10e.tau_max
+        )
+        friction = np.full((9, 6), 0.6)
+        current = torque / truth + UNEVEN * friction * rng.choice((-1.0, 1.0), 6) + rng.normal(0.0, 0.05, (9, 6))
+        found = constants_from(ur10e, q, current, friction)
+        known = np.isfinite(found.value)
+        inside += int(np.sum(np.abs(found.value - truth)[known] < 3 * found.std[known]))
+        count += int(known.sum())
+    assert count >= 400
+    assert inside > 0.97 * count
 
 
 def line(count: int, tau: float) -> list[JointState]:

@@ -69,6 +69,27 @@ def test_fd_needs_an_interface_and_a_drive_that_know_it(servo6, tmp_path):
         can_options(cell, servo6)
 
 
+def test_candle_light_adapters(servo6, monkeypatch, tmp_path):
+    """python-can's gs_usb takes the adapter's number as a number; Linux has a driver of its own for them, which the refusal names."""
+    options = can_options(wire_cell("virtual", tmp_path), servo6).model_copy(update={"interface": "gs_usb", "channel": "1"})
+    opened = {}
+
+    def bus(**arguments):
+        opened.update(arguments)
+        raise ImportError("No module named 'usb'")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    with pytest.raises(
+        DeviceError, match=r'interface = "socketcan", channel = "can0"; elsewhere install "python-can\[gs_usb\]"'
+    ):
+        Link.open(options, MonotonicClock())
+    assert (opened["interface"], opened["index"], opened["bitrate"]) == ("gs_usb", 1, 1_000_000)
+    with pytest.raises(
+        ConfigError, match=r"python-can has none of that name.*Candle-light adapters: on Linux the kernel drives"
+    ):
+        Link.open(options.model_copy(update={"interface": "candle"}), MonotonicClock())
+
+
 @pytest.mark.parametrize("interface", ["slcan", "virtual"])
 def test_fd_over_the_wire(interface, tmp_path, servo6):
     cell = wire_cell(interface, tmp_path)
