@@ -20,7 +20,7 @@ from safety.braking import stop_profile
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.limits import sampled
-from safety.torque import PAYLOAD_DOUBT, SIGMAS, friction_of
+from safety.parameters import PAYLOAD_DOUBT, SIGMAS, friction_of
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell, PayloadTable, load_cell
 from sim.effects import with_effect

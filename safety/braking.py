@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 
 
@@ -41,25 +42,15 @@ class StopProfile:
 
     def travel(self, t: np.ndarray) -> np.ndarray:
         """Angle travelled t s after the stop began, rad; constant once the joint stands."""
-        j = self.jerk_max
-        a = np.clip(t, 0, self.t1)
-        b = np.clip(t - self.t1, 0, self.t2)
-        c = np.clip(t - self.t1 - self.t2, 0, self.t3)
-        v1 = self.speed + self.acceleration * a - j * a**2 / 2
-        x = self.speed * a + self.acceleration * a**2 / 2 - j * a**3 / 6
-        x = x + v1 * b - self.p * b**2 / 2
-        v2 = v1 - self.p * b
-        x = x + v2 * c - self.p * c**2 / 2 + j * c**3 / 6
-        return self.sign * x
+        return self.state(t)[0]
 
     def state(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angle travelled rad, speed rad/s and acceleration rad/s^2, t s after the stop began."""
-        a, b = np.clip(t, 0, self.t1), np.clip(t - self.t1, 0, self.t2)
-        c = np.clip(t - self.t1 - self.t2, 0, self.t3)
-        j, moving = self.jerk_max, t < self.duration
-        v = self.speed + self.acceleration * a - j * a**2 / 2 - self.p * (b + c) + j * c**2 / 2
-        ddq = np.where(t < self.t1, self.acceleration - j * a, -self.p + j * c)
-        return self.travel(t), self.sign * np.where(moving, v, 0.0), self.sign * np.where(moving, ddq, 0.0)
+        phases = (self.sign, self.speed, self.acceleration, self.p, self.t1, self.t2, self.t3, self.jerk_max)
+        shape = np.broadcast_shapes(t.shape, *(x.shape for x in phases))
+        found, cube = np.empty((3, *shape)), (-1, *shape[-2:])
+        _states(*(np.broadcast_to(x, shape).reshape(cube) for x in (t, *phases)), found.reshape(3, *cube))
+        return found[0], found[1], found[2]
 
     def extrema(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest angle travelled, (N, n) each: at the start, at the end, or where the speed changes its sign."""
@@ -68,6 +59,21 @@ class StopProfile:
         root = np.sqrt(np.maximum(self.acceleration**2 + 2 * self.jerk_max * self.speed, 0))
         turn = self.travel(np.where(back, (self.acceleration - root) / self.jerk_max, 0.0))
         return np.minimum(np.minimum(end, turn), 0), np.maximum(np.maximum(end, turn), 0)
+
+
+@numba.njit(cache=True)
+def _states(t, sign, speed, acceleration, p, t1, t2, t3, jerk, out):  # type: ignore[no-untyped-def]
+    """`StopProfile.state` of joints (N, M, n) into `out` (3, N, M, n)."""
+    for i in np.ndindex(t.shape):
+        a, j = acceleration[i], jerk[i]
+        x, y, z = min(max(t[i], 0.0), t1[i]), min(max(t[i] - t1[i], 0.0), t2[i]), min(max(t[i] - t1[i] - t2[i], 0.0), t3[i])
+        v1 = speed[i] + a * x - j * x * x / 2
+        v2 = v1 - p[i] * y
+        way = speed[i] * x + a * x * x / 2 - j * x * x * x / 6 + v1 * y - p[i] * y * y / 2
+        moving = sign[i] if t[i] < t1[i] + t2[i] + t3[i] else 0.0
+        out[0, i[0], i[1], i[2]] = sign[i] * (way + v2 * z - p[i] * z * z / 2 + j * z * z * z / 6)
+        out[1, i[0], i[1], i[2]] = moving * (v2 - p[i] * z + j * z * z / 2)
+        out[2, i[0], i[1], i[2]] = moving * (a - j * x if t[i] < t1[i] else j * z - p[i])
 
 
 def stop_profile(dq: np.ndarray, ddq: np.ndarray, p_max: np.ndarray, jerk_max: np.ndarray) -> StopProfile:

@@ -1,7 +1,6 @@
 """Torque, power and point speed over boxes of states: not at samples but at every instant, for every parameter set, off the path too.
 
-For the states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre:
-  |tau| <= |tau_c| + its doubt + |M| w_a + |dtau/dq| (w_q + e) + |dtau/ddq| w_v
+The torque of a box is that of `safety.bounds`, and steep e more; for the states within half-widths (w_q, w_v) of its centre
   |v|   <= |J dq_c| + sum_j |J_j| w_vj + sum_jk R_max(j,k) |dq_j| (w_qk + e)
 where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is left to
 smaller ones, down to the sheet's own. For each row comes out the largest e that is proved: the room for a following error.
@@ -9,20 +8,20 @@ smaller ones, down to the sheet's own. For each row comes out the largest e that
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from safety.bounds import TorqueBounds, Torques
+from safety.parameters import missing_facts
 from safety.reach import joint_reach, outline, point_speeds
 from safety.shapes import equipped
 from safety.sheets import Boxes, Sheet
-from safety.slopes import Slopes
-from safety.torque import POWER_MAX, friction_of, missing_facts, parameter_box
+from safety.torque import POWER_MAX
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
-from sim.rigid_body import RigidBody, link_inertia
-from sim.tree import KinematicTree, Shape
+from sim.interval import Interval
+from sim.rigid_body import RigidBody
+from sim.tree import Shape
 
 # boxes that hold more rows than this prove nothing
 MOST_ROWS = 128
@@ -36,13 +35,10 @@ class NotEnough(SafetyStop):
 class Loads:
     """The limits of one arm in one cell, checked for boxes."""
 
-    def __init__(self, arm: Arm, cell: Cell) -> None:
+    def __init__(self, arm: Arm, cell: Cell, bounds: TorqueBounds | None = None) -> None:
         self.arm = arm = equipped(arm, cell)
         self.cell = cell
-        self._body, self._slopes = RigidBody(arm), Slopes(arm, cell)
-        self._pi, self._delta = parameter_box(arm, cell)
-        self._weightless = RigidBody(_loaded(arm, self._pi), np.zeros(3))
-        self._friction = friction_of(arm)
+        self._body, self._bounds = RigidBody(arm), bounds or TorqueBounds(arm, cell)
         self._shapes = [
             (shape, points, radius, joint_reach(arm, shape), _swept(arm, shape))
             for shape in arm.tree.shapes if shape.link >= 0 for points, radius in [outline(shape)]
@@ -99,40 +95,19 @@ class Loads:
 
     def _of(self, part: Boxes) -> np.ndarray:
         """(C, n + 1 + shapes) rad: room of each box by torque, by power and by the speed of each shape."""
-        torque, slope, width, fast = self._torque(part)
+        torque = self._torque(part)
         with np.errstate(divide="ignore", invalid="ignore"):
-            by_torque = _share(self.arm.tau_max - torque, slope)
-            by_power = _share(POWER_MAX - np.sum(torque * fast, axis=1), np.sum(slope * fast, axis=1))
+            by_torque = _share(torque.limit - torque.most, torque.steep)
+            by_power = _share(
+                POWER_MAX - np.sum(torque.most * torque.speed, axis=1), np.sum(torque.steep * torque.speed, axis=1)
+            )
+        width, fast = (part.hi[:, 0] - part.lo[:, 0]) / 2, np.maximum(np.abs(part.lo[:, 1]), np.abs(part.hi[:, 1]))
         by_speed = [self._speed_room(s, part, width, fast) for s in self._shapes]
         return np.column_stack((by_torque, by_power, *by_speed))
 
-    def _torque(self, part: Boxes) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Largest torque (C, n) of each box, what 1 rad of following error adds (C, n), half-widths of q (C, n), speeds (C, n)."""
-        q, dq, ddq = ((part.lo + part.hi) / 2).transpose(1, 0, 2)
-        w_q, w_v, w_a = ((part.hi - part.lo) / 2).transpose(1, 0, 2)
-        forth, back = part.hi[:, 1] > 0, part.lo[:, 1] < 0
-        fast, hard = np.abs(dq) + w_v, np.abs(ddq) + w_a
-        y = self._body.regressor(q, dq, ddq)
-        torque = y @ self._pi
-        f = self._friction
-        # dry friction has the sign of the speed; where a box holds both signs, either
-        dry = f.coulomb * (forth.astype(float) - back)
-        either = f.coulomb * (forth & back)
-        torque = np.abs(torque + f.inertia * ddq + f.viscous * dq + dry) + either
-        torque += np.abs(y) @ self._delta + f.inertia_doubt * np.abs(ddq) + f.coulomb_doubt + f.viscous_doubt * fast
-        torque += (f.inertia + f.inertia_doubt) * w_a + f.viscous * w_v
-        torque += np.einsum("cij,cj->ci", self._mass(q), w_a)
-        by_angle = self._slopes.by_angle(fast, hard)
-        torque += np.einsum("cik,ck->ci", by_angle, w_q) + self._slopes.by_speed(fast, w_v)
-        return torque, by_angle.sum(axis=2), w_q, fast
-
-    def _mass(self, q: np.ndarray) -> np.ndarray:
-        """Bound of |M(q)| (C, n, n) of the links over the parameter box."""
-        n = self.arm.n
-        tall = np.repeat(q, n, axis=0)
-        unit = np.tile(np.eye(n), (len(q), 1))
-        links = self._weightless.inverse_dynamics(tall, np.zeros_like(tall), unit).reshape(len(q), n, n)
-        return np.abs(links).transpose(0, 2, 1) + self._slopes.doubt
+    def _torque(self, part: Boxes) -> Torques:
+        q, dq, ddq = (Interval(part.lo[:, k], part.hi[:, k]) for k in range(3))
+        return self._bounds.of(q, dq, ddq, steep=True)
 
     def _speed_room(
         self, known: tuple[Shape, np.ndarray, float, np.ndarray, np.ndarray], part: Boxes, w_q: np.ndarray, fast: np.ndarray
@@ -154,30 +129,23 @@ class Loads:
 
     def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:
         """Say what is exceeded in one box."""
-        (torque, _, _, fast), n = self._torque(part), self.arm.n
+        torque, n = self._torque(part), self.arm.n
         where = f"{what} at t={sheet.time(k):.4f} s"
         if worst < n:
             raise NotEnough(
-                f"{self.arm.joint_names[worst]}: torque up to {torque[0, worst]:.4g} N m in {where}, over the whole box of parameters, "
-                f"leaves no room for a following error below {self.arm.tau_max[worst]:.4g} N m; plan a slower motion, declare the real payload in "
+                f"{self.arm.joint_names[worst]}: torque up to {torque.most[0, worst]:.4g} N m in {where}, over the whole box of parameters, "
+                f"leaves no room for a following error below {torque.limit[worst]:.4g} N m; plan a slower motion, declare the real payload in "
                 f"the cell file, or state better known masses in [prior] of arm.toml{missing_facts(self.arm, worst)}"
             )
         if worst == n:
             raise NotEnough(
-                f"{self.arm.name}: mechanical power up to {float(np.sum(torque * fast)):.4g} W in {where} leaves no room for a following error "
+                f"{self.arm.name}: mechanical power up to {float(np.sum(torque.most * torque.speed)):.4g} W in {where} leaves no room for a following error "
                 f"below {POWER_MAX:g} W; plan a slower motion"
             )
         raise SafetyStop(
             f"{self._shapes[worst - n - 1][0].name}: a point of it may move faster than {self.cell.table.motion.point_speed_max:g} m/s in "
             f"{where}; plan a slower motion, or raise motion.point_speed_max in {self.cell.path.name}"
         )
-
-
-def _loaded(arm: Arm, pi: np.ndarray) -> KinematicTree:
-    """The links with the masses of pi (10 n,): the declared payload is on the last one."""
-    links = [link_inertia(row) if row[0] > 0 else (0.0, np.zeros(3), np.zeros((3, 3))) for row in pi.reshape(-1, 10)]
-    mass, com, inertia = (np.array(x) for x in zip(*links, strict=True))
-    return replace(arm.tree, mass=mass, com=com, inertia=inertia)
 
 
 def _swept(arm: Arm, shape: Shape) -> np.ndarray:

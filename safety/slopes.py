@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safety.torque import PAYLOAD_DOUBT, SIGMAS
+from safety.parameters import PAYLOAD_DOUBT, SIGMAS
 from sim.arm import Arm
 from sim.cell import Cell
 
@@ -28,7 +28,7 @@ class Slopes:
         pull = float(np.linalg.norm(arm.tree.gravity))
         later = np.maximum.outer(np.arange(n), np.arange(n))
         for link, mass, com, turning, spread, off in _bodies(arm, cell):
-            r, chain = _distances(arm, link, float(np.linalg.norm(com)) + off)
+            r, chain = distances(arm, link, float(np.linalg.norm(com)) + off)
             heavy, both = mass * (1 + spread), np.outer(chain, chain)
             i_most = turning * (1 + SIGMAS * prior.inertia)
             self.inertia += heavy * np.outer(r, r) + i_most * both
@@ -65,8 +65,8 @@ def _bodies(arm: Arm, cell: Cell) -> list[tuple[int, float, np.ndarray, float, f
     return out
 
 
-def _distances(arm: Arm, link: int, far: float) -> tuple[np.ndarray, np.ndarray]:
-    """R (n,) m from every joint that moves the body, and which those are (n,) 0 or 1."""
+def distances(arm: Arm, link: int, far: float) -> tuple[np.ndarray, np.ndarray]:
+    """R (n,) m that a point `far` m from a link's origin can be from every joint that moves it, and which those are (n,) 0 or 1."""
     tree, r, chain = arm.tree, np.zeros(arm.n), np.zeros(arm.n)
     while link >= 0:
         if tree.prismatic[link]:

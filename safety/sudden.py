@@ -3,18 +3,24 @@
 The residual r = tau - tau_hat = Y dpi is linear in what is not known of the parameters, and so is a first-order high-pass H:
 |H r| = |(H Y) dpi| <= |H Y| delta. However badly the masses are known, that is small where the arm has hardly turned within FAST.
 To it come a torque that answers up to LATE after the command, and dry friction that turns round with its joint up to LATE after it.
+What friction with memory, and any other effect, may be beside its expectation, h, moves it by no more than h and its mean: h + (1 - H) h.
 """
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter
 
-from safety.torque import friction_of, parameter_box
+from safety.bounds import TorqueBounds
+from safety.parameters import friction_of, parameter_box
 from sim.arm import Arm
 from sim.cell import Cell
+from sim.effects.torque_box import CREEP
+from sim.interval import Interval
 from sim.rigid_body import RigidBody
+from sim.slip import SLIP_WIDTH
+from sim.slip_bounds import one_slip, way_in_one_direction
 from sim.trajectory import Trajectory
 
 FAST = 0.1
@@ -22,38 +28,51 @@ FAST = 0.1
 LATE = 0.1
 # dry friction that no parameter states, share of tau_max
 UNSTATED = 0.05
-# rad/s: below it a joint may be about to turn round
-CREEP = 0.02
 CHUNK = 5_000
 
 
 def sudden_change(motion: Trajectory, arm: Arm, cell: Cell) -> np.ndarray:
     """(N, n) N m that bound |H r| at each sample of a motion that is sampled evenly; noise is not in it."""
-    body, (pi, delta) = RigidBody(arm), parameter_box(arm, cell)
+    body, (_, delta), known = RigidBody(arm), parameter_box(arm, cell), TorqueBounds(arm, cell, doubt=False)
     rate = (len(motion) - 1) / float(motion.t[-1] - motion.t[0])
-    friction, dq, ddq = friction_of(arm), motion.dq, motion.ddq
-    tau, out = np.empty_like(dq), np.empty_like(dq)
+    friction, dq, ddq, gain = friction_of(arm), motion.dq, motion.ddq, np.ones(arm.n)
+    tau, beside, out = np.empty_like(dq), np.empty_like(dq), np.empty_like(dq)
     memory = None
     for start in range(0, len(motion), CHUNK):
         part = slice(start, start + CHUNK)
         y = body.regressor(motion.q[part], dq[part], ddq[part])
-        tau[part] = y @ pi
         fast, memory = high_pass(y, rate, memory)
         out[part] = np.abs(fast) @ delta
-    tau += friction.inertia * ddq + friction.viscous * dq
+        q, v, a = (Interval(x[part], x[part]) for x in (motion.q, dq, ddq))
+        found = known.of(q, v, a, motion.t[part], y=y)
+        tau[part], beside[part], gain = found.reading.middle, found.reading.half, np.maximum(found.gain, 1.0)
     out += friction.inertia_doubt * np.abs(high_pass(ddq, rate)[0]) + friction.viscous_doubt * np.abs(high_pass(dq, rate)[0])
+    beside += (
+        gain * friction.coulomb_doubt * one_slip(*way_in_one_direction(Interval(dq, dq), CREEP, arm.ddq_max), SLIP_WIDTH).half
+    )
+    out = gain * out + 2 * beside - high_pass(beside, rate)[0]
     turning = np.where(np.abs(dq) < CREEP, 2.0, np.abs(high_pass(np.sign(dq), rate)[0]))
-    dry = 2 * friction.coulomb + friction.coulomb_doubt + UNSTATED * arm.tau_max
+    dry = gain * (2 * friction.coulomb + friction.coulomb_doubt) + UNSTATED * arm.tau_max
     late = high_pass(tau, rate)[0]  # what answers late is filtered late: H and a delay may be swapped
     return out + _largest(late, rate) + _largest(-late, rate) + dry * _largest(turning, rate)
 
 
 def high_pass(x: np.ndarray, rate: float, memory: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """x less its mean over about FAST s before: s_k = s_{k-1} + b (x_k - s_{k-1}), b = 1 / (rate FAST), s_0 = x_0; and what to go on with."""
-    b = blend(rate)
-    zi = (1 - b) * x[:1] if memory is None else memory
-    slow, memory = lfilter([b], [1.0, b - 1.0], x, axis=0, zi=zi)
-    return x - slow, memory
+    slow = (x[0] if memory is None else memory).ravel().copy()
+    fast = _less_its_mean(np.ascontiguousarray(x).reshape(len(x), -1), blend(rate), slow)
+    return fast.reshape(x.shape), slow
+
+
+@numba.njit(cache=True)
+def _less_its_mean(x: np.ndarray, b: float, slow: np.ndarray) -> np.ndarray:
+    """x (N, M) less the mean, which goes on from `slow` (M,), in place."""
+    out = np.empty_like(x)
+    for k in range(x.shape[0]):
+        for i in range(x.shape[1]):
+            slow[i] += b * (x[k, i] - slow[i])
+            out[k, i] = x[k, i] - slow[i]
+    return out
 
 
 def blend(rate: float) -> float:

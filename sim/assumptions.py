@@ -19,6 +19,7 @@ ASSUMPTIONS: dict[str, str] = {
         f"unusual-{name}": f"{name} is meant to be as far from what is usual as it is; the rules that rest on it are as weak"
         for name in UNUSUAL
     },
+    "effects-without-a-bound": "effects of the arm's file whose torque nobody can bound (a soft gear, backlash) add none beside what was verified",
     # every device
     "payload-as-declared": "the payload of the cell file is mounted, whatever the device says that it believes",
     "mounting-as-modelled": "the arm stands as its model has it, whatever mounting the device reports",

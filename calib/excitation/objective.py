@@ -12,7 +12,7 @@ import numpy as np
 from calib.excitation.fourier import Fourier
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
 from calib.identification.model import FRICTION, TorqueModel
-from safety.torque import friction_of, parameter_box
+from safety.parameters import friction_of, parameter_box
 
 STEP = 1e-5
 CONDITION_AIM = 36.0

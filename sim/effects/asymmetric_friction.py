@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values, passive
+from sim.effects.torque_box import Known, TorqueBox
+from sim.slip import SLIP_WIDTH
 
 
 class AsymmetricFriction(Effect):
@@ -21,6 +23,12 @@ class AsymmetricFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth D |slip|."""
         state.tau[:, joint] += state.warmth[:, joint] * p["half_difference"] * np.abs(state.slip[:, joint])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """tau += warmth D |slip|."""
+        box.add(
+            box.tau, joints, (box.warmth[:, joints] * p["half_difference"] * abs(box.slip(joints, SLIP_WIDTH))).wider(unsure)
+        )
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """A passive dcmotor of constant torque: with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], at rest too."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class CoulombFriction(Effect):
@@ -19,6 +22,11 @@ class CoulombFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """level += F."""
         state.level[:, joint] += p["coulomb"]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """level += F; its middle is one number, which builds up together with every other slip of the joint."""
+        box.add(box.level, joints, p["coulomb"].wider(unsure))
+        box.dry[joints] += p["coulomb"].middle
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """frictionloss, as stiff as MuJoCo's soft constraint allows (slip below about 1 mrad/s is viscous)."""

@@ -25,6 +25,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from sim.effects.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
 
 Values = Mapping[str, float]
@@ -132,6 +133,10 @@ class Probe:
     combine: Callable[[np.ndarray], dict[str, float]]
 
 
+class Unbounded(Exception):
+    """Nobody can say how much torque an effect adds at most."""
+
+
 @dataclass
 class PathState:
     """The torque path along N instants, filled stage by stage; arrays (N, n) on the joint side of the gear.
@@ -197,6 +202,14 @@ class Effect:
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Change `state` by this effect with parameter values `p`; every stage but RIGID."""
         raise TypeError(f"{self.name} acts on the rigid bodies, not on a motion")
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """Change `box` so that it holds whatever `apply` makes of any motion in it, with any parameters of p, at `joints` (k,).
+
+        unsure (k,): share by which the whole effect may be off, where no parameter has a standard deviation of its own. An effect of the
+        whole arm gets no joints. By default there is no bound: `safety` refuses a motion of an arm that has such an effect.
+        """
+        raise Unbounded(self.name)
 
     def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
         """What the encoder reads at a joint angle, rad; stage ENCODER only."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Unbounded, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 
 
 class EncoderEccentricity(Effect):
@@ -41,6 +43,21 @@ class EncoderEccentricity(Effect):
         state.ddq[:, joint] = (state.ddq[:, joint] - curve * speed**2) / slope
         state.dq[:, joint] = speed
         state.q[:, joint] = angle
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """angle = reading -+ A; its speed and acceleration by the largest slope A N and curvature A N^2 of the wave."""
+        a = p["amplitude"].magnitude * (1 + unsure)
+        slope = a * p["cycles"].magnitude
+        if not (slope < 1).all():
+            raise Unbounded(self.name)  # one reading belongs to several angles
+        box.q[:, joints] = Interval.around(box.q[:, joints].middle, box.q[:, joints].half + a)
+        least, most = np.broadcast_to(1 / (1 + slope), (1, len(joints))), np.broadcast_to(1 / (1 - slope), (1, len(joints)))
+        speed = box.dq[:, joints] * Interval(least, most)
+        curve = slope * p["cycles"].magnitude * speed.magnitude**2
+        bent = Interval(box.ddq.lo[:, joints] - curve, box.ddq.hi[:, joints] + curve)
+        box.dq[:, joints], box.ddq[:, joints] = speed, bent * Interval(least, most)
+        box.stretch[joints] *= most[0]
+        box.ddq_max[joints] = (box.ddq_max[joints] + curve.max(axis=0)) * most[0]
 
     def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
         """angle + A sin(N angle + phase)."""

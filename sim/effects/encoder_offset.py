@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class EncoderOffset(Effect):
@@ -21,6 +22,10 @@ class EncoderOffset(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """angle = reading - o."""
         state.q[:, joint] -= p["offset"]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """angle = reading - o."""
+        box.q[:, joints] = box.q[:, joints] - p["offset"].wider(unsure)
 
     def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
         """angle + o."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 
 
 class ExternalContact(Effect):
@@ -31,3 +33,8 @@ class ExternalContact(Effect):
         phase = (state.t - p["start"]) / p["duration"]
         window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)
         state.force += window[:, None] * np.array([p["force_x"], p["force_y"], p["force_z"]])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """f += anything from 0 to f: nobody knows when the recording began."""
+        for axis, name in enumerate(("force_x", "force_y", "force_z")):
+            box.add(box.force, np.array([axis]), Interval.zeros((1,)).hull(p[name].wider(unsure)))

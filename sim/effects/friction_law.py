@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 from sim.slip import slip_along, slip_direction
+from sim.slip_bounds import slip_amplitude
 
 WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 POWERS = (0.3, 0.6, 1.0, 2.0)
@@ -71,6 +74,37 @@ class FrictionLaw(Effect):
         wanted = [name for name in TERMS if p[name] != 0.0]
         if wanted:
             state.tau[:, joint] += self.columns(state, joint, wanted) @ np.array([p[name] for name in wanted])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """The slips of every width together, then the other terms one by one, each with its own doubt."""
+        dq, load = box.dq[:, joints], box.load[:, joints]
+        turn = box.slip(joints, TURNING)
+        size = abs(load)
+        out = Interval.zeros(dq.lo.shape)
+        level = Interval.zeros(dq.lo.shape)
+        for width, name in zip(WIDTHS, FAMILIES["slip"], strict=True):
+            row = box.slips.setdefault(width, np.zeros(box.tau.lo.shape[1]))
+            row[joints] += p[name].middle
+            half = p[name].half
+            out = Interval(out.lo - half, out.hi + half)
+        for power, name in zip(POWERS, FAMILIES["speed"], strict=True):
+            speeds = Interval(*(v * (v**2 + SLOW**2) ** ((power - 1) / 2) for v in (dq.lo, dq.hi)))
+            out = out + p[name] * speeds
+        for scale, name in zip(SPEEDS, FAMILIES["stribeck"], strict=True):
+            speed = abs(dq)
+            level = level + p[name] * Interval(np.exp(-speed.hi / scale), np.exp(-speed.lo / scale))
+        level = level + p["load"] * size + p["load_2"] * (size * size)
+        driving = load * turn
+        positive = Interval(np.maximum(driving.lo, 0.0), np.maximum(driving.hi, 0.0))
+        out = out + level * turn + p["load_driving"] * positive * turn
+        box.add(box.tau, joints, out)
+        slips = np.array([p[name].middle for name in FAMILIES["slip"]])
+        more = unsure * (out.magnitude + [slip_amplitude(np.array(WIDTHS), a) for a in slips.T])
+        box.add(box.tau, joints, Interval(-more, more))
+        steep = box.steep[:, joints]
+        by_square = p["load_2"].magnitude * (2 * size.hi + steep * box.farthest)
+        share = p["load"].magnitude + p["load_driving"].magnitude + by_square
+        box.by_friction[:, joints] += (1 + unsure) * share * steep
 
     def columns(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
         """(N, k) torque of each of these terms with a coefficient of one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class JointSpring(Effect):
@@ -24,6 +25,11 @@ class JointSpring(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """load += k (q - q_0)."""
         state.load[:, joint] += p["stiffness"] * (state.q[:, joint] - p["rest_angle"])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """load += k (q - q_0)."""
+        box.add(box.load, joints, (p["stiffness"] * (box.q[:, joints] - p["rest_angle"])).wider(unsure))
+        box.steep[:, joints] += p["stiffness"].magnitude * (1 + unsure) * box.stretch[joints]
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """stiffness and springref."""

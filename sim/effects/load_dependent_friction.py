@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class LoadDependentFriction(Effect):
@@ -21,3 +22,9 @@ class LoadDependentFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """level += c |load|."""
         state.level[:, joint] += p["coefficient"] * np.abs(state.load[:, joint])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """level += c |load|."""
+        share = p["coefficient"].wider(unsure)
+        box.add(box.level, joints, share * abs(box.load[:, joints]))
+        box.by_friction[:, joints] += share.magnitude * box.steep[:, joints]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 
 NEAR = 0.005
 
@@ -33,6 +35,13 @@ class NonlinearViscousFriction(Effect):
         speed = state.dq_motor[:, joint]
         law = np.abs(speed) ** p["exponent"] * np.sign(speed)
         state.tau[:, joint] += state.warmth[:, joint] * p["coefficient"] * law
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """tau += warmth c |dq|^e sign(dq): it grows with dq, and goes one way with e."""
+        dq = box.dq[:, joints]
+        ends = [np.abs(v) ** e * np.sign(v) for v in (dq.lo, dq.hi) for e in (p["exponent"].lo, p["exponent"].hi)]
+        law = Interval(np.minimum(*ends[:2]), np.maximum(*ends[2:]))
+        box.add(box.tau, joints, (box.warmth[:, joints] * p["coefficient"] * law).wider(unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """Polynomial damping where it follows the power within NEAR of the torque at full speed, else the callback."""

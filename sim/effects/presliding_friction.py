@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 STIFFEST = 1e6  # N m/rad
 
@@ -38,6 +39,10 @@ class PreslidingFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """width = level / stiffness, never below the width that every bearing has."""
         state.width[:, joint] = np.maximum(state.width[:, joint], state.level[:, joint] / p["stiffness"])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """The width follows from the level, which may have been any: the memory is held by its amplitude alone."""
+        box.loose[joints] = True
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """Dahl's law is the LuGre friction of a passive dcmotor without damping of its bristles."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class RotorInertia(Effect):
@@ -19,6 +22,10 @@ class RotorInertia(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += I_a ddq_motor."""
         state.tau[:, joint] += p["inertia"] * state.ddq_motor[:, joint]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """tau += I_a ddq."""
+        box.add(box.tau, joints, (p["inertia"] * box.ddq[:, joints]).wider(unsure))
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """armature."""

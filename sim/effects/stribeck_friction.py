@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 
 
 class StribeckFriction(Effect):
@@ -33,6 +35,12 @@ class StribeckFriction(Effect):
         """level += F_s exp(-(dq/v_s)^2)."""
         speed = state.dq_motor[:, joint] / p["stribeck_velocity"]
         state.level[:, joint] += p["stiction_excess"] * np.exp(-(speed**2))
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """level += F_s exp(-(dq/v_s)^2): largest at the slowest."""
+        speed, scale = abs(box.dq[:, joints]), p["stribeck_velocity"]
+        share = Interval(np.exp(-((speed.hi / scale.lo) ** 2)), np.exp(-((speed.lo / scale.hi) ** 2)))
+        box.add(box.level, joints, (p["stiction_excess"] * share).wider(unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """The LuGre friction of a passive dcmotor has this law in steady motion."""

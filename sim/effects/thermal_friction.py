@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import Interval
 
 
 class ThermalFriction(Effect):
@@ -29,3 +31,10 @@ class ThermalFriction(Effect):
         """warmth *= 1 - d (1 - exp(-t/T))."""
         share = -np.expm1(-state.t / p["time_constant"]) if state.warming is None else state.warming[:, joint]
         state.warmth[:, joint] *= 1.0 - p["relative_drop"] * share
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """warmth *= anything from 1 to 1 - d: nobody knows how warm the joint is."""
+        one = np.ones(len(joints))
+        box.warmth[:, joints] = box.warmth[:, joints] * Interval(one, one).hull(
+            Interval(one, one) - p["relative_drop"].wider(unsure)
+        )

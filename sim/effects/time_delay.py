@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 LEAST_DELAY = 5e-4  # s
 
@@ -30,6 +31,16 @@ class TimeDelay(Effect):
         if len(state.t) > 1:
             for j in range(state.tau.shape[1]):
                 state.tau[:, j] = np.interp(state.t - p["delay"], state.t, state.tau[:, j])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """reading(t) = tau(t - d) at the ends of d and between; one box alone does not say what was before."""
+        if box.t is None or len(box.t) < 2:
+            return
+        lo, hi = box.reading.lo.copy(), box.reading.hi.copy()
+        times = [box.t - d for d in (p["delay"].lo[0], p["delay"].middle[0], p["delay"].hi[0])]
+        for j in range(lo.shape[1]):
+            box.reading.lo[:, j] = np.min([np.interp(t, box.t, lo[:, j]) for t in times], axis=0)
+            box.reading.hi[:, j] = np.max([np.interp(t, box.t, hi[:, j]) for t in times], axis=0)
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """The delay of the sensors that read the motors' torque; an early reading has no form that runs forward in time."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class ToolForce(Effect):
@@ -26,6 +27,11 @@ class ToolForce(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """f += constant."""
         state.force += np.array([p["force_x"], p["force_y"], p["force_z"]])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """f += constant."""
+        for axis, name in enumerate(("force_x", "force_y", "force_z")):
+            box.add(box.force, np.array([axis]), p[name].wider(unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """A passive dcmotor of constant force between a site on the last link and the world."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class TorqueGain(Effect):
@@ -19,3 +22,8 @@ class TorqueGain(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau *= g."""
         state.tau[:, joint] *= p["gain"]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """reading *= g."""
+        box.reading[:, joints] = box.reading[:, joints] * p["gain"]
+        box.gain[joints] = np.maximum(box.gain[joints], p["gain"].magnitude)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class TorqueOffset(Effect):
@@ -19,3 +22,7 @@ class TorqueOffset(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += o."""
         state.tau[:, joint] += p["offset"]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """reading += o."""
+        box.add(box.reading, joints, p["offset"].wider(unsure))

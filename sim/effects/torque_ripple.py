@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
+from sim.effects.torque_box import Known, TorqueBox
+from sim.interval import sine
 
 
 class TorqueRipple(Effect):
@@ -35,6 +37,12 @@ class TorqueRipple(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """load -= A sin(N q + phase)."""
         state.load[:, joint] -= p["amplitude"] * np.sin(p["cycles"] * state.q[:, joint] + p["phase"])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """load -= A sin(N q + phase)."""
+        wave = sine(p["cycles"] * box.q[:, joints] + p["phase"])
+        box.add(box.load, joints, -(p["amplitude"] * wave).wider(unsure))
+        box.steep[:, joints] += p["amplitude"].magnitude * (1 + unsure) * p["cycles"].magnitude * box.stretch[joints]
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """A passive dcmotor with cogging."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class TorqueSaturation(Effect):
@@ -22,6 +23,10 @@ class TorqueSaturation(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau held in [-limit, limit]."""
         state.tau[:, joint] = np.clip(state.tau[:, joint], -p["limit"], p["limit"])
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """No motion may need more than the drive is limited to, or the joint falls behind."""
+        box.limit[joints] = np.minimum(box.limit[joints], p["limit"].lo * (1 - unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """The forcerange of the joint's motors."""

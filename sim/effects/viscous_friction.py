@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.torque_box import Known, TorqueBox
 
 
 class ViscousFriction(Effect):
@@ -18,6 +21,10 @@ class ViscousFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth F_v dq."""
         state.tau[:, joint] += state.warmth[:, joint] * p["viscous"] * state.dq_motor[:, joint]
+
+    def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
+        """tau += warmth F_v dq."""
+        box.add(box.tau, joints, (box.warmth[:, joints] * p["viscous"] * box.dq[:, joints]).wider(unsure))
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """damping."""

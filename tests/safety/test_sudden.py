@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from safety.clear import clear
+from safety.parameters import friction_of, parameter_box
 from safety.sudden import CHUNK, FAST, LATE, UNSTATED, high_pass, sudden_change
-from safety.torque import friction_of, parameter_box, torque_interval
+from safety.torque import torque_interval
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell, PayloadTable
 from sim.effects import with_effect

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from safety.clear import clear
-from safety.torque import SIGMAS, WARMING, _largest_rms, check_torque, friction_of, torque_interval
+from safety.parameters import SIGMAS, friction_of
+from safety.torque import WARMING, _largest_rms, check_torque, torque_interval
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.effects import with_effect

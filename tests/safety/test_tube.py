@@ -10,9 +10,9 @@ import pytest
 from drivers.driver import DeviceStop
 from safety.clear import clear
 from safety.loads import Loads
+from safety.parameters import PAYLOAD_DOUBT, SIGMAS, friction_of
 from safety.reach import spine
 from safety.sheets import DeviceStops, OwnStops, PathSheet, Sheet
-from safety.torque import PAYLOAD_DOUBT, SIGMAS, friction_of
 from safety.tube import Tube
 from sim.arm import Arm
 from sim.cell import Cell, PayloadTable

@@ -1,0 +1,104 @@
+"""The torque path over boxes of motion: each stage of `sim.effects.effect` as the interval that it cannot leave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.interval import Interval
+from sim.slip_bounds import one_slip, slip_bounds, way_in_one_direction
+
+# what an effect knows of its parameters, each (k,), for the k joints that have it
+Known = Mapping[str, Interval]
+# rad/s by which a joint may be slower than commanded and so be about to turn round
+CREEP = 0.02
+
+
+@dataclass
+class TorqueBox:
+    """The torque path over C boxes, filled stage by stage; intervals (C, n) on the joint side of the gear unless said otherwise.
+
+    t (C,) s where each box is one instant of a path, else None; q dq ddq of the link. A joint may also be up to `farthest` rad beside its box: stretch (n,) rad that the
+    link turns for each rad of the reading, steep (C, n) N m that the torque through the gear changes when every joint is 1 rad beside its
+    box, by_friction (C, n) what friction that follows the load adds to that. force (C, 3) N on the last link's origin in the base frame; load N m through the gear;
+    level N m of dry friction; warmth factor on all friction; tau N m of the motor; reading N m; gain (n,) reading per torque;
+    limit (n,) N m that the drives deliver; ddq_max (n,) rad/s^2. dry (n,) N m of the level that is one number; slips: width rad ->
+    coefficients (n,) N m of slips that build up over it; loose (n,): joints whose dry friction builds up over nobody knows what.
+    """
+
+    t: np.ndarray | None
+    q: Interval
+    dq: Interval
+    ddq: Interval
+    farthest: float
+    ddq_max: np.ndarray
+    limit: np.ndarray
+    stretch: np.ndarray
+    force: Interval
+    load: Interval
+    level: Interval
+    warmth: Interval
+    tau: Interval
+    reading: Interval
+    steep: np.ndarray
+    by_friction: np.ndarray
+    gain: np.ndarray
+    dry: np.ndarray
+    loose: np.ndarray
+    slips: dict[float, np.ndarray] = field(default_factory=dict)
+    _ways: tuple[np.ndarray, np.ndarray] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        q: Interval,
+        dq: Interval,
+        ddq: Interval,
+        ddq_max: np.ndarray,
+        limit: np.ndarray,
+        farthest: float,
+        t: np.ndarray | None,
+    ) -> TorqueBox:
+        """Boxes of motion, q dq ddq (C, n) rad, with nothing on their torque path yet."""
+        count, n = q.lo.shape
+        empty = [Interval.zeros((count, n)) for _ in range(4)]
+        return cls(
+            t=t, q=q, dq=dq, ddq=ddq, farthest=farthest, ddq_max=ddq_max.copy(), limit=limit.copy(), stretch=np.ones(n), force=Interval.zeros((count, 3)),
+            load=empty[0], level=empty[1], warmth=Interval(np.ones((count, n)), np.ones((count, n))), tau=empty[2], reading=empty[3],
+            steep=np.zeros((count, n)), by_friction=np.zeros((count, n)), gain=np.ones(n), dry=np.zeros(n), loose=np.zeros(n, dtype=bool),
+        )  # fmt: skip
+
+    def add(self, to: Interval, joints: np.ndarray, torque: Interval) -> None:
+        """Add `torque` (C, k) at some joints to one of the path's intervals."""
+        to.lo[:, joints] += torque.lo
+        to.hi[:, joints] += torque.hi
+
+    def slip(self, joints: np.ndarray, width: float) -> Interval:
+        """(C, k) the direction in which dry friction that builds up over `width` rad acts, -1 to 1."""
+        way, direction = self._way()
+        wide = np.where(self.loose[joints], np.inf, width)
+        return one_slip(way[:, joints], direction[:, joints], wide)
+
+    def remembered(self, width: float) -> Interval:
+        """(C, n) N m of the slips of every width, and of the level that is one number, which builds up over `width` rad."""
+        out = Interval.zeros(self.tau.lo.shape)
+        way, direction = self._way()
+        widths = np.array([width, *self.slips])
+        values = np.stack([self.dry, *self.slips.values()])
+        for j in range(values.shape[1]):
+            used = values[:, j] != 0
+            if np.count_nonzero(used) > 1:
+                out[:, j] = slip_bounds(way[:, j], direction[:, j], widths[used], values[used, j])
+        single = np.count_nonzero(values, axis=0) == 1
+        for w, row in zip(widths, values, strict=True):
+            joints = np.flatnonzero(single & (row != 0))
+            if len(joints):
+                out[:, joints] = Interval(row[joints], row[joints]) * one_slip(way[:, joints], direction[:, joints], float(w))
+        return out
+
+    def _way(self) -> tuple[np.ndarray, np.ndarray]:
+        if self._ways is None:
+            self._ways = way_in_one_direction(self.dq, CREEP, self.ddq_max)
+        return self._ways

@@ -1,0 +1,58 @@
+"""What dry friction with memory can be, however the joint moved before.
+
+A sum of Dahl's slips with widths w and coefficients a is sum_w a_w z_w = integral_0^inf s(x) k(x) dx, k(x) = sum_w a_w exp(-x/w)/w, where s(x)
+= +-1 is the direction in which the joint moved x rad of its way ago. So it never leaves +-integral |k|, and a joint that has moved on
+in one direction for X rad is held to that direction: S(0) - S(X) +- integral_X^inf |k| with S(x) = sum_w a_w exp(-x/w).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from sim.interval import Interval
+
+# rad: ways that are told apart, and one more for none
+WAYS = np.concatenate(([0.0], np.geomspace(1e-7, 10.0, 4000)))
+# share of the sum of |a| by which an integral over these ways may be too small where k changes its sign between two of them
+BETWEEN = 1e-3
+
+
+def way_in_one_direction(dq: Interval, creep: float, ddq_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """X rad (C, k) that a joint must have moved on since it last turned round or stood, v^2 / (2 ddq_max), and its direction -1, 0 or 1.
+
+    dq (C, k) rad/s, each as much as `creep` slower than it is said to be.
+    """
+    slowest = np.maximum(np.maximum(dq.lo, -dq.hi) - creep, 0.0)
+    return slowest**2 / (2 * ddq_max), np.where(slowest > 0, np.sign(dq.lo), 0.0)
+
+
+def slip_bounds(way: np.ndarray, direction: np.ndarray, widths: np.ndarray, coefficients: np.ndarray) -> Interval:
+    """(C,) sum_w a_w z_w of one joint after `way` (C,) rad in `direction` (C,), whatever was before; widths, coefficients (W,)."""
+    settled, open_ = _tables(tuple(widths.tolist()), tuple(coefficients.tolist()))
+    k = np.clip(np.searchsorted(WAYS, way, side="right") - 1, 0, len(WAYS) - 1)
+    return Interval.around(direction * settled[k], open_[k])
+
+
+def slip_amplitude(widths: np.ndarray, coefficients: np.ndarray) -> float:
+    """The most that |sum_w a_w z_w| can be, whatever the motion; widths, coefficients (W,)."""
+    return float(_tables(tuple(widths.tolist()), tuple(coefficients.tolist()))[1][0])
+
+
+def one_slip(way: np.ndarray, direction: np.ndarray, width: np.ndarray | float) -> Interval:
+    """(C, k) z of one width in closed form; of an infinite width it is anything from -1 to 1."""
+    left = np.exp(-way / width) if np.all(np.isfinite(width)) else np.where(np.isinf(width), 1.0, np.exp(-way / width))
+    left = np.where(direction == 0, 1.0, left)
+    return Interval.around(direction * (1 - left), left)
+
+
+@lru_cache(maxsize=256)
+def _tables(widths: tuple[float, ...], coefficients: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """S(0) - S(X), and integral_X^inf |k|, at each of WAYS."""
+    w, a = np.array(widths), np.array(coefficients)
+    s = np.exp(-WAYS[:, None] / w) @ a
+    steps = np.abs(np.diff(s, append=0.0))
+    beyond = np.cumsum(steps[::-1])[::-1]
+    between = BETWEEN * np.abs(a).sum() if np.any(a > 0) and np.any(a < 0) else 0.0
+    return a.sum() - s, beyond + between
