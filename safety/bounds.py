@@ -17,11 +17,11 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.effects import Stage, effect_named
 from sim.effects.effect import Effect, Unbounded
-from sim.effects.torque_box import TorqueBox
 from sim.errors import SafetyStop
 from sim.interval import Interval
 from sim.rigid_body import RigidBody, link_inertia
 from sim.slip import SLIP_WIDTH
+from sim.torque_box import TorqueBox
 from sim.tree import KinematicTree
 
 UNBOUNDED = "effects-without-a-bound"

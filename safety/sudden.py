@@ -16,11 +16,11 @@ from safety.bounds import TorqueBounds
 from safety.parameters import friction_of, parameter_box
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.effects.torque_box import CREEP
 from sim.interval import Interval
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH
 from sim.slip_bounds import one_slip, way_in_one_direction
+from sim.torque_box import CREEP
 from sim.trajectory import Trajectory
 
 FAST = 0.1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Stage, Values, passive
-from sim.effects.torque_box import Known, TorqueBox
 from sim.slip import SLIP_WIDTH
+from sim.torque_box import Known, TorqueBox
 
 
 class AsymmetricFriction(Effect):

@@ -25,7 +25,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from sim.effects.torque_box import Known, TorqueBox
+from sim.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
 
 Values = Mapping[str, float]

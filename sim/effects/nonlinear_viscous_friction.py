@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
-from sim.effects.torque_box import Known, TorqueBox
 from sim.interval import Interval
+from sim.torque_box import Known, TorqueBox
 
 NEAR = 0.005
 

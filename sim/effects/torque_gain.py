@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
-from sim.effects.torque_box import Known, TorqueBox
+from sim.torque_box import Known, TorqueBox
 
 
 class TorqueGain(Effect):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
-from sim.effects.torque_box import Known, TorqueBox
 from sim.interval import sine
+from sim.torque_box import Known, TorqueBox
 
 
 class TorqueRipple(Effect):

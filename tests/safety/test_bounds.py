@@ -15,17 +15,18 @@ from safety.loads import Loads
 from safety.sheets import DeviceStops, OwnStops, PathSheet, Sheet
 from safety.sudden import high_pass, sudden_change
 from safety.torque import suffices, torque_interval
+from sim import torque_box
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import PriorTable
 from sim.cell import Cell
-from sim.effects import EFFECTS, LAWS, Stage, effect_named, torque_box, with_effect
+from sim.effects import EFFECTS, LAWS, Stage, effect_named, with_effect
 from sim.effects.coulomb_friction import CoulombFriction
 from sim.effects.effect import Effect
 from sim.effects.presliding_friction import PreslidingFriction
-from sim.effects.torque_box import TorqueBox
 from sim.errors import SafetyStop
 from sim.interval import Interval
 from sim.prediction import predict
+from sim.torque_box import TorqueBox
 from sim.trajectory import Trajectory
 from tests.safety.conftest import sine
 
