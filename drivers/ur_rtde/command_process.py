@@ -29,6 +29,11 @@ REMEDIES = (
     ("remote control", "switch the pendant to Remote Control (top right corner)"),
     ("start control script", "the robot did not start the control program: see that it is on, brakes released, and in Remote Control"),
     ("Could not connect", "the controller is not reachable: see that it is on and its cable is in"),
+    ("ran out of setpoints", "this computer was busy for longer than ahead: stop other work on it, set priority, or raise ahead in the cell's [options]"),
+    ("setpoints wait at the controller", "the controller is busy, or its program does not run as it should: set ahead = 0 in the cell's [options] and "
+     "send a capture"),
+    ("connect back", "the robot must reach this computer: open its firewall for the robot's address, see that the robot is in Remote Control, or "
+     "set ahead = 0 in the cell's [options]"),
     ("Operation not permitted", "this user may not use real-time priority: grant rtprio in /etc/security/limits.conf, or set priority = 0"),
 )  # fmt: skip
 
@@ -58,7 +63,7 @@ class CommandProcess:
         settings = {
             "host": options.host, "rate": self._rate, "version": self._version[:2], "period": 1.0 / self._rate,
             "lookahead": options.lookahead, "gain": options.gain, "stop_deceleration": options.stop_deceleration,
-            "watchdog": options.watchdog, "setpoint_timeout": options.patience, "priority": options.priority,
+            "watchdog": options.watchdog, "setpoint_timeout": options.patience, "priority": options.priority, "ahead": options.ahead,
         }  # fmt: skip
         # run by path and with -P: the process sees the environment's packages and none of this project's
         script = Path(__file__).with_name("commander.py")
@@ -93,6 +98,7 @@ class CommandProcess:
         try:
             self._channel.send(b"Q" + SETPOINT.pack(self._sent, *q, *dq), socket.MSG_DONTWAIT)
         except OSError as error:
+            self.look()  # where it has said why, that is the reason
             self._fail(f"the command process does not take commands ({error})")
             raise DeviceError(self.failure) from error
         self._waiting_since = self._waiting_since or time.monotonic()
@@ -144,6 +150,8 @@ class CommandProcess:
             )
         elif message[:1] == b"E":
             self.refused = True
+            self._fail(message[1:].decode("utf-8", "replace"))
+        elif message[:1] == b"L":
             self._fail(message[1:].decode("utf-8", "replace"))
         elif not message:
             self._fail("the command process ended")

@@ -1,7 +1,8 @@
 """The command process: ur_rtde's control interface, alone in a process that may hang or crash without harm.
 
-Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project. Messages in: G take control, Q setpoint, S stop, X end.
-Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no setpoint came, S stopped, E error.
+Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project but `ahead`, where setpoints are sent ahead. Messages in: G take control, Q setpoint, S stop, X end.
+Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no setpoint came, S stopped, E error, L error
+of this computer's.
 Where it ends, however it ends, nobody writes the watched register, and the controller ends the program within its watchdog.
 """
 
@@ -33,6 +34,10 @@ class Lost(Exception):
     """A command was not taken; the message says which."""
 
 
+class Aborted(Exception):
+    """What was sent ahead in motion is thrown away, and the controller brakes."""
+
+
 class Commander:
     """Streams setpoints and, where they end, brings the target to rest."""
 
@@ -41,18 +46,20 @@ class Commander:
         self.period, self.lookahead, self.gain = settings["period"], settings["lookahead"], settings["gain"]
         self.deceleration, self.patience = settings["stop_deceleration"], settings["setpoint_timeout"]
         self.kick = 1.0 / settings["watchdog"] / KICKS_PER_WATCHDOG
+        self.ahead = settings["ahead"]
         self.target: tuple[list[float], list[float]] | None = None
 
     def run(self) -> None:
         """Until the channel closes or an end is requested: take setpoints; between them hold, and keep the watchdog fed.
 
-        Setpoints that come late and together are sent one a period, a little faster until nothing waits: never a jump to the newest.
+        Setpoints that come late and together are sent one a period, a little faster until nothing waits: never a jump to the newest. Sent
+        ahead they go at once, for the controller plays one a period by itself.
         """
         last = due = time.monotonic()
         late: deque[bytes] = deque()
         while True:
             now = time.monotonic()
-            left = due - now if late else last + self.patience - now if self.target else self.kick
+            left = due - now if late else last + self.patience_now - now if self.target else self.kick
             ready, _, _ = select.select([self.channel], [], [], max(0.0, min(self.kick, left)))
             if ready:
                 messages = self.waiting()
@@ -67,28 +74,42 @@ class Commander:
                 late.extend(m for m in messages if m[:1] == b"Q")
                 last = time.monotonic()
             if late:
-                if len(late) * self.period > self.patience:
+                if not self.ahead and len(late) * self.period > self.patience:
                     raise Lost(f"a setpoint, {1e3 * len(late) * self.period:.0f} ms late,")
                 now = time.monotonic()
-                if now >= due:
+                while self.ahead and late:
+                    self.follow(late.popleft())
+                if late and now >= due:
                     self.follow(late.popleft())
                     due = max(due, now - SLIP * self.period) + CATCH_UP * self.period
             elif not ready:
                 self.hold(last)
+
+    @property
+    def patience_now(self) -> float:
+        """s without a setpoint after which the target is brought to rest; ahead and at rest before the controller runs out of them."""
+        return 0.5 * self.ahead if self.ahead and self.target and not any(self.target[1]) else self.patience
 
     def hold(self, last: float) -> None:
         """Nothing came since `last`: keep the last target, and after `patience` bring it to rest."""
         if self.target is None:
             if not self.control.kickWatchdog():
                 raise Lost("kickWatchdog")
-        elif time.monotonic() - last < self.patience:
-            self.servo(self.target[0])
+        elif time.monotonic() - last < self.patience_now:
+            if self.ahead:
+                self.control.look()
+            else:
+                self.servo(self.target[0])
         else:
             # where the last setpoint was one at rest, the motion is over, and nothing was missed
             moving = any(self.target[1])
-            self.rest()
-            if moving:
-                send_to_parent(self.channel, b"T")
+            if self.ahead:
+                self.control.look()  # the controller's own word goes first
+            try:
+                self.rest()
+            finally:
+                if moving:
+                    send_to_parent(self.channel, b"T")
 
     def waiting(self) -> list[bytes]:
         """All messages that have come; an empty one where the other end is gone."""
@@ -116,6 +137,9 @@ class Commander:
             return
         q, dq = self.target
         self.target = None
+        if self.ahead and any(dq):
+            self.control.abort()
+            raise Aborted
         due = time.monotonic()
         while any(dq):
             slower = [math.copysign(max(0.0, abs(v) - self.deceleration * self.period), v) for v in dq]
@@ -125,7 +149,7 @@ class Commander:
             due += self.period
             time.sleep(max(0.0, due - time.monotonic()))
         # the arm follows its target by the delay of servoj; servo mode is kept, and the watchdog fed, until it has
-        for _ in range(math.ceil(3.0 * self.lookahead / self.kick)):
+        for _ in range(0 if self.ahead else math.ceil(3.0 * self.lookahead / self.kick)):
             self.servo(q)
             time.sleep(self.kick)
         if not self.control.servoStop(self.deceleration):
@@ -152,6 +176,18 @@ def took_control(settings: dict[str, Any], channel: socket.socket) -> Any:
     First the registers are claimed, which fails without harm where another client has them; then the supervisor is consulted, and the
     program is sent at once. The interface never uploads: one that does would do it again, unasked, whenever its connection breaks.
     """
+    if settings["ahead"]:
+        sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # run by path with -P: not there by itself
+        from ahead import Upload  # type: ignore[import-not-found]
+
+        upload = Upload(settings, settings["host"])
+        send_to_parent(channel, b"R")
+        if _received(channel) != b"G":
+            return None
+        sent_ahead = upload.start()
+        if sent_ahead is None:
+            raise RuntimeError("the control program did not connect back to this computer")
+        return sent_ahead
     import rtde_control
 
     flags = rtde_control.RTDEControlInterface.Flags
@@ -186,10 +222,13 @@ def main() -> None:
         send_to_parent(channel, b"K")
         Commander(control, channel, settings).run()
         control.stopScript()
+    except Aborted:
+        send_to_parent(channel, b"S")
+        _ = _received(channel)  # until the supervisor has closed it
     except Lost as error:
         send_to_parent(channel, b"E" + f"{error} was not taken".encode())
     except (RuntimeError, OSError) as error:
-        send_to_parent(channel, b"E" + str(error).encode()[:4000])
+        send_to_parent(channel, (b"L" if getattr(error, "own", False) else b"E") + str(error).encode()[:4000])
     # destructors of ur_rtde may throw and abort; there is nothing left that they could do
     os._exit(0)
 

@@ -30,6 +30,7 @@ REASON_TIME = 0.3  # s of readings in which the controller's own reason is looke
 START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
 REST_TIME = 0.2  # s over which the torque at rest is averaged
 TORQUE = "actual_current_as_torque"
+SHOWN = "the pendant shows a running program until the end"
 
 
 class UrDriver(Driver):
@@ -39,9 +40,7 @@ class UrDriver(Driver):
     beginning, by the operator's wish.
     """
 
-    control = (
-        "uploads ur_rtde's control program to the controller and plays it; the pendant shows a running program until the end"
-    )
+    control = "uploads ur_rtde's control program to the controller and plays it; " + SHOWN
 
     def __init__(
         self,
@@ -64,8 +63,14 @@ class UrDriver(Driver):
             )
         self.gap_max = options.frame_timeout
         # Where nothing new comes, servoj holds its last target, so the arm travels no further than commanded, however late
-        # the command process or the watchdog is; the stop itself goes on from that target.
-        self.device_stop = DeviceStop(reaction=PERIODS / self.rate, deceleration=options.stop_deceleration)
+        # the command process or the watchdog is; the stop itself goes on from that target. What was sent ahead is played for so long more
+        # where this computer is gone; a stop throws it away.
+        self.device_stop = DeviceStop(reaction=PERIODS / self.rate + options.ahead, deceleration=options.stop_deceleration)
+        if options.ahead:
+            self.control = (
+                "uploads a control program of its own to the controller, which plays the commands that are sent ahead to it; "
+                + SHOWN
+            )
         self._receiver = receiver or Receiver(options.host)
         self._commands: CommandProcess | None = None
         self._commanding = self._moving = self._listening = False

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sim.strict import StrictTable
 
 GAP = 0.04
 SLACK = 0.02
+BEHIND = 0.1  # s that an arm may follow late where the path it moves along is guarded (safety.sudden.LATE)
+DELAY_GAIN = 4.8  # delay of servoj, s: lookahead + 4.8 / gain (issue 86 of Universal Robots' client library)
 
 
 class UrOptions(StrictTable):
@@ -25,6 +27,8 @@ class UrOptions(StrictTable):
                        room for it. At least three periods
     setpoint_timeout   s without a command, in motion, after which the command process stops the arm by itself; frame_timeout and 20 ms
                        where it is not given
+    ahead              s of motion that a program of our own on the controller holds and plays by its own clock, so that this computer may be so
+                       late; 0 streams each command through ur_rtde. With lookahead and 4.8/gain at most BEHIND. Never tried on a real robot
     priority           real-time (FIFO) priority of the command process, 0 for none
     robot_api_port     of PolyScope X's Robot API
     """
@@ -37,10 +41,21 @@ class UrOptions(StrictTable):
     watchdog: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
     frame_timeout: Annotated[float, Field(gt=0.0, le=0.5)] = GAP
     setpoint_timeout: Annotated[float, Field(gt=0.0, le=0.5)] | None = None
+    ahead: Annotated[float, Field(ge=0.0, le=0.06)] = 0.0
     priority: Annotated[int, Field(ge=0, le=80)] = 0
     robot_api_port: Annotated[int, Field(ge=1, le=65535)] = 80
+
+    @model_validator(mode="after")
+    def _not_too_far_behind(self) -> UrOptions:
+        behind = self.ahead + self.lookahead + DELAY_GAIN / self.gain
+        if self.ahead and behind > BEHIND:
+            raise ValueError(
+                f"ahead = {self.ahead:g} with lookahead = {self.lookahead:g} and gain = {self.gain:g} puts the arm {behind:.3f} s behind its commands; at "
+                f"most {BEHIND:g} s are allowed: commands that are played on time need no smoothing, so set lookahead = 0.03 and gain = 1200"
+            )
+        return self
 
     @property
     def patience(self) -> float:
         """s without a command, in motion, after which the command process stops the arm."""
-        return self.setpoint_timeout or self.frame_timeout + SLACK
+        return self.setpoint_timeout or max(self.frame_timeout, self.ahead) + SLACK

@@ -64,7 +64,7 @@ class UrEmulator:
         self._listeners: dict[socket.socket, int] = {}
         self._clients: dict[socket.socket, _Client] = {}
         self._selector = selectors.SelectSelector()  # microseconds; epoll counts whole milliseconds
-        self._unplugged = False
+        robot.host = host
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"emulated UR {host}", daemon=True)
         self._cycle = 0
@@ -107,7 +107,7 @@ class UrEmulator:
         """End the faults of the line and plug the cable in again."""
 
         def action() -> None:
-            self._unplugged = False
+            self.robot.unplugged = False
             self._on_lines(None)
 
         self.do(action)
@@ -135,7 +135,7 @@ class UrEmulator:
             "second_client": lambda: robot.upload("def somebody_else():\n  sync()\nend\n"),
             "local_control": lambda: setattr(robot, "remote", False),
             "fieldbus": lambda: robot.claims.update({f"input_int_register_{i}": "fieldbus" for i in range(24)}),
-            "cable_pulled": lambda: setattr(self, "_unplugged", True),
+            "cable_pulled": lambda: setattr(robot, "unplugged", True),
             "close": self._close_rtde,
             "refuse": self._refuse,
         }
@@ -161,7 +161,7 @@ class UrEmulator:
         due = time.monotonic()
         while not self._ending.is_set():
             wait = max(0.0, due - time.monotonic())
-            if self._unplugged:
+            if self.robot.unplugged:
                 time.sleep(wait)
             else:
                 self._exchange(wait)
@@ -228,7 +228,7 @@ class UrEmulator:
             # a program ends with `end` in the first column
             *programs, client.text = (client.text + data).split(b"\nend\n")
             for program in programs:
-                self.robot.upload(program.decode("utf-8", "replace"))
+                self.robot.upload(program.decode("utf-8", "replace") + "\nend\n")
 
     def _control_cycle(self) -> None:
         self.robot.step()
@@ -236,7 +236,7 @@ class UrEmulator:
         for client in list(self._clients.values()):
             if client.session is not None:
                 data = client.line.carry(client.session.due(self._cycle), self.robot.time)
-                if data and not self._unplugged:
+                if data and not self.robot.unplugged:
                     self._send(client, data)
 
     def _send(self, client: _Client, data: bytes) -> None:

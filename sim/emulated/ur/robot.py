@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
 
+from sim.emulated.ur.functions import Functions
 from sim.emulated.ur.motion import Motion
 from sim.emulated.ur.primary import HeldArm
 from sim.emulated.ur.program import control_program, register_offset
+from sim.emulated.ur.urscript import Ended, NotCompiled, Program
 from sim.joint_state import JointState
 
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
@@ -74,7 +76,9 @@ class Robot:
         self.motion = Motion(q, self.dt)
         self._plant, self._constant = plant, torque_constant
         self._program: Iterator[None] | None = None
-        self._starting: tuple[float, int] | None = None
+        self._starting: tuple[float, Callable[[], Iterator[None]]] | None = None
+        self._functions: Functions | None = None
+        self.host, self.unplugged = "127.0.0.1", False
         self._watch: tuple[str, float] | None = None
         self._written: dict[str, float] = {}
         self._stopped_at = -np.inf
@@ -85,7 +89,7 @@ class Robot:
         """One control cycle: program, target, plant, sensors."""
         self.time += self.dt
         if self._starting is not None and self.time >= self._starting[0]:
-            self._program, self._starting = control_program(self, self._starting[1]), None
+            self._program, self._starting = self._starting[1](), None
             self.runtime_state = PLAYING
         if self._watch is not None and self.time - self._written.get(self._watch[0], self.time) > self._watch[1]:
             self.note(f"watchdog: {self._watch[0]} was not written for {self._watch[1]:.3f} s; the program stops")
@@ -102,7 +106,9 @@ class Robot:
             if routine is not None and self.runtime_state == PLAYING:
                 try:
                     next(routine)
-                except StopIteration:
+                except (StopIteration, Ended) as end:
+                    if isinstance(end, Ended):
+                        self.note(str(end))
                     if routine is self.background:
                         self.background = None
                     else:
@@ -146,10 +152,17 @@ class Robot:
             self.ended.append(self.program_name)
         self.stop_program()
         offset = register_offset(text)
-        if offset is None:
-            self.note("a program came that is not ur_rtde's control program; it ends at once")
+        if offset is not None:
+            self._starting = (self.time + PROGRAM_START, lambda: control_program(self, offset))
             return
-        self._starting = (self.time + PROGRAM_START, offset)
+        functions = Functions(self)
+        try:
+            program = Program(text, functions.table())
+        except NotCompiled as error:
+            self.note(f"a program came that is neither ur_rtde's control program nor understood: {error}; it ends at once")
+            return
+        self._functions = functions
+        self._starting = (self.time + PROGRAM_START, program.run)
 
     def watch(self, name: str, frequency: float) -> None:
         """rtde_set_watchdog(name, frequency, "stop")."""
@@ -159,6 +172,9 @@ class Robot:
     def stop_program(self) -> None:
         """The program ends, whoever ends it; the arm comes to rest."""
         self._program = self.background = self._starting = self._watch = None
+        if self._functions is not None:
+            self._functions.close()
+            self._functions = None
         self.program_name = ""
         if self.runtime_state != STOPPED:
             self.runtime_state = STOPPED

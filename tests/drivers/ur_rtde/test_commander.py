@@ -12,7 +12,7 @@ import pytest
 from drivers.ur_rtde.commander import NUMBER, SETPOINT, Commander, Lost
 
 SETTINGS = {
-    "period": 0.002, "lookahead": 0.03, "gain": 300.0, "stop_deceleration": 10.0, "setpoint_timeout": 30.0, "watchdog": 10.0,
+    "period": 0.002, "lookahead": 0.03, "gain": 300.0, "stop_deceleration": 10.0, "setpoint_timeout": 30.0, "watchdog": 10.0, "ahead": 0.0,
 }  # fmt: skip
 
 
