@@ -44,6 +44,11 @@ NAMES = {
 MOTION = 20.0  # s
 HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
 OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
+SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
+AHEAD: dict[str, object] = SERVO | {"ahead": 0.06}
+# name, s, options of the driver: streamed and sent ahead through the same servoj, and the longest
+RECORDINGS = (("streamed", 60.0, SERVO), ("sent ahead", 60.0, AHEAD), ("sent ahead", 600.0, AHEAD))
+DELAYS = np.arange(0.0, 0.2, 0.002)  # s by which the arm may follow its commands
 LIMITS: dict[str, object] = {"latency": 0.1, "following_error": 0.025}
 
 
@@ -89,9 +94,21 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
     talk.send(injected)
 
 
-def recorded(folder: Path, last: int, seconds: float, fault: str | None) -> dict[str, Any]:
+def off_the_plan(t: np.ndarray, q: np.ndarray, planned: Trajectory) -> tuple[float, float, float]:
+    """Delay s of the measured motion, and what differs from the plan delayed by it, root mean square and largest over joints, mrad."""
+    best = (np.inf, 0.0, 0.0)
+    for delay in DELAYS:
+        there = np.stack([np.interp(t - t[0] - delay, planned.t, x) for x in planned.q.T], axis=1)
+        off = q - there
+        best = min(best, (float(np.sqrt(np.mean(off**2))), float(np.max(np.abs(off))), float(delay)))
+    return best[2], 1e3 * best[0], 1e3 * best[1]
+
+
+def recorded(
+    folder: Path, last: int, seconds: float, fault: str | None, options: dict[str, object] | None = None
+) -> dict[str, Any]:
     """One `calib record` of a motion of `seconds`; the fault comes a second after the arm has begun to move."""
-    path = ur_cell(folder / "busy.toml", f"127.0.0.{last}", options=OPTIONS, motion=LIMITS)
+    path = ur_cell(folder / "busy.toml", f"127.0.0.{last}", options=OPTIONS | (options or {}), motion=LIMITS)
     cell = load_cell(path)
     arm = load_arm(cell.table.arm)
     plan = Motion("excitation", "excitation", motion(np.array(cell.table.home), seconds))
@@ -125,20 +142,21 @@ def recorded(folder: Path, last: int, seconds: float, fault: str | None) -> dict
             "lost": int(gaps.sum()),
             "gaps": int(np.sum(gaps > 0)),
         }
-        out |= {"longest": 1e3 * float(steps.max()), "marks": len(marks)}
+        out |= {"longest": 1e3 * float(steps.max()), "marks": len(marks), "off": off_the_plan(log.t, log.q, plan.trajectory)}
     return out
 
 
-def run(minutes: float = 10.0, seconds: float = 60.0, repeats: int = 50) -> list[dict[str, Any]]:
+def run(minutes: float = 10.0, repeats: int = 50) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in HANGS_ON))
-    wanted = [(f"recording of {seconds:g} s, {k}", None) for k in range(1)]
-    wanted += [(f"{fault} {k}", fault) for k in range(repeats) for fault in NAMES]
-    for number, (what, fault) in enumerate(wanted):
+    wanted: list[tuple[str, float, str | None, dict[str, object]]]
+    wanted = [(f"recording of {seconds:g} s, {how}", seconds, None, options) for how, seconds, options in RECORDINGS]
+    wanted += [(f"{fault} {k}", MOTION, fault, {}) for k in range(repeats) for fault in NAMES]
+    for number, (what, seconds, fault, options) in enumerate(wanted):
         if what not in kept.found and time.monotonic() < end:
             with tempfile.TemporaryDirectory(prefix="calib-") as folder, busy():
-                kept.keep(what, recorded(Path(folder), 40 + number % 50, MOTION if fault else seconds, fault))
+                kept.keep(what, recorded(Path(folder), 40 + number % 50, seconds, fault, options))
     rows = []
     for what, found in kept.found.items():
         if what.startswith("recording"):
@@ -146,6 +164,18 @@ def run(minutes: float = 10.0, seconds: float = 60.0, repeats: int = 50) -> list
                 f"{found['samples']} samples, {found['lost']} lost in {found['gaps']} gaps" if "samples" in found else "no log"
             )
             note = f"exit code {found['exit']}, load {found['load']:.1f}, longest step {found.get('longest', 0):.0f} ms; {found.get('said', '') if found['exit'] else ''}"
+            if "off" in found:
+                delay, middle, most = found["off"]
+                value_off = f"{middle:.2f} / {most:.2f}"
+                rows.append(
+                    {
+                        "what": f"{what}: off the plan, rms / largest",
+                        "value": value_off,
+                        "unit": "mrad",
+                        "bar": "",
+                        "note": f"after a delay of {1e3 * delay:.0f} ms",
+                    }
+                )
             rows.append(
                 {
                     "what": f"{what}: finished with gaps marked",

@@ -3,5 +3,6 @@
 ur_rtde's receive interface keeps only the newest of the frames that arrive together (measured: a sixth of them lost at 500 Hz on a
 busy computer), answers with old values after its socket is gone, and cannot ask for `actual_current_as_torque`. So `receiver` reads
 the frames itself. ur_rtde's control interface can hang, crash, or upload its program again by itself; so `commander` runs it in a
-process that is killed and replaced, never reconnected, and the controller's own watchdog stops the arm when that process is gone.
+process that is killed and replaced, never reconnected, and the controller's own watchdog stops the arm when that process is gone. Where a
+cell says `ahead`, that process sends setpoints ahead to a program of our own instead (`ahead`).
 """

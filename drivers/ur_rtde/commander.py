@@ -1,9 +1,9 @@
 """The command process: ur_rtde's control interface, alone in a process that may hang or crash without harm.
 
-Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project but `ahead`, where setpoints are sent ahead. Messages in: G take control, Q setpoint, S stop, X end.
-Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no setpoint came, S stopped, E error, L error
-of this computer's.
-Where it ends, however it ends, nobody writes the watched register, and the controller ends the program within its watchdog.
+Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project but `ahead`, where setpoints are sent ahead. Messages
+in: G take control, Q setpoint, S stop, X end. Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no
+setpoint came, S stopped, E error, L the controller did not get what it needed in time.
+Where it ends, however it ends, nobody writes the watched register, or to the program's socket, and the controller ends the program.
 """
 
 from __future__ import annotations
