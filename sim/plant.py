@@ -130,11 +130,13 @@ class Plant:
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
 
     def _load_gears(self) -> None:
-        """Twist soft gears until they carry the links; the links stay where they are."""
+        """Twist soft gears until they carry the links, and put those with play against the stop that does; the links stay where they are."""
         q, dq = self.data.qpos[self._dof][None], self.data.qvel[self._dof][None]
         load = self._bodies.inverse_dynamics(q, dq, np.zeros_like(q))
         for j, dof in self._twist:
-            twist = -load[0, j] / self.model.jnt_stiffness[self.model.dof_jntid[dof]]
+            hinge = self.model.dof_jntid[dof]
+            stiffness, (low, high) = self.model.jnt_stiffness[hinge], self.model.jnt_range[hinge]
+            twist = -load[0, j] / stiffness if stiffness > 0 else low if load[0, j] > 0 else high
             self.data.qpos[dof], self.data.qpos[self._dof[j]] = twist, self.data.qpos[self._dof[j]] - twist
         mujoco.mj_forward(self.model, self.data)
 

@@ -11,6 +11,7 @@ from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import Rows
 from calib.diagnosis.selection import Bank, add, beside, cost, joints_of, price, without
+from calib.diagnosis.significance import WORSE, excess, positive
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 from sim.effects import effect_named
@@ -22,7 +23,6 @@ MOST_RIVALS = 2
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 MOST_SURE = 0.99  # the catalogue may not hold what the arm has
 NOTHING = 2.0  # standard deviations
-WORSE = 0.01  # relative rise of a joint's held-out RMS that a name may bring
 Key = tuple[str, str | None]
 
 
@@ -33,7 +33,7 @@ class Judged:
     lost      rise of -2 log likelihood when it is left out and everything else refitted
     rivals    effects that explain the recordings as well in its place, best first
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
-    worse     largest relative rise of the RMS torque error of a joint it concerns, on the logs kept apart
+    worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart; 0 where it is not significant
     nothing   whether every size of it is within NOTHING standard deviations of none
     """
 
@@ -47,15 +47,15 @@ class Judged:
     @property
     def vetoed(self) -> bool:
         """Whether motions that were not fitted speak against it; a contact happens in one log only."""
-        return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.worse > WORSE)
+        return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.worse > 0.0)
 
     @property
     def refusal(self) -> str:
         """Why motions that were not fitted speak against it."""
         where = f" at {self.effect.joint}" if self.effect.joint else ""
         why = (
-            f"the torque error of a joint that it concerns rises by {self.worse:.0%}"
-            if self.worse > WORSE
+            f"the torque error of the joints that it concerns rises by {self.worse:.0%}"
+            if self.worse > 0.0
             else "their likelihood falls"
         )
         return f"{self.effect.effect}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
@@ -90,7 +90,7 @@ def judge(
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
         without_it = HeldOut.of(rest, apart)
         joints = joints_of(item, best.hypothesis.arm)
-        worse = float(np.max(with_all.rms[joints] / np.maximum(without_it.rms[joints], 1e-12))) - 1.0 if apart else 0.0
+        worse = with_all.rise(without_it, joints)
         nothing = item.effect != CONTACT and _is_nothing(item, stds[i])
         out.append(Judged(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse, nothing))
     return out
@@ -106,21 +106,33 @@ def _is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; rms (n,) N m of these rows."""
+    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m."""
 
     loss: float
-    rms: np.ndarray
+    errors: list[np.ndarray]
 
     @staticmethod
     def of(f: Fit, apart: Sequence[Measurement]) -> HeldOut:
         """Of a fit on logs kept apart."""
-        n, noise, loss = f.hypothesis.arm.n, f.solved.noise, 0.0
-        squares, count = np.zeros(n), np.zeros(n)
+        noise, loss = f.solved.noise, 0.0
+        errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
         for m in apart:
             rows = Rows([LogModel(m, f.hypothesis)])
-            for j in range(n):
-                left = rows.r[j] - rows.x[j] @ f.solved.theta
-                loss += huber(noise.whiten(j, left, rows.joined[j]))
-                squares[j] += left @ left
-                count[j] += len(left)
-        return HeldOut(loss, np.sqrt(squares / np.maximum(count, 1)))
+            for j, of_joint in enumerate(errors):
+                of_joint.append(rows.r[j] - rows.x[j] @ f.solved.theta)
+                loss += huber(noise.whiten(j, of_joint[-1], rows.joined[j]))
+        return HeldOut(loss, [np.concatenate(parts) for parts in errors])
+
+    def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
+        """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""
+        series = [excess(self.errors[j], before.errors[j], 1.0 + WORSE) for j in joints if len(before.errors[j])]
+        if not series or not positive(series):
+            return 0.0
+        ratio = np.mean(
+            [
+                np.mean(self.errors[j] ** 2) / max(np.mean(before.errors[j] ** 2), 1e-300)
+                for j in joints
+                if len(before.errors[j])
+            ]
+        )
+        return float(np.sqrt(ratio)) - 1.0

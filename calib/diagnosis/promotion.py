@@ -1,12 +1,11 @@
 """Model selection for the corrected arm: only effects and laws with which it predicts and moves no worse are written.
 
-- Where several recordings were given and none was held out, an effect must help: with everything fitted to the others, a recording left
-  out is predicted better with the effect than with free friction laws alone, or nearly as well without needing such a law.
+- Where no recording was held out, an effect must help: with everything fitted to the others, a recording left out (a part of one, where
+  few were given) is predicted better with the effect than with free friction laws alone, or nearly as well without needing such a law.
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
   every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
 
-Worse means significantly: the difference of squared errors is compared with its standard deviation, which counts that neighbouring rows
-say much the same (F. X. Diebold, R. S. Mariano 1995, Comparing Predictive Accuracy, doi:10.1080/07350015.1995.10524599).
+Worse means significantly (calib.diagnosis.significance).
 """
 
 from __future__ import annotations
@@ -23,18 +22,15 @@ from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, Refitted, with_laws
 from calib.diagnosis.model import CONTACT, DELAY_MEAN
 from calib.diagnosis.selection import joints_of
+from calib.diagnosis.significance import SIGNIFICANT, WORSE, excess, positive
 from calib.forward import HORIZONS, ForwardError, forward_error
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 
-# relative rise of a joint's RMS torque error within which two arms are alike, and that an effect may cost beside a law of many terms
-WORSE, WORSE_THAN_LAW = 0.01, 0.05
+WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
 HELPS = 0.02  # share of a joint's error that an effect must remove
-SIGNIFICANT = 2.0  # standard deviations
-LONGEST_MEMORY = 60  # rows
-SEVERAL = 3  # recordings: from fewer, leaving one out says more about what that one shows than about the effect
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
@@ -105,7 +101,7 @@ def promoted(
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
-    several = not apart and len(measurements) >= SEVERAL
+    several = not apart
     f = as_written(measurements, named)
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
@@ -239,22 +235,11 @@ class _Written:
 
         together: groups of joints that are asked as one, each by its share of the other's squared error; None asks each by itself.
         """
-        n = self.errors.shape[1]
-        share = (self.errors**2 - (factor * other.errors) ** 2) / np.maximum(other.rms**2, 1e-300)
+        share, n = excess(self.errors, other.errors, factor), self.errors.shape[1]
         out = np.zeros(n, dtype=bool)
         for joints in [[j] for j in range(n)] if together is None else together:
-            series = share[:, joints].sum(axis=1)
-            out[joints] |= bool(series.mean() > SIGNIFICANT * _deviation(series))
+            out[joints] |= positive([share[:, joints].sum(axis=1)])
         return out
-
-
-def _deviation(x: np.ndarray) -> float:
-    """Standard deviation of the mean of a correlated series: Bartlett's sum of its autocovariance up to LONGEST_MEMORY."""
-    x = x - x.mean()
-    most = min(LONGEST_MEMORY, len(x) // 4)
-    covariance = [float(x[k:] @ x[: len(x) - k]) / len(x) for k in range(most + 1)]
-    total = covariance[0] + 2 * sum((1 - k / (most + 1)) * c for k, c in enumerate(covariance) if k)
-    return float(np.sqrt(max(total, covariance[0]) / len(x)))
 
 
 def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> tuple[list[_Written], Refitted]:

@@ -31,6 +31,10 @@ THRESHOLD = 18.0
 PER_PARAMETER = 3.0
 
 
+# Share of a contact's duration that the recording must hold before and after it.
+EDGE = 0.05
+
+
 Key = tuple[str, str | None]
 
 
@@ -267,12 +271,21 @@ def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) ->
 def _settled(f: Fit) -> bool:
     """Whether no shape parameter (an exponent, a time) ran into its bound, and every effect is one that there is: what fits best beyond is
     something else."""
-    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) for e in f.accepted) and all(
+    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) and _begins_and_ends(e, f) for e in f.accepted) and all(
         f.accepted[i].effect == CONTACT
         or not logarithmic(p)
         or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
         for i, p in parameters_of(f.accepted)
     )
+
+
+def _begins_and_ends(item: ArmEffect, f: Fit) -> bool:
+    """Whether a contact lies within its recording: a force that was there before or after it has no beginning or end to be known by."""
+    if item.effect != CONTACT or f.hypothesis.event_log is None:
+        return True
+    t = f.models[f.hypothesis.event_log].link.t
+    start, duration = item.parameters["start"], item.parameters["duration"]
+    return bool(t[0] < start - EDGE * duration and start + (1 + EDGE) * duration < t[-1])
 
 
 def plausible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Unbounded, Values
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
+from sim.effects.turns import repeats
 
 
 class EncoderEccentricity(Effect):
@@ -29,6 +30,10 @@ class EncoderEccentricity(Effect):
         ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """The joint's own parts are where they were after a whole turn."""
+        return repeats(p["cycles"])
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Solve angle + A sin(N angle + phase) = reading by fixed point, with speed and acceleration by the chain rule."""

@@ -7,7 +7,8 @@ import numpy as np
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
 from sim.torque_box import Known, TorqueBox
 
-LEAST_DELAY = 5e-4  # s
+# s: a drive's reading is up to 1 ms earlier or later than its motion, which the fit has as an ordinary parameter.
+LEAST_DELAY = 1.5e-3
 
 
 class TimeDelay(Effect):

@@ -7,6 +7,7 @@ import numpy as np
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
 from sim.interval import sine
 from sim.torque_box import Known, TorqueBox
+from sim.effects.turns import repeats
 
 
 class TorqueRipple(Effect):
@@ -33,6 +34,10 @@ class TorqueRipple(Effect):
         ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
+
+    def plausible(self, p: Values, load: float, evidence: float) -> bool:
+        """The joint's own parts are where they were after a whole turn."""
+        return repeats(p["cycles"])
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """load -= A sin(N q + phase)."""
