@@ -91,12 +91,12 @@ def judge(
         without_it = HeldOut.of(rest, apart)
         joints = joints_of(item, best.hypothesis.arm)
         worse = with_all.rise(without_it, joints)
-        nothing = item.effect != CONTACT and _is_nothing(item, stds[i])
+        nothing = is_nothing(item, stds[i])
         out.append(Judged(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse, nothing))
     return out
 
 
-def _is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
+def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
     """Whether no parameter that has a zero is further than NOTHING standard deviations from it; a parameter without one has no size."""
     sizes = [p for p in effect_named(item.effect).parameters if p.zero is not None]
     return bool(sizes) and all(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from calib.diagnosis.acceptance import judge
+from calib.diagnosis.acceptance import is_nothing, judge
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
@@ -57,10 +57,11 @@ def diagnose(
     left = {u.joint: u.share for u in odd}
     kept = [j for j in judged if not odd or (left.get(j.effect.joint or "", 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
     named = found.best
-    if len(kept) < len(judged):
+    while len(kept) < len(named.accepted):
         effects = tuple(j.effect for j in kept)
         named = fit(fitted, named.hypothesis.with_effects(effects), noise=named.solved.noise, like=named.models)
-        kept = [replace(j, effect=e) for j, e in zip(kept, named.accepted, strict=True)]
+        fits = zip(kept, named.accepted, named.std(), strict=True)
+        kept = [replace(j, effect=e) for j, e, std in fits if not is_nothing(e, std)]
     reached = limits_reached(arm, logs)
     have = {(j.effect.effect, j.effect.joint) for j in kept}
     reached = [x for x in reached if (x.effect.effect, x.effect.joint) not in have]

@@ -54,12 +54,13 @@ class Hypothesis:
         return self.nominal_arm or self.arm
 
     def with_effects(self, accepted: tuple[ArmEffect, ...], event_log: int | None = None) -> Hypothesis:
-        """The same dry friction and delay with other effects; an external contact belongs to one log only."""
-        arm = self.start
+        """The same dry friction and delay with other effects; an external contact belongs to one log only, by default the one it was in."""
+        arm, event = self.start, self.event_log if event_log is None else event_log
         for item in accepted:
             if item.effect != CONTACT:
                 arm = with_effect(arm, item)
-        return replace(self, arm=arm, accepted=accepted, nominal_arm=self.start, event_log=event_log)
+        touched = any(item.effect == CONTACT for item in accepted)
+        return replace(self, arm=arm, accepted=accepted, nominal_arm=self.start, event_log=event if touched else None)
 
     def event(self, log: int) -> ArmEffect | None:
         """The contact that happened in that log, if any was accepted."""

@@ -1,7 +1,8 @@
 """Model selection for the corrected arm: only effects and laws with which it predicts and moves no worse are written.
 
-- Where no recording was held out, an effect must help: with everything fitted to the others, a recording left out (a part of one, where
-  few were given) is predicted better with the effect than with free friction laws alone, or nearly as well without needing such a law.
+- Where several recordings were given and none was held out, an effect must help: with everything fitted to the others, a recording left
+  out (parts of it, where there are two) is predicted better with the effect than with free friction laws alone, or nearly as well without
+  needing such a law.
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
   every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
 
@@ -31,6 +32,7 @@ from sim.prediction import predict
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
 HELPS = 0.02  # share of a joint's error that an effect must remove
+SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
@@ -101,7 +103,7 @@ def promoted(
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
-    several = not apart
+    several = not apart and len(measurements) >= SEVERAL
     f = as_written(measurements, named)
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
@@ -126,8 +128,7 @@ def promoted(
         refused += harmful
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
-        event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
-        f = fit(measurements, f.hypothesis.with_effects(rest, event), 3, f.solved.noise, f.models)
+        f = fit(measurements, f.hypothesis.with_effects(rest), 3, f.solved.noise, f.models)
     if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms) and not motion.rises(plain.change):
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(Correction({}, tuple(limits)) if limits else None, (), tuple(refused))

@@ -199,8 +199,7 @@ def _next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> 
 
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect."""
-    event = s.log if s.effect.effect == CONTACT else f.hypothesis.event_log
-    hypothesis = f.hypothesis.with_effects((*f.accepted, s.effect), event)
+    hypothesis = f.hypothesis.with_effects((*f.accepted, s.effect), s.log)
     return fit(measurements, hypothesis, noise=f.solved.noise, like=f.models, touched=joints_of(s.effect, f.hypothesis.arm))
 
 
@@ -226,9 +225,8 @@ def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
 def without(measurements: Sequence[Measurement], f: Fit, i: int, rounds: int = 3) -> Fit:
     """The fit with the i-th effect left out."""
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
-    event = f.hypothesis.event_log if any(e.effect == CONTACT for e in rest) else None
     touched = joints_of(f.accepted[i], f.hypothesis.arm)
-    return fit(measurements, f.hypothesis.with_effects(rest, event), rounds, f.solved.noise, f.models, touched)
+    return fit(measurements, f.hypothesis.with_effects(rest), rounds, f.solved.noise, f.models, touched)
 
 
 def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:

@@ -8,6 +8,7 @@ from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Unbou
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
 from sim.effects.turns import repeats
+from sim.turns import repeats
 
 
 class EncoderEccentricity(Effect):

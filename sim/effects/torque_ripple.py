@@ -8,6 +8,7 @@ from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage,
 from sim.interval import sine
 from sim.torque_box import Known, TorqueBox
 from sim.effects.turns import repeats
+from sim.turns import repeats
 
 
 class TorqueRipple(Effect):
