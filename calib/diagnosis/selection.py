@@ -191,7 +191,7 @@ def _next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> 
     """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none settles."""
     for first in range(0, min(len(ranked), MOST_TRIED), TRIED):
         some = [s for s in ranked[first : first + TRIED] if s.gain > CLOSE * ranked[first].gain]
-        settled = [g for g in (add(measurements, f, s) for s in some) if _settled(g)]
+        settled = [g for g in (add(measurements, f, s) for s in some) if admissible(g)]
         if settled:
             return min(settled, key=cost)
     return None
@@ -242,7 +242,7 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:
                 continue
             rest = without(measurements, f, i)
             near = beside(rest, f, i, 0.7, bank)[:TRIED]
-            tried = [g for g in (add(measurements, rest, s) for s in near) if _settled(g)]
+            tried = [g for g in (add(measurements, rest, s) for s in near) if admissible(g)]
             if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
                 f, again = min(tried, key=cost), True
                 break
@@ -266,10 +266,10 @@ def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) ->
     return [s for s in ranked if s.key != own and s.gain > share * promised]
 
 
-def _settled(f: Fit) -> bool:
+def admissible(f: Fit) -> bool:
     """Whether no shape parameter (an exponent, a time) ran into its bound, and every effect is one that there is: what fits best beyond is
     something else."""
-    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) and _begins_and_ends(e, f) for e in f.accepted) and all(
+    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) and within_recording(e, f) for e in f.accepted) and all(
         f.accepted[i].effect == CONTACT
         or not logarithmic(p)
         or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
@@ -277,7 +277,7 @@ def _settled(f: Fit) -> bool:
     )
 
 
-def _begins_and_ends(item: ArmEffect, f: Fit) -> bool:
+def within_recording(item: ArmEffect, f: Fit) -> bool:
     """Whether a contact lies within its recording: a force that was there before or after it has no beginning or end to be known by."""
     if item.effect != CONTACT or f.hypothesis.event_log is None:
         return True

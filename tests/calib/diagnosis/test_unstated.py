@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.acceptance import _is_nothing
+from calib.diagnosis.acceptance import is_nothing
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.motion import measured
 from calib.diagnosis.unstated import unstated_keys, with_unstated
@@ -65,6 +65,6 @@ def test_a_number_that_was_fitted_is_no_surer_than_its_standard_deviation(ur10e:
 
 @pytest.mark.parametrize(("value", "nothing"), [(0.0, True), (1.7, True), (-1.7, True), (2.3, False)])
 def test_a_size_within_two_standard_deviations_of_none_is_nothing(value: float, nothing: bool) -> None:
-    assert _is_nothing(ArmEffect("rotor_inertia", "elbow_joint", {"inertia": value}), {"inertia": 1.0}) == nothing
+    assert is_nothing(ArmEffect("rotor_inertia", "elbow_joint", {"inertia": value}), {"inertia": 1.0}) == nothing
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": value, "rest_angle": 5.0})
-    assert _is_nothing(spring, {"stiffness": 1.0, "rest_angle": 0.01}) == nothing
+    assert is_nothing(spring, {"stiffness": 1.0, "rest_angle": 0.01}) == nothing

@@ -1,0 +1,84 @@
+"""What is no effect of an arm, however well it fits: half a wave in a turn, a contact without an end, a rise that is noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.acceptance import HeldOut, Judged
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.selection import Scored, add, admissible, started, without
+from calib.diagnosis.significance import positive, standard_error
+from sim.arm import Arm, ArmEffect
+from sim.effects import effect_named
+from tests.calib.diagnosis.conftest import recording
+
+
+@pytest.mark.parametrize(
+    ("cycles", "whole"), [(1.0, True), (1.9, True), (2.53, False), (0.6, False), (6.2, True), (6.4, False), (100.5, True)]
+)
+@pytest.mark.parametrize("effect", ["torque_ripple", "encoder_eccentricity"])
+def test_a_wave_of_the_joint_repeats_after_a_turn(effect: str, cycles: float, whole: bool) -> None:
+    values = {"amplitude": 0.01, "cycles": cycles, "phase": 0.3}
+    assert effect_named(effect).plausible(values, 100.0, np.inf) == whole
+
+
+@pytest.fixture(scope="module")
+def clean(ur10e: Arm) -> Fit:
+    return started(warmed([measured(recording(ur10e, seed), ur10e) for seed in (1, 2)]), Hypothesis.nominal(ur10e))
+
+
+def push(start: float, duration: float = 1.0) -> ArmEffect:
+    return ArmEffect(
+        "external_contact", None, {"start": start, "duration": duration, "force_x": 9.0, "force_y": 5.0, "force_z": 7.0}
+    )
+
+
+@pytest.mark.parametrize(("start", "within"), [(0.0, False), (0.02, False), (7.0, True), (15.5, False)])
+def test_a_contact_begins_and_ends_in_its_recording(clean: Fit, start: float, within: bool) -> None:
+    found = replace(clean, hypothesis=clean.hypothesis.with_effects((push(start),), 1))
+    assert admissible(found) == within
+
+
+def test_a_contact_stays_in_its_recording_when_others_are_left_out(clean: Fit, ur10e: Arm) -> None:
+    """Without the recording that it happened in, its force would be fitted to nothing."""
+    fitted = [m.measurement for m in clean.models]
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 5.0, "rest_angle": 0.4})
+    both = add(fitted, add(fitted, clean, Scored(push(7.0), 50.0, 5, 1)), Scored(spring, 50.0, 2))
+    assert both.hypothesis.event_log == 1
+    alone = without(fitted, both, 1)
+    assert [e.effect for e in alone.accepted] == ["external_contact"]
+    assert alone.hypothesis.event_log == 1
+    assert without(fitted, both, 0).hypothesis.event_log is None
+
+
+def _held_out(scale: float, seed: int) -> HeldOut:
+    rng = np.random.default_rng(seed)
+    return HeldOut(0.0, [rng.standard_normal(800), scale * rng.standard_normal(800), np.zeros(0)])
+
+
+def test_held_out_errors_speak_against_a_name_where_they_rise_significantly() -> None:
+    before = _held_out(1.0, 1)
+    slightly, clearly = _held_out(1.02, 2), _held_out(1.3, 3)
+    assert slightly.rise(before, [0, 1, 2]) == 0.0
+    assert clearly.rise(before, [1, 2]) == pytest.approx(np.std(clearly.errors[1]) / np.std(before.errors[1]) - 1, rel=0.05)
+    assert clearly.rise(before, [2]) == 0.0
+    name = Judged(push(1.0), 50.0, (), 5.0, clearly.rise(before, [1]))
+    assert not name.vetoed  # it happens in one recording only
+    assert replace(name, effect=ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0})).vetoed
+
+
+def test_the_standard_error_counts_correlation() -> None:
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(3000)
+    assert standard_error(white) == pytest.approx(1 / np.sqrt(3000), rel=0.3)
+    slow = np.convolve(white, np.ones(20) / 20, mode="same")
+    assert standard_error(slow) == pytest.approx(1 / np.sqrt(3000), rel=0.4)
+    assert slow.std() / np.sqrt(3000) < 0.5 * standard_error(slow)
+    assert positive([white + 0.1])
+    assert not positive([white, -white - 0.01])
+    assert not positive([])
