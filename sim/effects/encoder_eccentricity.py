@@ -7,7 +7,6 @@ import numpy as np
 from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Unbounded, Values
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
-from sim.effects.turns import repeats
 from sim.turns import repeats
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
 from sim.interval import sine
 from sim.torque_box import Known, TorqueBox
-from sim.effects.turns import repeats
 from sim.turns import repeats
 
 
