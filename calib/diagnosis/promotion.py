@@ -195,7 +195,7 @@ class _Motion:
 
     def worst(self, change: Correction) -> tuple[float, float]:
         """m before and after, over the horizon at which the error grows most."""
-        stable = [pair for pair in self.errors(change) if np.isfinite(pair[0].flange)]
+        stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
         a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
         return a.flange, b.flange
 
@@ -204,8 +204,10 @@ class _Motion:
 
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:
+    if not 0.0 < a.flange < np.inf:
+        return False  # unstable already, or a bench drive whose flange lies on its axis
     if not np.isfinite(b.flange):
-        return bool(np.isfinite(a.flange))
+        return True
     if len(a.squares) < ENOUGH:
         return False
     more = b.squares - (1 + FARTHER) ** 2 * a.squares
