@@ -64,8 +64,10 @@ class UrDriver(Driver):
         self.gap_max = options.frame_timeout
         # Where nothing new comes, servoj holds its last target, so the arm travels no further than commanded, however late
         # the command process or the watchdog is; the stop itself goes on from that target. What was sent ahead is played for so long more
-        # where this computer is gone; a stop throws it away.
-        self.device_stop = DeviceStop(reaction=PERIODS / self.rate + options.ahead, deceleration=options.stop_deceleration)
+        # where this computer is gone; a stop throws it away, and the controller's stopj keeps the direction.
+        self.device_stop = DeviceStop(
+            PERIODS / self.rate + options.ahead, options.stop_deceleration, proportional=options.ahead > 0
+        )
         if options.ahead:
             self.control = (
                 "uploads a control program of its own to the controller, which plays the commands that are sent ahead to it; "

@@ -17,6 +17,7 @@ from benchmarks.ur_cell import ur_cell
 from benchmarks.ur_load import controlled
 from drivers import open_driver
 from drivers.ur_rtde.ahead import PROGRAM
+from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.driver import UrDriver
 from safety import clear
 from safety.approach import move
@@ -191,6 +192,31 @@ def test_a_protective_stop_is_named_and_nothing_is_played_after_it(ahead: Callab
     emulator.do(lambda: setattr(emulator.robot, "runtime_state", 2))  # unlocked, and played again by somebody
     wait_for(lambda: not emulator.robot.program_running, "the program over")
     assert seen == []
+
+
+def test_a_program_that_plays_or_begins_before_the_upload_is_left_alone(
+    cell: Callable[..., Cell], arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = with_options(cell(), AHEAD)
+    emulator, driver = open_emulator(table, arm), open_driver(table, arm)
+    assert isinstance(emulator, UrEmulator)
+    emulator.start()
+    start = CommandProcess.start
+
+    def begins(self: CommandProcess) -> None:
+        start(self)  # everything up to the upload
+        emulator.inject("program_played")
+        wait_for(lambda: emulator.robot.program_running, "the program")
+        time.sleep(0.02)
+
+    monkeypatch.setattr(CommandProcess, "start", begins)
+    for words in ("it began just now", "left alone"):
+        with pytest.raises(DeviceError, match=words):
+            driver.connect()
+    time.sleep(0.3)
+    assert emulator.robot.program_running
+    assert emulator.robot.ended == []
+    emulator.stop()
 
 
 def test_a_program_that_never_connects_is_named(cell: Callable[..., Cell], arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
