@@ -11,6 +11,7 @@ from sim.strict import StrictTable
 GAP = 0.04
 SLACK = 0.02
 BEHIND = 0.1  # s that an arm may follow late where the path it moves along is guarded (safety.sudden.LATE)
+WAY = 0.01  # s that a command and the reading of what came of it are under way (measured against the emulated controller: 8 ms)
 DELAY_GAIN = 4.8  # delay of servoj, s: lookahead + 4.8 / gain (issue 86 of Universal Robots' client library)
 
 
@@ -28,7 +29,7 @@ class UrOptions(StrictTable):
     setpoint_timeout   s without a command, in motion, after which the command process stops the arm by itself; frame_timeout and 20 ms
                        where it is not given
     ahead              s of motion that a program of our own on the controller holds and plays by its own clock, so that this computer may be so
-                       late; 0 streams each command through ur_rtde. With lookahead and 4.8/gain at most BEHIND. Never tried on a real robot
+                       late; 0 streams each command through ur_rtde. With lookahead, 4.8/gain and WAY at most BEHIND. Never tried on a real robot
     priority           real-time (FIFO) priority of the command process, 0 for none
     robot_api_port     of PolyScope X's Robot API
     """
@@ -41,13 +42,13 @@ class UrOptions(StrictTable):
     watchdog: Annotated[float, Field(ge=2.0, le=50.0)] = 10.0
     frame_timeout: Annotated[float, Field(gt=0.0, le=0.5)] = GAP
     setpoint_timeout: Annotated[float, Field(gt=0.0, le=0.5)] | None = None
-    ahead: Annotated[float, Field(ge=0.0, le=0.06)] = 0.0
+    ahead: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0
     priority: Annotated[int, Field(ge=0, le=80)] = 0
     robot_api_port: Annotated[int, Field(ge=1, le=65535)] = 80
 
     @model_validator(mode="after")
     def _not_too_far_behind(self) -> UrOptions:
-        behind = self.ahead + self.lookahead + DELAY_GAIN / self.gain
+        behind = self.ahead + WAY + self.lookahead + DELAY_GAIN / self.gain
         if self.ahead and behind > BEHIND:
             raise ValueError(
                 f"ahead = {self.ahead:g} with lookahead = {self.lookahead:g} and gain = {self.gain:g} puts the arm {behind:.3f} s behind its commands; at "
