@@ -119,9 +119,7 @@ class Ahead:
         self._connection.close()
 
     def abort(self) -> None:
-        """Throw away what the controller has not played: the program finds the connection gone and brakes at once, with stopj."""
-        with contextlib.suppress(OSError):
-            self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        """Send no more: the program plays what it has, finds the connection gone, and brakes with stopj."""
         self._connection.close()
 
     def look(self) -> None:

@@ -35,7 +35,7 @@ class Lost(Exception):
 
 
 class Aborted(Exception):
-    """What was sent ahead in motion is thrown away, and the controller brakes."""
+    """No more is sent in motion: the controller plays what it has, then brakes."""
 
 
 class Commander:

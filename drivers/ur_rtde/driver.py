@@ -63,8 +63,8 @@ class UrDriver(Driver):
             )
         self.gap_max = options.frame_timeout
         # Where nothing new comes, servoj holds its last target, so the arm travels no further than commanded, however late
-        # the command process or the watchdog is; the stop itself goes on from that target. What was sent ahead is played for so long more
-        # where this computer is gone; a stop throws it away, and the controller's stopj keeps the direction.
+        # the command process or the watchdog is; the stop itself goes on from that target. What was sent ahead is played first, then the
+        # controller's stopj keeps the direction.
         self.device_stop = DeviceStop(
             PERIODS / self.rate + options.ahead, options.stop_deceleration, proportional=options.ahead > 0
         )
