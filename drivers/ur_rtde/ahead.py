@@ -22,7 +22,6 @@ SETPOINT, BEGIN, END, NOTHING, QUIT = 1, 2, 3, 4, 5
 SCALE = 1_000_000
 UNDERRUN = -1
 REPORT = 10  # setpoints between two reports of the program
-SLACK = 0.05  # s beyond AHEAD that setpoints may wait at the controller: more is a controller that does not keep the period
 IDLE = 0.5  # s without a record, at rest, after which the program ends
 SCRIPT_PORT = 30003
 CONNECT_TIMEOUT, START_TIMEOUT = 2.0, 5.0
@@ -78,8 +77,9 @@ class Late(RuntimeError):
 class Ahead:
     """The program's other end, with the calls of ur_rtde's control interface that the command process makes."""
 
-    def __init__(self, connection: socket.socket, period: float, ahead: float) -> None:
-        self._connection, self._most = connection, round((ahead + SLACK) / period)
+    def __init__(self, connection: socket.socket, period: float, most: float) -> None:
+        """most s of setpoints may wait at the controller: more is a controller that does not keep the period."""
+        self._connection, self._most = connection, round(most / period)
         self._playing = False
         self._waiting = 0  # setpoints that were sent and not reported as played
         self._heard = b""
@@ -164,6 +164,6 @@ class Upload:
                 if select.select([self._listener], [], [], left)[0]:
                     connection, (peer, *_) = self._listener.accept()
                     if peer == self._host:
-                        return Ahead(connection, s["period"], s["ahead"])
+                        return Ahead(connection, s["period"], s["ahead"] + s["setpoint_timeout"])
                     connection.close()
         return None

@@ -51,7 +51,7 @@ def ahead(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[U
     opened = []
 
     def make(**options: object) -> tuple[UrEmulator, UrDriver]:
-        table = with_options(cell(), AHEAD | options)
+        table = with_options(cell(), {**AHEAD, **options})
         emulator, driver = open_emulator(table, arm), open_driver(table, arm)
         assert isinstance(emulator, UrEmulator)
         assert isinstance(driver, UrDriver)
@@ -67,7 +67,7 @@ def ahead(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[U
 
 
 def with_options(cell: Cell, options: Mapping[str, object]) -> Cell:
-    return dataclasses.replace(cell, table=cell.table.model_copy(update={"options": cell.table.options | options}))
+    return dataclasses.replace(cell, table=cell.table.model_copy(update={"options": {**cell.table.options, **options}}))
 
 
 def remembered(robot: Robot) -> list[tuple[float, float]]:
@@ -79,7 +79,7 @@ def remembered(robot: Robot) -> list[tuple[float, float]]:
         seen.append((robot.time, float(q[0])))
         servo(q, lookahead, gain)
 
-    robot.motion.servo = remember  # type: ignore[method-assign]
+    robot.motion.servo = remember  # type: ignore[method-assign,assignment]
     return seen
 
 
@@ -108,7 +108,7 @@ def by_step(cell: Callable[..., Cell], arm: Arm, monkeypatch: pytest.MonkeyPatch
             robot.step()
         robot.step()
         connection, _ = listener.accept()
-    made = Ahead(connection, robot.dt, AHEAD["ahead"])
+    made = Ahead(connection, robot.dt, AHEAD["ahead"] + 0.06)
     yield robot, made
     made.abort()
     robot.stop_program()
