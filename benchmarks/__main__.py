@@ -28,7 +28,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
     "derivatives": {},
     "excitation": {},
-    "peers.compare": {},
+    "peers": {},
     "logs": {},
     "reading": {"hours": 0.1},
     "kills": {"minutes": 0.5, "count": 20},
@@ -63,7 +63,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "servo_scan": ("drivers", "sim"),
     "derivatives": ("calib/preprocessing.py", "calib/filtering.py"),
     "excitation": ("calib/excitation", "safety", "sim"),
-    "peers.compare": ("calib/identification", "calib/preprocessing.py", "sim"),
+    "peers": ("calib/identification", "calib/preprocessing.py", "sim"),
 }
 
 

@@ -110,7 +110,7 @@ TITLES = {
     "ur": "Universal Robots over the wire",
     "can": "CAN servo arms over the bus",
     "servo_scan": "Finding drives on a bus",
-    "peers_compare": "Beside other libraries",
+    "peers": "Beside other libraries",
     "logs": "Recording",
     "hostile": "Files made to do harm",
     "clocks": "Clocks",

@@ -1,1 +1,5 @@
-"""Other tools on the same log: small programs that run in an environment of their own (`make peers`), and import nothing of ours."""
+"""Other tools on the same logs: small programs that run in an environment of their own (`make peers`), and import nothing of ours."""
+
+from benchmarks.peers.compare import run
+
+__all__ = ["run"]

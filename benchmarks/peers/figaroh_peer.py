@@ -1,4 +1,8 @@
-"""figaroh on one problem: FOLDER has model.urdf and data.npz; writes figaroh.json. Runs in the peers' environment."""
+"""figaroh on one problem: FOLDER has model.urdf and data.npz; writes figaroh.json and figaroh_K.npy. Runs in the peers' environment.
+
+As its documentation and examples have it: torque and every column of the regressor filtered alike and decimated (parallel filtering of
+M. Gautier), rows of a joint left out near its reversals, base parameters by its double QR, weighted by each joint's residual.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ import pinocchio as pin
 from figaroh.tools.qrdecomposition import QRDecomposer
 from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced, get_index_eliminate
 
+SLOW = 0.02  # rad/s
 folder = Path(sys.argv[1])
 data = np.load(folder / "data.npz")
 model = pin.buildModelFromUrdf(str(folder / "model.urdf"))
@@ -42,13 +47,28 @@ def identified(w, tau):
     return gone, decomposer.get_base_indices(), phi
 
 
-random = [data[k] for k in ("random_q", "random_dq", "random_ddq")]
-seconds = {"regressor": min(cpu(lambda: regressor(*random))[1] for _ in range(3))}
-w = regressor(*random)
-seconds["base"] = min(cpu(lambda: identified(w, np.asarray(data["random_tau"]).T.ravel()))[1] for _ in range(2))
-w = regressor(data["q"], data["dq"], data["ddq"])
-gone, base, phi = identified(w, np.asarray(data["tau"]).T.ravel())
-fresh = build_regressor_reduced(regressor(data["new_q"], data["new_dq"], data["new_ddq"]), gone)
-predicted = (fresh[:, base] @ phi).reshape(n, -1).T
-np.save(folder / "figaroh.npy", predicted)
+def decimated(x):
+    """Every step-th value of each column after the low pass."""
+    kept = np.arange(0, len(x) - len(data["taps"]) + 1, int(data["step"]))
+    return np.stack([x[k : k + len(data["taps"])].T @ data["taps"] for k in kept])
+
+
+seconds = {}
+if "random_q" in data:
+    random = [data[k] for k in ("random_q", "random_dq", "random_ddq")]
+    seconds["regressor"] = min(cpu(lambda: regressor(*random))[1] for _ in range(3))
+    w = regressor(*random)
+    seconds["base"] = min(cpu(lambda: identified(w, np.asarray(data["random_tau"]).T.ravel()))[1] for _ in range(2))
+w = regressor(data["q"], data["dq"], data["ddq"]).reshape(n, len(data["q"]), -1)
+w = np.stack([decimated(part) for part in w])
+tau, fast = decimated(data["tau"]).T, np.abs(decimated(data["dq"]).T) > SLOW
+weight = np.ones((n, 1))
+for _ in range(2):
+    gone, base, phi = identified((w * weight[:, :, None])[fast], (tau * weight)[fast])
+    reduced = build_regressor_reduced(w.reshape(-1, w.shape[2]), gone)[:, base] @ phi
+    miss = np.where(fast, tau - reduced.reshape(tau.shape), 0.0)
+    weight = np.sqrt(fast.sum(axis=1) / np.sum(miss**2, axis=1))[:, None]
+for k in range(int(data["motions"])):
+    fresh = build_regressor_reduced(regressor(*(data[f"new_{x}_{k}"] for x in ("q", "dq", "ddq"))), gone)
+    np.save(folder / f"figaroh_{k}.npy", (fresh[:, base] @ phi).reshape(n, -1).T)
 (folder / "figaroh.json").write_text(json.dumps(seconds))

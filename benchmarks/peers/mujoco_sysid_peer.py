@@ -1,4 +1,8 @@
-"""mujoco.sysid on one problem: FOLDER has model.xml and data.npz; writes mujoco_sysid.json. Runs in the peers' environment."""
+"""mujoco.sysid on one problem: FOLDER has model.xml and data.npz; writes mujoco_sysid.json. Runs in the peers' environment.
+
+The log is cut into chunks of 0.2 s, which is what its `SystemTrajectory.split` is for: each begins at the measured state (positions and
+speeds smoothed), so that the error of one open-loop rollout does not grow over the whole log. Bounds of a tenth to ten times the nominal value.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
+CHUNK = 0.2  # s
 folder = Path(sys.argv[1])
 data = np.load(folder / "data.npz")
 spec = mujoco.MjSpec.from_string((folder / "model.xml").read_text())
@@ -35,16 +40,31 @@ for body, joint in zip(names["bodies"], names["joints"], strict=True):
         ("rotor", model.dof_armature[j], lambda s, p, x=joint: setattr(s.joint(x), "armature", p.value[0])),
     ):
         value = float(np.ravel(value)[0])
-        parameters.add(sysid.Parameter(f"{kind} {joint}", value, 0.3 * value, 3.0 * value, modifier=modifier))
+        parameters.add(sysid.Parameter(f"{kind} {joint}", value, 0.1 * value, 10.0 * value, modifier=modifier))
 order = [names["joints"].index(model.joint(model.actuator_trnid[k, 0]).name) for k in range(model.nu)]
-control = sysid.TimeSeries(data["t"], data["tau"][:, order])
-readings = np.stack([data["q"], data["dq"]], axis=2).reshape(len(data["t"]), -1)
+tau, t = data["tau"][:, order], data["t"]
+readings = np.stack([data["q"], data["dq"]], axis=2).reshape(len(t), -1)
 start = mujoco.MjData(model)
-start.qpos[:], start.qvel[:] = data["q"][0], data["dq"][0]
-state = sysid.create_initial_state(model, start.qpos, start.qvel, start.act)
-measured = sysid.TimeSeries.from_names(data["t"][1:], readings[1:], model)
-sequences = sysid.ModelSequences("arm", spec, "log", state, control, measured)
-residual = sysid.build_residual_fn(models_sequences=[sequences])
+states, controls, measured = [], [], []
+length = round(CHUNK / float(np.median(np.diff(t))))
+for first in range(0, len(t) - length, length):
+    part = slice(first, first + length + 1)
+    states.append(sysid.create_initial_state(model, data["smooth_q"][first], data["smooth_dq"][first], start.act))
+    controls.append(sysid.TimeSeries(t[part] - t[first], tau[part]))
+    measured.append(sysid.TimeSeries.from_names((t[part] - t[first])[1:], readings[part][1:], model))
+names = [f"chunk {k}" for k in range(len(states))]
+sequences = sysid.ModelSequences("arm", spec, names, states, controls, measured)
+# the default divides by each chunk's own size, which is zero where a joint still stands: here by that of the whole log
+scale = readings.std(axis=0)
+
+
+def residual_of(params, predicted, measured, model, return_pred_all, state=None, sensor_weights=None):
+    """Differences of every chunk, as shares of the signal's standard deviation."""
+    predicted = predicted.resample(measured.times)
+    return (measured.data - predicted.data) / scale, predicted, measured
+
+
+residual = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=residual_of)
 began = time.process_time()
 found, _ = sysid.optimize(initial_params=parameters, residual_fn=residual, optimizer="mujoco", verbose=False)
 seconds = time.process_time() - began
