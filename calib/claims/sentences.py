@@ -83,6 +83,9 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "projected": _of_parameters("changed by more than the standard deviation to make the arm physically consistent"),
     "out_of_bounds": _of_parameters("the estimate is physically impossible; the value written is within bounds"),
     "condition": lambda n: f"condition number {n['condition']:.3g}",
+    "information_gap": lambda n: (
+        f"another motion within the limits may have up to {n['nats']:.1f} nats more information (estimate)"
+    ),
     "forward": _forward,
     "bounds": _bounds,
     "duration": lambda n: f"{n['seconds'] / 60:.1f} minutes of motion at full speed",

@@ -95,6 +95,8 @@ def command(
         Claim("known", {"names": known, "of": len(known) + len(weak)}),
         Claim("condition", {"condition": float(designed.worth.condition)}),
     ]
+    if "gap_estimate_nats" in designed.summary:
+        claims.append(Claim("information_gap", {"nats": float(designed.summary["gap_estimate_nats"])}))
     if "separation_sigma" in designed.summary:
         claims.append(Claim("separation", {"sigma": float(designed.summary["separation_sigma"]), "enough": ENOUGH}))
     sentence = in_one_sentence(claims)

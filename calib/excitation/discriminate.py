@@ -13,9 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from calib.excitation.design import coarse, fitted_to_room
+from calib.excitation.design import coarse, fitted_to_room, noise_of
 from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.objective import Objective
+from calib.excitation.optimise import lowest
 from calib.excitation.room import Room
+from calib.identification.model import TorqueModel
+from drivers.driver import DeviceStop
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.effects.effect import Stage
@@ -28,6 +32,8 @@ Pair = tuple[ArmEffect, tuple[str, str | None]]
 MOST_PROBES = 12
 SLOWER = (1.0, 2.0)  # periods tried, times the session's: friction parts slowly, inertia quickly
 ENOUGH = 5.0  # sigma of the whole motion
+WORTH, LIMITS = 30.0, 1000.0  # of the separation, and of a limit that is passed
+STEP, TINY = 1e-4, 1e-9
 
 
 def pairs_of(run: Path, arm: Arm) -> list[Pair]:
@@ -56,9 +62,13 @@ def pairs_of(run: Path, arm: Arm) -> list[Pair]:
 
 
 def discriminating(
-    room: Room, pairs: Sequence[Pair], basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int
-) -> tuple[Fourier, float]:
-    """Of `tries` random motions that fit, the one whose least separation over the pairs is largest, and that separation."""
+    room: Room, pairs: Sequence[Pair], basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int,
+    stop: DeviceStop | None = None, iterations: int = 20,
+) -> tuple[Fourier, float]:  # fmt: skip
+    """The motion whose least separation over the pairs is largest, and that separation: the best of `tries` random ones, then ascended.
+
+    The ascent is that of the excitation, under the same limits, in the coefficients of the joints that the pairs name.
+    """
     best: tuple[Fourier, float] | None = None
     for k in range(tries):
         longer = Basis(basis.harmonics, basis.period * SLOWER[k % len(SLOWER)])
@@ -70,7 +80,51 @@ def discriminating(
             best = (found, least)
     if best is None:
         raise AnswerIsNo(f"{room.arm.name}: no motion fits that distinguishes these effects; give a freer posture with --home")
+    if iterations:
+        apart = Apart(room, pairs, best[0], stop)
+        x, _, _ = lowest(apart, best[0].x, iterations)
+        found = fitted_to_room(room, Fourier(best[0].basis, home, x), grow=False)
+        least = apart.separation(found) if found else 0.0
+        if found and least > best[1]:
+            best = (found, least)
     return best
+
+
+class Apart:
+    """-WORTH log separation of the pair that parts least, plus what the motion uses beyond its limits; gradient by differences."""
+
+    def __init__(self, room: Room, pairs: Sequence[Pair], start: Fourier, stop: DeviceStop | None) -> None:
+        model = TorqueModel.of_arm(room.arm)
+        self._arm, self._pairs, self._start = room.arm, pairs, start
+        self._limits = Objective(
+            room, model, noise_of(model), start, weight=LIMITS, capped=False, stop=stop, slope=0.0, fine=True
+        )
+        named = {joint for effect, rival in pairs for joint in (effect.joint, rival[1])}
+        joints = room.arm.joint_names if None in named else [j for j in room.arm.joint_names if j in named]
+        self._joints = [room.arm.joint_index(j) for j in joints]
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient (n, f)."""
+        value, gradient = self._limits(x)
+        here, pair = self._least(self._moved(x))
+        for j in self._joints:
+            for k in range(x.shape[1]):
+                there = x.copy()
+                there[j, k] += STEP
+                rise = separation(self._arm, coarse(self._moved(there)), *pair) / max(here, TINY)
+                gradient[j, k] -= WORTH * np.log(max(rise, TINY)) / STEP
+        return value - WORTH * float(np.log(max(here, TINY))), gradient
+
+    def separation(self, motion: Fourier) -> float:
+        """The least over the pairs."""
+        return self._least(motion)[0]
+
+    def _moved(self, x: np.ndarray) -> Fourier:
+        return Fourier(self._start.basis, self._start.home, x)
+
+    def _least(self, motion: Fourier) -> tuple[float, Pair]:
+        found = [separation(self._arm, coarse(motion), effect, rival) for effect, rival in self._pairs]
+        return min(found), self._pairs[int(np.argmin(found))]
 
 
 def separation(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str, str | None]) -> float:

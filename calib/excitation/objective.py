@@ -1,6 +1,8 @@
 """-log det of the whitened information of a Fourier motion, plus what it uses beyond its limits, with the exact gradient.
 
-M = sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j; d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2. The chain to the coefficients
+M = P + sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j, P what earlier recordings determined of an identified arm (`Known`),
+so that the next one determines what is still unknown; none for a nominal arm, whose numbers are a belief. d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2,
+or with a slope A, -tr(A M) and -2 A y_kj / sigma_j^2. The chain to the coefficients
 goes through differences of the regressor along q, dq and ddq, and from there through the Fourier basis, which is exact. Torque is linear in
 the same regressor, so its limits cost nothing more; speeds of points and distances of capsules go through the Jacobians of their ends.
 """
@@ -9,18 +11,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.excitation.beside import Beside, stopping
+from calib.excitation.design import SAMPLES
 from calib.excitation.fourier import Fourier
-from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
+from calib.excitation.room import MARGIN, Room
+from calib.identification.known import FILE, Known
+from calib.identification.least_squares import inverse
 from calib.identification.model import FRICTION, TorqueModel
+from drivers.driver import DeviceStop
 from safety.parameters import friction_of, parameter_box
+from safety.torque import POWER_MAX
 
 STEP = 1e-5
-CONDITION_AIM = 36.0
+CONDITION_AIM = 33.0
 CONDITION_WEIGHT = 400.0
 RIDGE = 1e-8
 # A descent aims a little inside what the room asks for, so that its end needs no shrinking
-TIGHTER = 0.985
-FARTHER = 0.004
+TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "point speed": 0.86, "power": 0.6}
+# s after a stop began, looked at besides its end where the look is fine
+INSIDE = (0.25, 0.45)
+# s before and after a sample, between which a point's speed is taken
+AROUND = 0.01
+# Hz: samples of a filtered log that count as independent
+INDEPENDENT = 25.0
 # 3 cm too near count like a limit that is passed by its own size
 PER_METRE = 1000.0
 
@@ -38,16 +51,21 @@ class Objective:
         model: TorqueModel,
         sigma: np.ndarray,
         start: Fourier,
-        samples: int = 120,
+        samples: int = SAMPLES,
         weight: float = 300.0,
         capped: bool = True,
+        stop: DeviceStop | None = None,
+        slope: np.ndarray | float | None = None,
+        fine: bool = False,
     ) -> None:
-        self.room, self.model, self.weight, self.capped = room, model, weight, capped
+        self.room, self.model, self.capped = room, model, capped
+        self.stop, self._beside = stop or DeviceStop(), Beside(room)
         self.start, n = start, model.arm.n
-        self.inverse_variance = 1 / sigma**2
+        # as if there were SAMPLES samples, so that a search may begin with fewer and end with more
+        share = SAMPLES / samples
+        self.inverse_variance, self.weight = share / sigma**2, weight * share
         t = np.arange(samples) * (start.basis.period / samples)
         self._basis = [start.basis.matrix(t, order) for order in range(4)]
-        self._dt = start.basis.period / samples
         arm = model.arm
         self._sign_width = 0.02 * arm.dq_max
         pi, delta = parameter_box(arm, room.cell)
@@ -57,7 +75,19 @@ class Objective:
         self._delta, self._friction = delta, known
         self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
         self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
+        self._slope, self.fine = slope, fine
         self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
+        self.prior = np.zeros((self.p, self.p))
+        if (model.arm.model_path.parent / FILE).is_file():
+            share = SAMPLES / (INDEPENDENT * start.basis.period)
+            self.prior[: model.p, : model.p] = share * inverse(Known.of_arm(model.arm).covariance)
+
+    def information(self, x: np.ndarray) -> np.ndarray:
+        """(p, p) what the motion with coefficients x (n, f) determines, without the prior."""
+        q, dq, ddq = (b @ x.T for b in self._basis[:3])
+        q = q + self.start.home
+        columns = self._columns(self._full(q, dq, ddq), q, dq)
+        return np.einsum("kjp,j,kjr->pr", columns, self.inverse_variance, columns, optimize=True)
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient (n, f)."""
@@ -69,11 +99,12 @@ class Objective:
         more, cond_z = self._condition(columns)
         value += more
         z[:, :, : len(self.model.base)] += cond_z
-        torque_value, w = self._torque(full, dq, ddq)
+        torque_value, w, by_speed = self._torque(full, dq, ddq)
         value += torque_value
         grads = self._through_regressor(z, w, q, dq, ddq)
+        grads[1] = grads[1] + by_speed
         for k, (order, quantity) in enumerate((("q", q - self._middle), ("dq", dq), ("ddq", ddq), ("jerk", jerk))):
-            limit = TIGHTER * MARGIN[order] * (self._half if order == "q" else getattr(self.room.arm, f"{order}_max"))
+            limit = TIGHTER[order] * MARGIN[order] * (self._half if order == "q" else getattr(self.room.arm, f"{order}_max"))
             over = np.maximum(np.abs(quantity) / limit - 1, 0.0)
             value += self.weight * float(np.sum(over**2))
             grads[k] = grads[k] + 2 * self.weight * over * np.sign(quantity) / limit
@@ -104,7 +135,10 @@ class Objective:
 
     def _information(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         weighted = columns * self.inverse_variance[:, None]
-        m = np.einsum("kjp,kjr->pr", weighted, columns, optimize=True)
+        if self._slope is not None:
+            z = weighted @ (self._slope * np.ones((self.p, self.p)))
+            return -float(np.sum(z * columns)), -2 * z
+        m = np.einsum("kjp,kjr->pr", weighted, columns, optimize=True) + self.prior
         scale = 1 / np.sqrt(np.diag(m) + 1e-300)
         scaled = m * np.outer(scale, scale) + RIDGE * np.eye(len(m))
         _, log_det = np.linalg.slogdet(scaled)
@@ -126,7 +160,7 @@ class Objective:
         slope = (base @ last)[..., None] * last / eigen[-1] - (base @ first)[..., None] * first / low
         return weight * over**2, factor * slope
 
-    def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray]:
+    def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Penalty of torque beyond its limit, doubt included, and its slope (K, n) by torque."""
         n = self.model.arm.n
         smooth = np.tanh(dq / self._sign_width)
@@ -134,9 +168,15 @@ class Objective:
         f = self._friction
         doubt = np.abs(full[:, :, : 10 * n]) @ self._delta + f.coulomb_doubt
         doubt += f.inertia_doubt * np.abs(ddq) + f.viscous_doubt * np.abs(dq)
-        limit = TIGHTER * MARGIN["torque"] * self.room.arm.tau_max
-        over = np.maximum((np.abs(tau) + doubt) / limit - 1, 0.0)
-        return self.weight * float(np.sum(over**2)), 2 * self.weight * over * np.sign(tau) / limit
+        limit = TIGHTER["torque"] * MARGIN["torque"] * self.room.arm.tau_max
+        worst = np.abs(tau) + doubt
+        over = np.maximum(worst / limit - 1, 0.0)
+        slope = 2 * self.weight * over * np.sign(tau) / limit
+        most = TIGHTER["power"] * POWER_MAX
+        beyond = np.maximum(np.sum(worst * np.abs(dq), axis=1) / most - 1, 0.0)
+        share = (2 * self.weight * beyond / most)[:, None]
+        value = self.weight * float(np.sum(over**2) + np.sum(beyond**2))
+        return value, slope + share * np.abs(dq) * np.sign(tau), share * worst * np.sign(dq)
 
     def _through_regressor(
         self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
@@ -169,21 +209,31 @@ class Objective:
         return slopes
 
     def _geometry(self, q: np.ndarray, dq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Penalty of capsules nearer than the margin and points faster than the cell allows, and its slopes (K, n) by q and dq."""
+        """Penalty of capsules too near on the path or in a stop, and of points too fast; its slopes (K, n) by q and dq."""
         room = self.room
-        rotation, origin = room.frames(q)
+        stops = [stopping(q, dq, self.stop, t) for t in (*INSIDE[: self.fine * len(INSIDE)], np.inf)]
+        # one call for all: the path's own postures first, for the speeds those just before and after it last
+        every = np.concatenate((q, *(posture for posture, _ in stops), q + AROUND * dq, q - AROUND * dq))
+        rotation, origin = room.frames(every)
         ends, radius = room.segments_at(rotation, origin)
-        value, slope = room.nearness(ends, CLEARANCE_MARGIN + FARTHER)
-        value, slope = self.weight * PER_METRE * value, self.weight * PER_METRE * slope
-        step = (np.roll(ends, -1, axis=0) - ends) / self._dt
+        count, share = len(q), self.weight * PER_METRE
+        near = len(every) - 2 * count
+        value, slope = room.nearness(ends[:near], self._beside.pairs, self._beside.shapes)
+        more, exact = self._beside.exact(every[:near], ends[:near])
+        step = (ends[near : near + count] - ends[near + count :]) / (2 * AROUND)
         along = np.linalg.norm(step, axis=-1)
-        axes, omega = room.turning(rotation, dq)
+        axes, omega = room.turning(rotation[:count], dq)
         rate = np.linalg.norm(omega, axis=-1) @ room.on_link
-        limit = TIGHTER * MARGIN["point speed"] * room.cell.table.motion.point_speed_max
+        limit = TIGHTER["point speed"] * MARGIN["point speed"] * room.cell.table.motion.point_speed_max
         over = np.maximum((along + (radius * rate)[..., None]) / limit - 1, 0.0)
-        value += self.weight * float(np.sum(over**2))
         weighted = 2 * self.weight * over / limit
-        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / self._dt
-        slope += np.roll(pull, 1, axis=0) - pull
         by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
-        return value, room.onto_joints(slope, ends, rotation, origin) + by_q, by_dq
+        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / (2 * AROUND)
+        pulled = room.onto_joints(np.concatenate((share * slope, pull, -pull)), ends, rotation, origin)
+        pulled[:near] += share * exact
+        pulled = pulled.reshape(-1, *q.shape)
+        by_q += pulled.sum(axis=0)
+        by_dq += AROUND * (pulled[-2] - pulled[-1])
+        for own, (_, by_speed) in zip(pulled[1:-2], stops, strict=True):
+            by_dq += np.einsum("kj,kji->ki", own, by_speed)
+        return share * (value + more) + self.weight * float(np.sum(over**2)), by_q, by_dq

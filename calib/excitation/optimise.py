@@ -1,70 +1,101 @@
-"""Several starts, each descended by Adam on the smooth objective, fitted to its room, and the most informative kept.
+"""Several starts, each descended a little; the better half further, the best two to their end, where all limits are kept.
 
-Adam (D. Kingma, J. Ba 2015) with a falling step is robust where a line search stalls on the kinks of the limits. The best random start
-takes part in the choice, so that the result is never worse than it.
+The descent is L-BFGS (R. Byrd, P. Lu, J. Nocedal, C. Zhu 1995, doi:10.1137/0916069) on the smooth objective, first with limits that may
+be passed a little and few samples, then with a weight on the limits that grows until the end needs no shrinking. How much more another
+motion could determine is estimated by the duality gap of D-optimal design (`calib.excitation.gap`).
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from multiprocessing import get_context
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import scipy.optimize
 
 from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Fourier
+from calib.excitation.gap import Mixture
 from calib.excitation.objective import Objective
 from calib.excitation.room import Room
+from calib.excitation.workers import Workers, workers
 from calib.identification.model import TorqueModel
+from drivers.driver import DeviceStop
 from sim.arm import Arm
 from sim.cell import Cell
 
 CONDITION_CAP = 40.0
-ITERATIONS = 350
 TRIES = 10
-WEIGHTS = (30.0, 3e4)
+# (weight of the limits, iterations, samples) of a descent's stages: from every start, from the better half, and from the best two
+Stage = tuple[float, int, int]
+SCOUT: tuple[Stage, ...] = ((30.0, 150, 60),)
+FURTHER: tuple[Stage, ...] = ((30.0, 300, 60),)
+TO_THE_END: tuple[Stage, ...] = ((300.0, 200, 90), (3e3, 150, 120), (3e4, 120, 120))
+LEFT = 2
+# ascents towards the motion that adds most to those found
+ASCENT: tuple[Stage, ...] = ((30.0, 150, 60), (300.0, 80, 60))
+ASCENTS, ROUNDS = 2, 3
+MEMORY = 30  # corrections that L-BFGS keeps
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
+class Site:
+    """Where motions are looked for: how the device brakes there, and whether the condition number is capped."""
+
+    arm: Arm
+    cell: Cell
+    stop: DeviceStop = field(default_factory=DeviceStop)
+    capped: bool = True
+
+
+@dataclass(frozen=True)
 class Start:
-    """Where one descent began and what came of it; worth is that of the motion after it was fitted to its room."""
+    """Where one descent began and what came of it; worth is that of the motion after it was fitted to its room.
+
+    x (n, f) rad/s and value are the end itself and its objective at the last weight; gain is by how many nats the last tenth of
+    its iterations lowered it.
+    """
 
     motion: Fourier
     worth: Worth
     seconds: float
+    x: np.ndarray
+    value: float
+    gain: float
 
 
-def optimised(arm: Arm, cell: Cell, best: Fourier, starts: int, seed: int, progress: Progress, workers: int = 2) -> list[Start]:
-    """What came of `best` and of starts - 1 random motions, the preferred first: below the condition cap, then by information."""
-    tasks = [(arm, cell, best, seed + k if k else None) for k in range(starts)]
-    done: list[Start] = []
-    if starts == 1 or workers == 1:
-        for k, task in enumerate(tasks):
-            done.append(descended(*task))
-            progress("optimising", (k + 1) / starts)
-    else:
-        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        before = {k: os.environ.get(k) for k in threads}
-        os.environ.update(threads)
-        try:
-            with ProcessPoolExecutor(min(workers, starts), mp_context=get_context("spawn")) as pool:
-                waiting = [pool.submit(descended, *task) for task in tasks]
-                for k, future in enumerate(as_completed(waiting)):
-                    future.result()
-                    progress("optimising", (k + 1) / starts)
-                done = [future.result() for future in waiting]
-        finally:
-            for key, value in before.items():
-                if value is None:
-                    del os.environ[key]
-                else:
-                    os.environ[key] = value
-    return sorted(done, key=lambda s: preference(s.worth), reverse=True)
+@dataclass(frozen=True)
+class Search:
+    """The ends of all starts, the preferred first; gap: estimate of the nats that any motion within the limits has more than the first."""
+
+    ends: tuple[Start, ...]
+    gap: float
+
+
+def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progress, processes: int = 2) -> Search:
+    """The search from `best` and starts - 1 random motions: preferred is what is below the condition cap, then what is informative.
+
+    Starts that were left behind stand in the list as far as they came.
+    """
+    half = max(LEFT, starts // 2)
+    work = [starts * _work(SCOUT), half * _work(FURTHER), LEFT * _work(TO_THE_END), ROUNDS * ASCENTS * _work(ASCENT)]
+
+    def part(index: int) -> Callable[[float], None]:
+        return lambda done: progress("optimising", (sum(work[:index]) + done * work[index]) / sum(work))
+
+    with workers(min(processes, starts)) as pool:
+        found = pool.run(scouted, [(site, best, seed + k if k else None) for k in range(starts)], part(0))
+        found.sort(key=lambda s: s.value)
+        found[:half] = pool.run(descended, [(site, s.motion, s.x, FURTHER) for s in found[:half]], part(1))
+        found[:half] = sorted(found[:half], key=lambda s: s.value)
+        found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, TO_THE_END) for s in found[:LEFT]], part(2))
+        found.sort(key=lambda s: preference(s.worth), reverse=True)
+        gap = _gap(pool, site, found, part(3))
+    progress("optimising", 1.0)
+    return Search(tuple(found), gap)
 
 
 def preference(worth: Worth) -> tuple[bool, float]:
@@ -72,32 +103,78 @@ def preference(worth: Worth) -> tuple[bool, float]:
     return worth.condition <= CONDITION_CAP, worth.log_det
 
 
-def descended(arm: Arm, cell: Cell, best: Fourier, seed: int | None, capped: bool = True) -> Start:
-    """One descent from `best`, or from a random motion of that seed; where the end does not fit better than its start, the start.
-
-    Without `capped` the condition number plays no part: the D-optimum, to compare with.
-    """
-    began = time.process_time()
-    room, model = Room(arm, cell), TorqueModel.of_arm(arm)
-    information = Information(model, noise_of(model))
-    start = best
+def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
+    """A short descent from a motion, or from a random one of that seed about the same posture."""
+    site, start, seed = task
     if seed is not None:
-        start, _ = random_start(room, information, best.basis, best.home, np.random.default_rng(seed), TRIES)
-    objective = Objective(room, model, noise_of(model), start, capped=capped)
-    ended = fitted_to_room(room, Fourier(start.basis, start.home, adam(objective, start.x)), grow=False)
+        information = Information(model := TorqueModel.of_arm(site.arm), noise_of(model))
+        rng = np.random.default_rng(seed)
+        start, _ = random_start(Room(site.arm, site.cell), information, start.basis, start.home, rng, TRIES)
+    return descended((site, start, start.x, SCOUT))
+
+
+def descended(task: tuple[Site, Fourier, np.ndarray, tuple[Stage, ...]]) -> Start:
+    """From coefficients x (n, f) through the stages; where the end, fitted to its room, is not preferred to `start`, the start."""
+    site, start, x, stages = task
+    began = time.process_time()
+    room, model = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm)
+    information = Information(model, noise_of(model))
+    value = gain = np.inf
+    for weight, iterations, samples in stages:
+        objective = Objective(room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=weight > 100)
+        x, value, gain = lowest(objective, x, iterations)
+    ended = fitted_to_room(room, Fourier(start.basis, start.home, x), grow=False)
     options = [start] if ended is None else [start, ended]
     worths = [information.worth(coarse(m)) for m in options]
-    chosen = max(range(len(options)), key=lambda k: preference(worths[k]) if capped else (True, worths[k].log_det))
-    return Start(options[chosen], worths[chosen], time.process_time() - began)
+    chosen = max(range(len(options)), key=lambda k: preference(worths[k]) if site.capped else (True, worths[k].log_det))
+    return Start(options[chosen], worths[chosen], time.process_time() - began, x, value, gain)
 
 
-def adam(objective: Objective, x: np.ndarray, iterations: int = ITERATIONS, rate: float = 0.03) -> np.ndarray:
-    """The last iterate of Adam with a cosine-falling step, rad/s, while the weight of the limits grows from WEIGHTS[0] to WEIGHTS[1]."""
-    x, mean, square = x.copy(), np.zeros_like(x), np.zeros_like(x)
-    for k in range(1, iterations + 1):
-        objective.weight = WEIGHTS[0] * (WEIGHTS[1] / WEIGHTS[0]) ** (k / iterations)
-        _, g = objective(x)
-        mean, square = 0.9 * mean + 0.1 * g, 0.99 * square + 0.01 * g**2
-        step = rate * 0.5 * (1 + np.cos(np.pi * k / iterations))
-        x = x - step * (mean / (1 - 0.9**k)) / (np.sqrt(square / (1 - 0.99**k)) + 1e-12)
+def lowest(
+    objective: Callable[[np.ndarray], tuple[float, np.ndarray]], x: np.ndarray, iterations: int
+) -> tuple[np.ndarray, float, float]:
+    """(x, value, gain): the end of L-BFGS after at most that many iterations, and by how much the last tenth lowered the value."""
+    values: list[float] = []
+
+    def call(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = objective(flat.reshape(x.shape))
+        return value, gradient.ravel()
+
+    def note(intermediate_result: Any) -> None:
+        values.append(float(intermediate_result.fun))
+
+    options = {"maxiter": iterations, "maxfun": iterations + iterations // 4 + 5, "maxcor": MEMORY}
+    found = scipy.optimize.minimize(call, x.ravel(), jac=True, method="L-BFGS-B", callback=note, options=options)
+    before = values[-1 - len(values) // 10] if values else float(found.fun)
+    return found.x.reshape(x.shape), float(found.fun), before - float(found.fun)
+
+
+def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
+    """Coefficients of a motion with much of tr(A M): from `start`, A (p, p)."""
+    site, start, slope = task
+    room, model, x = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm), start.x
+    for weight, iterations, samples in ASCENT:
+        objective = Objective(room, model, noise_of(model), start, samples, weight, False, site.stop, slope)
+        x, _, _ = lowest(objective, x, iterations)
     return x
+
+
+def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], None]) -> float:
+    """Rounds of the conditional gradient: the mixture of all motions known, and the motion that adds most to it."""
+    best = found[0].motion
+    model = TorqueModel.of_arm(site.arm)
+    objective = Objective(Room(site.arm, site.cell), model, noise_of(model), best, stop=site.stop)
+    motions = [s.motion for s in found]
+    mixture = Mixture([objective.information(m.x) for m in motions], objective.prior)
+    for k in range(ROUNDS):
+        slope = mixture.slope
+        first = sorted(range(len(motions)), key=lambda i: -mixture.along(i))[:ASCENTS]
+        more = [replace(best, x=x) for x in pool.run(ascended, [(site, motions[i], slope) for i in first], lambda _: None)]
+        done((k + 1) / ROUNDS)
+        motions += more
+        mixture.add([objective.information(m.x) for m in more])
+    return mixture.bound() - mixture.log_det(objective.information(best.x))
+
+
+def _work(stages: tuple[Stage, ...]) -> float:
+    return float(sum(iterations * samples for _, iterations, samples in stages))

@@ -176,8 +176,11 @@ class Room:
         n = self.arm.n
         return np.array([[float(self._carries(j, link)) for j in range(n)] for link in range(n)])
 
-    def nearness(self, ends: np.ndarray, wanted: float) -> tuple[float, np.ndarray]:
-        """Sum of squares (m^2) of what every clearance lacks to `wanted` m, and its slopes by the ends of the capsules."""
+    def nearness(self, ends: np.ndarray, wanted: np.ndarray, beside: np.ndarray) -> tuple[float, np.ndarray]:
+        """Sum of squares (m^2) of what clearances lack, and its slopes by the ends of the capsules.
+
+        Every pair lacks what it has less than `wanted` (pairs,) m, every shape what it has to an obstacle less than `beside` (shapes,) m.
+        """
         pull = np.zeros_like(ends)
         value = 0.0
         if self.pairs:
@@ -193,7 +196,7 @@ class Room:
         motion = self.cell.table.motion
         for obstacle in self.cell.table.obstacles:
             if obstacle.kind == "box":
-                value += self._near_box(obstacle, ends, wanted, pull)
+                value += self._near_box(obstacle, ends, beside, pull)
             if obstacle.kind != "plane":
                 continue
             normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
@@ -203,18 +206,18 @@ class Room:
                 - self._radius[turning][:, None]
                 - motion.clearance_obstacle
             )
-            lack = np.maximum(wanted - height, 0.0)
+            lack = np.maximum(beside[turning, None] - height, 0.0)
             value += float(np.sum(lack**2))
             pull[:, turning] += -2 * lack[..., None] * normal
         return value, pull
 
-    def _near_box(self, box: BoxObstacle, ends: np.ndarray, wanted: float, pull: np.ndarray) -> float:
+    def _near_box(self, box: BoxObstacle, ends: np.ndarray, beside: np.ndarray, pull: np.ndarray) -> float:
         """What the clearances of one box lack, squared, its slopes added to `pull`."""
         moving = [k for k, link in enumerate(self._links) if link >= 0]
         margin = self._radius[moving] + self.cell.table.motion.clearance_obstacle
         half = np.array(box.size) / 2
         distance, share, slope = from_box(ends[:, moving], rpy_matrix(box.rpy), np.array(box.position), half)
-        lack = np.maximum(wanted - (distance - margin), 0.0)
+        lack = np.maximum(beside[moving] - (distance - margin), 0.0)
         push = (-2 * lack)[..., None] * slope
         pull[:, moving, 0] += (1 - share)[..., None] * push
         pull[:, moving, 1] += share[..., None] * push

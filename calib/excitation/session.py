@@ -19,7 +19,7 @@ import numpy as np
 from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.optimise import optimised, preference
+from calib.excitation.optimise import Site, optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
 from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
@@ -37,7 +37,7 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
-SHARES = (1.0, 0.98, 0.95, 0.9, 0.82, 0.7, 0.55, 0.4)
+SHARES = (1.0, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 POSTURES = 1000
 LOOKED_AT = 15
 
@@ -100,9 +100,10 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     small = too_small(room, best)
     if small:
         raise AnswerIsNo(f"{arm.name}: {small}")
+    search = None
     if session.starts:
-        found = optimised(arm, cell, best, session.starts, session.seed, progress)[0]
-        best = max((best, found.motion), key=lambda m: preference(information.worth(coarse(m))))
+        search = optimised(Site(arm, cell, stop), best, session.starts, session.seed, progress)
+        best = max((best, search.ends[0].motion), key=lambda m: preference(information.worth(coarse(m))))
     progress("checking the excitation", 0.0)
     excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods, stop)
     motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
@@ -120,7 +121,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     separated = None
     if session.apart:
         progress("distinguishing effects", 0.0)
-        parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5))
+        parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5), stop)
         motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1, stop)[0]))
     for motion in motions:
         progress(f"checking {motion.name}", 0.0)
@@ -140,6 +141,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "period_s": float(session.period),
         "periods": session.periods,
         "starts": session.starts,
+        **({} if search is None else {"gap_estimate_nats": float(search.gap)}),
         **({} if separated is None else {"separation_sigma": separated}),
         "seed": session.seed,
     }

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calib.excitation.beside import Beside, stopping
 from calib.excitation.capsules import from_box
 from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.gap import Mixture
 from calib.excitation.objective import Objective
-from calib.excitation.optimise import CONDITION_CAP, adam, optimised, preference
+from calib.excitation.optimise import CONDITION_CAP, Site, lowest, optimised, preference
 from calib.excitation.room import Room
 from calib.excitation.session import cleared_fourier, open_cell
+from calib.identification.known import Known
 from calib.identification.model import TorqueModel
+from drivers.driver import DeviceStop
 from sim.arm import Arm, load_arm
+from sim.arm_folder import write_arm
 from sim.cell import Cell, CellTable
 
 ARM = load_arm("ur10e")
@@ -57,7 +64,7 @@ def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
     model = TorqueModel.of_arm(arm)
     # large enough that every limit, the clearance and the condition number are passed and take part
     motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0)).scaled(1.2)
-    objective = Objective(Room(arm, open_cell(arm)), model, noise_of(model), motion, samples=40)
+    objective = Objective(Room(arm, open_cell(arm)), model, noise_of(model), motion, samples=40, fine=True)
     _, gradient = objective(motion.x)
     for seed in range(3):
         along = np.random.default_rng(seed).standard_normal(motion.x.shape)
@@ -69,7 +76,10 @@ def test_a_short_descent_already_determines_more() -> None:
     room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
     start, before = random_start(room, information, Basis(4, 10.0), HOME, np.random.default_rng(1), 1)
     objective = Objective(room, MODEL, noise_of(MODEL), start, samples=60)
-    ended = fitted_to_room(room, Fourier(start.basis, HOME, adam(objective, start.x, iterations=60)), grow=False)
+    x, value, gain = lowest(objective, start.x, 60)
+    assert value < objective(start.x)[0] - 10
+    assert 0 <= gain < objective(start.x)[0] - value
+    ended = fitted_to_room(room, Fourier(start.basis, HOME, x), grow=False)
     assert ended is not None
     assert information.worth(coarse(ended)).log_det > before.log_det + 10
 
@@ -79,15 +89,81 @@ def test_what_keeps_the_cap_is_preferred() -> None:
     assert sorted([wild, well, better], key=preference) == [wild, well, better]
 
 
+@pytest.mark.parametrize("t", [0.05, 0.2, np.inf])
+@pytest.mark.parametrize("proportional", [False, True])
+def test_where_a_stop_is_has_the_slopes_of_its_way(proportional: bool, t: float) -> None:
+    stop = DeviceStop(0.1, 4.0, proportional)
+    q, dq = np.random.default_rng(0).standard_normal((2, 5, 6))
+    there, by_speed = stopping(q, dq, stop, t)
+    j = int(np.argmax(np.abs(dq[0])))
+    if np.isinf(t):
+        assert there[0, j] - q[0, j] == pytest.approx(dq[0, j] * 0.1 + dq[0, j] * abs(dq[0, j]) / 8)
+    for k in range(6):
+        moved = 1e-6 * np.eye(6)[k]
+        slope = (stopping(q, dq + moved, stop, t)[0] - stopping(q, dq - moved, stop, t)[0]) / 2e-6
+        assert by_speed[:, :, k] == pytest.approx(slope, abs=1e-8)
+
+
+def test_shapes_whose_capsules_never_part_push_too() -> None:
+    room = Room(ARM, CELL)
+    folded = HOME.copy()
+    folded[2] = 2.85  # wrist 1 comes near the upper arm
+    q = folded + 0.01 * np.random.default_rng(0).standard_normal((4, 6))
+    beside = Beside(room)
+    value, slope = beside.exact(q, room.segments(q)[0])
+    assert value > 0
+    for k in range(4):
+        along = np.zeros_like(q)
+        along[k, 2] = 1e-4
+        rise = beside.exact(q + along, room.segments(q + along)[0])[0] - beside.exact(q - along, room.segments(q - along)[0])[0]
+        assert slope[k, 2] == pytest.approx(rise / 2e-4, rel=0.05, abs=1e-6)
+    assert beside.exact(HOME[None], room.segments(HOME[None])[0])[0] == 0
+
+
+def test_the_gap_of_a_mixture_bounds_every_member_and_closes_at_the_optimum() -> None:
+    rows = [np.array([1.0, x, x**2]) for x in (-0.5, 0.0, 0.4)]
+    mixture = Mixture([np.outer(r, r) for r in rows], np.zeros((3, 3)))
+    before = np.linalg.slogdet(
+        np.outer(rows[0], rows[0]) / 3 + np.outer(rows[1], rows[1]) / 3 + np.outer(rows[2], rows[2]) / 3
+    )[1]
+    for _ in range(4):  # the directions that add most, among all of the interval
+        x = max(np.linspace(-1, 1, 41), key=lambda x: float((r := np.array([1.0, x, x**2])) @ mixture.slope @ r))
+        mixture.add([np.outer(r := np.array([1.0, x, x**2]), r)])
+    best = np.log(4 / 27)  # thirds at -1, 0 and 1
+    assert before < best - 1
+    assert best - 1e-6 <= mixture.bound() <= best + 0.02
+
+
+def test_the_next_motion_determines_what_the_first_left_open(tmp_path: Path) -> None:
+    write_arm(tmp_path / "arm", ARM)
+    known = np.full(MODEL.p, 1e-8)
+    unknown = [k for k, name in enumerate(MODEL.names) if name.split(" ")[0].endswith("_6")]
+    known[unknown] = 1e4
+    Known(np.diag(known), np.ones(6), "a first recording").write(tmp_path / "arm", MODEL)
+    again = load_arm(str(tmp_path / "arm"))
+    start = random_fourier(Basis(4, 10.0), HOME, np.random.default_rng(1)).scaled(0.3)
+    left = {}
+    for arm in (ARM, again):
+        objectives = [
+            Objective(Room(a, CELL), TorqueModel.of_arm(a), noise_of(MODEL), start, 40, capped=False) for a in (arm, again)
+        ]
+        x, _, _ = lowest(objectives[0], start.x, 120)
+        whole = objectives[1].information(x) + objectives[1].prior + 1e-9 * np.eye(objectives[1].p)
+        left[arm is again] = np.linalg.slogdet(np.linalg.inv(whole)[np.ix_(unknown, unknown)])[1]
+    assert left[True] < left[False] - 3
+
+
 @pytest.mark.slow
-def test_eight_starts_reach_the_cap_and_are_never_worse_than_the_best_random_motion() -> None:
+def test_eight_starts_reach_the_cap_and_are_cleared_as_they_are() -> None:
     room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
     best, before = random_start(room, information, Basis(6, 20.0), HOME, np.random.default_rng(0), 20)
     shares: list[float] = []
-    found = optimised(ARM, CELL, best, 8, 0, lambda stage, share: shares.append(share))
-    assert len(found) == 8
+    found = optimised(Site(ARM, CELL), best, 8, 0, lambda stage, share: shares.append(share))
+    assert len(found.ends) == 8
     assert shares[-1] == 1.0
-    assert preference(found[0].worth) >= preference(before)
-    assert found[0].worth.condition <= CONDITION_CAP
-    _, kept = cleared_fourier(found[0].motion, ARM, CELL, 500.0, 1)
-    assert information.worth(coarse(kept)).condition <= CONDITION_CAP
+    first = found.ends[0]
+    assert preference(first.worth) >= preference(before)
+    assert first.worth.condition <= 35
+    assert 0 < found.gap < 60
+    _, kept = cleared_fourier(first.motion, ARM, CELL, 500.0, 1)
+    assert np.linalg.norm(kept.x) >= 0.95 * np.linalg.norm(first.motion.x)

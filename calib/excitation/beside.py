@@ -1,0 +1,93 @@
+"""What a plan keeps free beside its path: the way of a stop, and a following error on every joint, as `safety.clear` will ask for.
+
+A stop from speed dq is at q + dq (r + u - u^2 / 2T) after r s of reaction and u <= T s of braking; T = |dq| / p with p rad/s^2, of the
+fastest joint where all slow down in proportion. A joint that is e rad beside its path moves what hangs on it by its reach times e at most.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.excitation.capsules import capsules
+from calib.excitation.distances import pair_distances
+from calib.excitation.room import CLEARANCE_MARGIN, Room
+from drivers.driver import DeviceStop
+from safety.collision import CALIBRATION, Clearance
+from safety.pairs import EXTRA, KIN_EXTRA
+
+# m: clearance is sampled here, and proved by boxes there
+SLACK = 0.009
+STEP = 1e-4
+
+
+class Beside:
+    """The clearances that leave room for the cell's following error.
+
+    pairs (pairs,) m and shapes (shapes,) m, as `Room.nearness` counts them. Pairs of shapes whose capsules overlap in every posture
+    are not among the room's; `exact` measures their own distance.
+    """
+
+    def __init__(self, room: Room) -> None:
+        self._clearance = clearance = Clearance(room.arm, room.cell)
+        error = room.cell.table.motion.following_error + room.arm.sensors.encoder_resolution + CALIBRATION
+        needed = error * clearance.reach.sum(axis=1)
+        number = {frozenset(pair): k for k, pair in enumerate(clearance.pairs)}
+        names = [shape.name for shape in room.arm.tree.shapes for _ in capsules(shape)]
+        obstacles = {obstacle.name for obstacle in room.cell.table.obstacles}
+        self.pairs = np.full(len(room.pairs), CLEARANCE_MARGIN)
+        self.shapes = np.full(len(names), CLEARANCE_MARGIN + SLACK)
+        unseen = [
+            (a, b, number[pair])
+            for a in range(len(names)) for b in range(a)
+            if (pair := frozenset((names[a], names[b]))) in number and (a, b) not in set(room.pairs)
+        ]  # fmt: skip
+        for k, (a, b) in enumerate(room.pairs):
+            at = number.get(frozenset((names[a], names[b])))
+            if at is not None:
+                extra = EXTRA if clearance.margin[at] > 0 else KIN_EXTRA
+                self.pairs[k] += max(needed[at] + SLACK - extra, 0.0)
+        for pair, at in number.items():
+            if len(pair - obstacles) == 1:
+                own = np.array([name in pair for name in names])
+                self.shapes[own] = np.maximum(self.shapes[own], needed[at] + SLACK)
+        self._unseen = sorted({k for *_, k in unseen})
+        self._capsules = [(a, b) for a, b, _ in unseen]
+        self._belongs = np.array([self._unseen.index(k) for *_, k in unseen], dtype=int)
+        self._least = clearance.margin[self._unseen] + needed[self._unseen] + SLACK / 2
+        self._radius = np.array([radius for shape in room.arm.tree.shapes for _, radius in capsules(shape)])
+
+    def exact(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, np.ndarray]:
+        """Sum of squares (m^2) of what the pairs of shapes lack that the room's capsules do not hold, and its slopes (K, n) by q."""
+        slope, value = np.zeros_like(q), 0.0
+        if not self._capsules:
+            return value, slope
+        a, b = (np.array(x) for x in zip(*self._capsules, strict=True))
+        near = pair_distances(ends, a, b) - self._radius[a] - self._radius[b] < self._least[self._belongs]
+        for k in np.flatnonzero(near.any(axis=1)).tolist():
+            for at in sorted(set(self._belongs[near[k]].tolist())):
+                pair = self._unseen[at]
+                lack = self._least[at] - float(self._clearance.distances(q[k], [pair])[0])
+                if lack <= 0:
+                    continue
+                value += lack**2
+                for j in np.flatnonzero(self._clearance.reach[pair]).tolist():
+                    moved = STEP * np.eye(q.shape[1])[j]
+                    there, back = (float(self._clearance.distances(q[k] + s * moved, [pair])[0]) for s in (1, -1))
+                    slope[k, j] -= 2 * lack * (there - back) / (2 * STEP)
+        return value, slope
+
+
+def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """(K, n) rad where the arm is t s after a stop began from each state, and the slopes (K, n, n) by the speeds."""
+    n = dq.shape[1]
+    own = np.abs(dq) / stop.deceleration
+    by_speed = np.sign(dq)[:, :, None] * np.eye(n) / stop.deceleration
+    if stop.proportional:
+        rows, first = np.arange(len(q)), np.argmax(own, axis=1)
+        own = np.repeat(own[rows, first][:, None], n, axis=1)
+        by_speed = np.repeat(by_speed[rows, first][:, None], n, axis=1)
+    begun, whole = min(t, stop.reaction), np.maximum(own, 1e-12)
+    braked = np.minimum(max(t - stop.reaction, 0.0), whole)
+    time = begun + braked - braked**2 / (2 * whole)
+    bend = dq * (braked / whole) ** 2 / 2
+    return q + dq * time, time[:, :, None] * np.eye(n) + bend[:, :, None] * by_speed

@@ -1,0 +1,54 @@
+"""Tasks beside one another in processes of one thread each, or one after the other in this one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+class Workers:
+    """`run` gives the answers in the order of the tasks, and says after each what share is done."""
+
+    def __init__(self, pool: ProcessPoolExecutor | None) -> None:
+        self._pool = pool
+
+    def run(self, work: Callable[[Task], Answer], tasks: Sequence[Task], done: Callable[[float], None]) -> list[Answer]:
+        """[work(task) ...]; an error in one of them is raised here."""
+        answers = []
+        if self._pool is None:
+            for k, task in enumerate(tasks):
+                answers.append(work(task))
+                done((k + 1) / len(tasks))
+            return answers
+        waiting = [self._pool.submit(work, task) for task in tasks]
+        for k, future in enumerate(as_completed(waiting)):
+            future.result()
+            done((k + 1) / len(tasks))
+        return [future.result() for future in waiting]
+
+
+@contextmanager
+def workers(count: int) -> Iterator[Workers]:
+    """`count` processes while the context lasts; with one, none."""
+    if count <= 1:
+        yield Workers(None)
+        return
+    before = {k: os.environ.get(k) for k in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+            yield Workers(pool)
+    finally:
+        for key, value in before.items():
+            if value is None:
+                del os.environ[key]
+            else:
+                os.environ[key] = value
