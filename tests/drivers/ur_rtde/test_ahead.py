@@ -48,7 +48,7 @@ def patient_controller(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def ahead(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[UrEmulator, UrDriver]]]:
     """ahead(...) -> an emulated controller and the connected driver of its cell, which sends ahead."""
-    opened = []
+    opened: list[tuple[UrEmulator, UrDriver]] = []
 
     def make(**options: object) -> tuple[UrEmulator, UrDriver]:
         table = with_options(cell(), {**AHEAD, **options})
