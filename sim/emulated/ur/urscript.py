@@ -19,6 +19,7 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
 }  # fmt: skip
 BLOCKS = ("def", "while", "if", "elif", "else")
+NUMBER_MAX = 1e15  # ours are far below; without an end a number could grow until it fills the memory
 STATEMENTS_PER_PERIOD = 10_000  # a loop that does so much without waiting ends the program, as on a controller
 
 
@@ -106,10 +107,11 @@ class Program:
             case ast.List():
                 return (yield from self._values(node.elts))
             case ast.UnaryOp(op=ast.USub()):
-                return -(yield from self._value(node.operand))
+                return -_number((yield from self._value(node.operand)))
             case ast.BinOp() if type(node.op) in OPERATORS:
                 left = yield from self._value(node.left)
-                return OPERATORS[type(node.op)](left, (yield from self._value(node.right)))
+                right = yield from self._value(node.right)
+                return _number(OPERATORS[type(node.op)](_number(left), _number(right)))
             case ast.Compare(ops=[op], comparators=[other]) if type(op) in OPERATORS:
                 left = yield from self._value(node.left)
                 return OPERATORS[type(op)](left, (yield from self._value(other)))
@@ -137,3 +139,10 @@ class Program:
                 return over.value
             self._done = 0
             yield
+
+
+def _number(value: Any) -> int | float:
+    """A number as a controller can hold it; ValueError for anything else."""
+    if isinstance(value, int | float) and abs(value) <= NUMBER_MAX:
+        return value
+    raise ValueError(f"{value!r:.40} is no number to compute with")
