@@ -20,7 +20,6 @@ from safety import clear
 from safety.approach import move
 from safety.collision import Clearance
 from safety.guard import Guard
-from safety.realtime import prepared
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.emulated import open_emulator
@@ -199,6 +198,7 @@ def test_without_anybody_the_program_ends(by_step: tuple[Robot, Ahead]) -> None:
     assert not robot.program_running
 
 
+@pytest.mark.slow  # a controller in the same process is late on a busy computer, and what it waited for makes the arm follow later
 def test_the_guard_drives_one_motion_after_another(
     ahead: Callable[..., tuple[UrEmulator, UrDriver]], arm: Arm, cell: Callable[..., Cell]
 ) -> None:
@@ -213,7 +213,7 @@ def test_the_guard_drives_one_motion_after_another(
         for a, b in ((home, home + 0.05), (home + 0.05, home))
     )
     for way in (there, back):
-        with prepared(), Guard(driver, arm, table, clearance, latency=0.5) as guard:
+        with Guard(driver, arm, table, clearance, latency=0.5) as guard:
             guard.run(way, "one way")
             guard.hold(0.3, "its end")
         assert driver.read().q == pytest.approx(way.q[-1], abs=0.005)
