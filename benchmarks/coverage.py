@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
-from calib.identification.identify import Fit, Identification, Options, fitted, identify
+from calib.identification.identify import BaseFit, Identification, Options, fitted, identify
 from calib.identification.model import TorqueModel
 from calib.identification.payload import load_between
 from sim.arm import Arm, ArmEffect, load_arm
@@ -70,7 +70,7 @@ def by_formula(name: str, runs: int, memory: float = 0.8, progress: Callable[[in
     nominal = load_arm(name)
     motions = [fourier_motion(nominal, seed) for seed in (1, 2)]
 
-    def one(seed: int) -> tuple[Fit, Arm, np.ndarray]:
+    def one(seed: int) -> tuple[BaseFit, Arm, np.ndarray]:
         truth = varied(nominal, 1000 + seed)
         logs = [recorded(truth, m, 10 * seed + k, memory=memory) for k, m in enumerate(motions)]
         return fitted(nominal, logs, NARROW), truth, np.zeros(0)
@@ -99,7 +99,7 @@ def of_payload(name: str, runs: int, memory: float = 0.8, progress: Callable[[in
 
 
 def _collected(
-    one: Callable[[int], tuple[Identification | Fit, Arm, np.ndarray]], runs: int, progress: Callable[[int], None]
+    one: Callable[[int], tuple[Identification | BaseFit, Arm, np.ndarray]], runs: int, progress: Callable[[int], None]
 ) -> Coverage:
     from calib.identification.estimates import base_estimates
     from calib.identification.prior import nominal_prior

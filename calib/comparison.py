@@ -25,7 +25,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Found:
+class RunNumbers:
     """What a run found: parameters by (name, joint), RMS torque gap (n,) by joint, and the sentence."""
 
     run: Run
@@ -51,7 +51,7 @@ class Change:
         return abs(self.b.value - self.a.value) / spread if spread > 0 else float("nan")
 
 
-def found(run: Run) -> Found:
+def found(run: Run) -> RunNumbers:
     """What a run of `identify` or `diagnose` found; ConfigError names the file that is missing or not what it should be."""
     file = next((run.folder / name for name in RESULTS if (run.folder / name).is_file()), None)
     if file is None:
@@ -67,14 +67,14 @@ def found(run: Run) -> Found:
         ) from error
 
 
-def compare(a: Found, b: Found) -> list[Change]:
+def compare(a: RunNumbers, b: RunNumbers) -> list[Change]:
     """Every parameter of either run, the largest changes first; what only one run has comes last."""
     keys = list(dict.fromkeys([*a.numbers, *b.numbers]))
     changes = [Change(name, joint, a.numbers.get((name, joint)), b.numbers.get((name, joint))) for name, joint in keys]
     return sorted(changes, key=lambda c: (not c.sigmas >= 0, -c.sigmas if c.sigmas >= 0 else 0.0))
 
 
-def sentence(a: Found, b: Found, changes: list[Change]) -> str:
+def sentence(a: RunNumbers, b: RunNumbers, changes: list[Change]) -> str:
     """The comparison in words; a parameter has changed if it differs by more than three standard deviations."""
     moved = [c for c in changes if c.sigmas > 3]
     both = [c for c in changes if c.a is not None and c.b is not None]
@@ -90,21 +90,21 @@ def sentence(a: Found, b: Found, changes: list[Change]) -> str:
     return "; ".join(parts)
 
 
-def _diagnosis(run: Run, data: dict[str, Any]) -> Found:
+def _diagnosis(run: Run, data: dict[str, Any]) -> RunNumbers:
     numbers = {
         (f"{e['effect']} {name}", e["joint"] or ""): Number(float(p["value"]), float(p["std"] or 0.0), str(p["unit"]))
         for e in data["effects"]
         for name, p in e["parameters"].items()
     }
     gap = data["gap"]
-    return Found(run, numbers, dict(zip(gap["joints"], map(float, gap["after"]), strict=True)), str(gap["unit"]))
+    return RunNumbers(run, numbers, dict(zip(gap["joints"], map(float, gap["after"]), strict=True)), str(gap["unit"]))
 
 
-def _fit(run: Run, data: dict[str, Any]) -> Found:
+def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
     numbers = {
         (str(e["name"]), str(e["joint"] or "")): Number(float(e["value"]), float(e["std"] or 0.0), str(e["unit"]))
         for e in data["estimates"]
         if e["identifiable"]
     }
     gap = data["holdout"] or data["training"]
-    return Found(run, numbers, dict(zip(data["joint_names"], map(float, gap["after"]), strict=True)), "N*m")
+    return RunNumbers(run, numbers, dict(zip(data["joint_names"], map(float, gap["after"]), strict=True)), "N*m")

@@ -94,7 +94,7 @@ def write_cell(file: Path, cell: Cell, hidden: ArmEffect, seed: int) -> None:
 
 
 @dataclass(frozen=True)
-class Step:
+class DemoStep:
     """One command of the story: why, its arguments, and the exit codes with which the story goes on."""
 
     why: str
@@ -102,32 +102,32 @@ class Step:
     fine: tuple[int, ...] = (0,)
 
 
-def story(arm: str, cell: Path, folder: Path) -> list[Step]:
+def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
     """The commands in their order; everything they write stands under `folder`."""
     plan, logs, fit = str(folder / "plan"), folder / "logs", folder / "fit"
     recorded = [str(logs / "friction.mcap"), str(logs / "excitation.mcap")]
     held_out = str(logs / "validation.mcap")
     return [
-        Step("Ask the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
-        Step(
+        DemoStep("Ask the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
+        DemoStep(
             "Plan motions that show what the arm is.",
             ("plan", arm, "--cell", str(cell), "--quick", "--out", plan),
         ),
-        Step(
+        DemoStep(
             "Prove every motion against limits and collisions, then drive it, guarded, and record.",
             ("record", str(cell), plan, "--yes", "--out", str(logs)),
         ),
-        Step(
+        DemoStep(
             "Fit the ordinary parameters: friction, masses, inertias.",
             ("identify", arm, *recorded, "--holdout", held_out, "--out", str(fit)),
             (0, 1),
         ),
-        Step(
+        DemoStep(
             "Test the fitted arm on a motion that it has not seen, by torque and by forward simulation.",
             ("validate", str(fit / "arm"), held_out, "--out", str(folder / "check")),
             (0, 1),
         ),
-        Step(
+        DemoStep(
             "Find what no ordinary parameter explains, and give it its name.",
             ("diagnose", arm, *recorded, "--holdout", held_out, "--out", str(folder / "diagnosis")),
             (0, 1),

@@ -23,7 +23,7 @@ ROUNDS, LEAST_PRECISION, MOST_PRECISION = 24, 1e-10, 1e8
 LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
 NEGLIGIBLE = 1e-3  # of the joint's residual: a term that contributes less is left out
-FEW, PARTS = 3, 5  # fewer recordings than that are cut into at least so many parts
+PARTS = 5  # of a single recording
 HELD = 1e12  # precision of a parameter that must not move
 
 
@@ -73,8 +73,8 @@ def fit_friction(
     mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole. The last
     `held` of theta are fitted wherever a part is left out, and are zero in the solution.
     """
-    if len(parts) < FEW:
-        parts = [piece for part in parts for piece in part.cut(-(-PARTS // len(parts)))]
+    if len(parts) == 1:
+        parts = parts[0].cut(PARTS)
     n = len(parts[0].r)
     requested = range(n) if only is None else only
     problem = _Problem(list(parts), mean, precision)

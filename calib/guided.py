@@ -28,7 +28,7 @@ NOT_VALID = -1  # exit code of a step that has to be done again though it ended 
 
 
 @dataclass(frozen=True)
-class Step:
+class GuidedStep:
     """One command of the session: its name, why it comes now, and its arguments.
 
     folder is where it writes, relative to the session's; question is put to the operator before a step that needs consent.
@@ -71,7 +71,7 @@ class SessionTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Session:
+class GuidedSession:
     """A session as its folder has it; `cell` is the word with which commands are given it."""
 
     folder: Path
@@ -88,11 +88,11 @@ class Session:
         last = next((d for d in reversed(self.done) if d.name == name), None)
         return last if last is not None and last.exit_code in _fine(name) else None
 
-    def undone(self, name: str, why: str) -> Session:
+    def undone(self, name: str, why: str) -> GuidedSession:
         """The session in which a step has to be done again, and with it what follows from it; written to its folder."""
-        return self.with_done(Step(name, "", ()), "", NOT_VALID, why, 0.0)
+        return self.with_done(GuidedStep(name, "", ()), "", NOT_VALID, why, 0.0)
 
-    def with_done(self, step: Step, folder: str, code: int, sentence: str, seconds: float) -> Session:
+    def with_done(self, step: GuidedStep, folder: str, code: int, sentence: str, seconds: float) -> GuidedSession:
         """The session after a command; written to its folder."""
         entry = DoneTable(
             name=step.name, arguments=list(step.arguments), folder=folder, exit_code=code, sentence=sentence, seconds=round(seconds, 1)
@@ -115,7 +115,7 @@ def _fine(name: str) -> tuple[int, ...]:
     return (0, 1) if name.split("-")[0] in ("identify", "validate", "diagnose") else (0,)
 
 
-def read_session(folder: Path) -> Session:
+def read_session(folder: Path) -> GuidedSession:
     """The session of a folder; ConfigError where it is none."""
     file = folder / FILE
     if not file.is_file():
@@ -123,10 +123,10 @@ def read_session(folder: Path) -> Session:
         raise ConfigError(f"{folder}: no session ({FILE} is missing); {nearest(str(folder), known)}")
     table = validated(SessionTable, read_toml(file), file)
     data = {k: getattr(table, k) for k in ("cell", "cell_sha256", "arm", "quick", "rounds", "closed")}
-    return Session(folder=folder, **data, done=tuple(table.done))
+    return GuidedSession(folder=folder, **data, done=tuple(table.done))
 
 
-def open_session(cell_name: str, root: Path | None = None) -> Session | None:
+def open_session(cell_name: str, root: Path | None = None) -> GuidedSession | None:
     """The newest session of this cell that has not been closed."""
     for run in list_runs() if root is None else list_runs(root):
         if run.verb == "go" and (run.folder / FILE).is_file():
@@ -136,7 +136,7 @@ def open_session(cell_name: str, root: Path | None = None) -> Session | None:
     return None
 
 
-def with_cell(session: Session, sha256: str) -> Session:
+def with_cell(session: GuidedSession, sha256: str) -> GuidedSession:
     """The session with the cell file as it is now: check and plan are done again. ConfigError where something was recorded already."""
     if session.cell_sha256 == sha256:
         return session
@@ -151,12 +151,12 @@ def with_cell(session: Session, sha256: str) -> Session:
     return changed
 
 
-def next_step(session: Session) -> Step | None:
+def next_step(session: GuidedSession) -> GuidedStep | None:
     """The command that comes next; None where nothing is left to do."""
     quick = ("--quick",) if session.quick else ()
     steps = [
-        Step("check", "Ask the device before anything moves.", ("check", session.cell)),
-        Step(
+        GuidedStep("check", "Ask the device before anything moves.", ("check", session.cell)),
+        GuidedStep(
             "plan", "Plan motions that show friction, masses and inertias; nothing moves yet.",
             ("plan", session.arm, "--cell", session.cell, *quick), "plan",
         ),
@@ -164,7 +164,7 @@ def next_step(session: Session) -> Step | None:
     if found := _pending(session, steps):
         return found
     plan = _place(session, "plan")
-    record = Step(
+    record = GuidedStep(
         "record", f"Look at {plan / 'plan.html'} first. Then drive the plan, slowly first where an arm stands, and record it.",
         ("record", session.cell, str(plan)), "logs",
     )  # fmt: skip
@@ -173,22 +173,22 @@ def next_step(session: Session) -> Step | None:
     logs, held = recordings(session)
     given = tuple(map(str, logs))
     apart = ("--holdout", *map(str, held)) if held else ()
-    fit = Step("identify", "Fit friction, masses and inertias.", ("identify", session.arm, *given, *apart), "fit")
+    fit = GuidedStep("identify", "Fit friction, masses and inertias.", ("identify", session.arm, *given, *apart), "fit")
     if found := _pending(session, [fit]):
         return found
     steps = [
-        Step(
+        GuidedStep(
             "validate", "Test the identified arm on a motion that the fit has not seen, by torque and by forward simulation.",
             ("validate", str(_place(session, "identify") / "arm"), *map(str, held or logs)), "validation",
         ),
-        Step(
+        GuidedStep(
             "diagnose", "Look for effects that the model is missing.", ("diagnose", session.arm, *given, *apart), "diagnosis"
         ),
     ]  # fmt: skip
     return _pending(session, steps) or _further(session) or _corrected(session, held or logs)
 
 
-def _further(session: Session) -> Step | None:
+def _further(session: GuidedSession) -> GuidedStep | None:
     """The steps of the next round, while the last diagnosis leaves effects that only another motion can distinguish."""
     for number in range(2, session.rounds + 1):
         before = _place(session, "diagnose" if number == 2 else f"diagnose-{number - 1}")
@@ -197,7 +197,7 @@ def _further(session: Session) -> Step | None:
         if not rivals or any(d.name == plan and d.exit_code == 1 for d in session.done):
             return None  # settled, or no motion of this arm in this cell decides it
         quick = ("--quick",) if session.quick else ()
-        step = Step(
+        step = GuidedStep(
             plan, f"Plan the motion that decides between {' and between '.join(rivals)}.",
             ("plan", session.arm, "--cell", session.cell, *quick, "--discriminate", str(before)), plan,
         )  # fmt: skip
@@ -206,7 +206,7 @@ def _further(session: Session) -> Step | None:
         place = _place(session, plan)
         took = session.finished(plan)
         question = f"{took.sentence if took else ''}\nRecord it, to decide between {' and between '.join(rivals)}?"
-        step = Step(
+        step = GuidedStep(
             record, f"Look at {place / 'plan.html'} first. Then record it.", ("record", session.cell, str(place)), f"logs-{number}",
             question=question.strip(),
         )  # fmt: skip
@@ -214,7 +214,7 @@ def _further(session: Session) -> Step | None:
             return found
         logs, held = recordings(session, number)
         apart = ("--holdout", *map(str, held)) if held else ()
-        step = Step(
+        step = GuidedStep(
             diagnose, "Look again, with all recordings.", ("diagnose", session.arm, *map(str, logs), *apart), f"diagnosis-{number}"
         )  # fmt: skip
         if found := _pending(session, [step]):
@@ -222,20 +222,20 @@ def _further(session: Session) -> Step | None:
     return None
 
 
-def _corrected(session: Session, logs: Sequence[Path]) -> Step | None:
+def _corrected(session: GuidedSession, logs: Sequence[Path]) -> GuidedStep | None:
     """Validation of the arm that the diagnosis wrote, where it identified an effect."""
     last = last_diagnosis(session)
     found = answer(last)
     if found.get("verdict") != "effects_found" or not found.get("arm_out"):
         return None
-    step = Step(
+    step = GuidedStep(
         "validate-corrected", "Test the corrected arm on the same held-out motion.",
         ("validate", str(last / str(found["arm_out"])), *map(str, logs)), "validation-corrected",
     )  # fmt: skip
     return _pending(session, [step])
 
 
-def _pending(session: Session, steps: Sequence[Step]) -> Step | None:
+def _pending(session: GuidedSession, steps: Sequence[GuidedStep]) -> GuidedStep | None:
     """The first step that has not ended well, with a folder of its own: what a failed try wrote stays."""
     for step in steps:
         if session.finished(step.name) is None:
@@ -255,7 +255,7 @@ def _free(home: Path, folder: str) -> str:
     return next(name for name in (f"{folder}-try{k}" for k in range(2, 1000)) if not (home / name).exists())
 
 
-def _place(session: Session, name: str) -> Path:
+def _place(session: GuidedSession, name: str) -> Path:
     """The folder of a step that has ended well."""
     done = session.finished(name)
     if done is None:
@@ -265,7 +265,7 @@ def _place(session: Session, name: str) -> Path:
     return session.folder / done.folder
 
 
-def recordings(session: Session, rounds: int = 1) -> tuple[list[Path], list[Path]]:
+def recordings(session: GuidedSession, rounds: int = 1) -> tuple[list[Path], list[Path]]:
     """The logs to fit and the logs held out, of the first `rounds` rounds."""
     names = ["record", *(f"record-{k}" for k in range(2, rounds + 1))]
     files = [file for name in names for file in sorted(_place(session, name).glob("*.mcap"))]
@@ -273,7 +273,7 @@ def recordings(session: Session, rounds: int = 1) -> tuple[list[Path], list[Path
     return [file for file in files if file.name != HELD_OUT], held
 
 
-def last_diagnosis(session: Session) -> Path:
+def last_diagnosis(session: GuidedSession) -> Path:
     """The folder of the newest diagnosis that has ended."""
     names = ["diagnose", *(f"diagnose-{k}" for k in range(2, session.rounds + 1))]
     return _place(session, next(name for name in reversed(names) if session.finished(name)))
@@ -300,7 +300,7 @@ def undecided(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def ending(session: Session) -> list[str]:
+def ending(session: GuidedSession) -> list[str]:
     """What the session found, what it could not decide, and what to do with it."""
     last = last_diagnosis(session)
     found = answer(last)
@@ -317,7 +317,7 @@ def ending(session: Session) -> list[str]:
     return sentences
 
 
-def best_arm(session: Session) -> Path:
+def best_arm(session: GuidedSession) -> Path:
     """The corrected arm where an effect was identified, else the identified one."""
     last = last_diagnosis(session)
     found = answer(last)

@@ -17,7 +17,7 @@ from calib.claims import capital
 from calib.run_folder import conclude, new_run
 
 if TYPE_CHECKING:
-    from calib.guided import Session, Step
+    from calib.guided import GuidedSession, GuidedStep
 
 LEFT = "left by the operator"
 
@@ -64,7 +64,7 @@ def command(
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
             folder = new_run(where.table.arm, "go", None, where)
-            current = guided.Session(folder, cell, where.sha256, where.table.arm, quick, rounds)
+            current = guided.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds)
             current.write()
             console.say(f"New session in {folder}. Leave with Ctrl-C; `calib go {cell}` continues it.")
         else:
@@ -82,7 +82,7 @@ def command(
     return code
 
 
-def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, int]:
+def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[GuidedSession, int]:
     """Step by step until nothing is left, or a step fails, or the person leaves; the session and the exit code."""
     from calib import guided
     from calib.report import session as page
@@ -118,7 +118,7 @@ def _run(current: Session, yes: bool, configs: Path | None) -> tuple[Session, in
     return current, 0
 
 
-def _do(current: Session, step: Step, yes: bool, configs: Path | None) -> tuple[Session, int, str]:
+def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | None) -> tuple[GuidedSession, int, str]:
     """Run one command; what it prints is kept in the session's folder, and shown where it failed."""
     from calib.main import start
 
@@ -137,7 +137,7 @@ def _do(current: Session, step: Step, yes: bool, configs: Path | None) -> tuple[
     return current.with_done(step, step.folder, code, sentence, time.monotonic() - began), code, sentence
 
 
-def _left(current: Session, step: Step, code: int = 0, sentence: str = LEFT) -> tuple[Session, int]:
+def _left(current: GuidedSession, step: GuidedStep, code: int = 0, sentence: str = LEFT) -> tuple[GuidedSession, int]:
     conclude(f"before {step.name}: {sentence}")
     console.say(f"\nThe session is open at the step {step.name}; `calib go {current.cell}` continues it.")
     console.copyable(str(current.folder))
@@ -148,7 +148,7 @@ def _agreed(question: str) -> bool:
     return console.ask(f"\n{question} [y/N] ").strip().lower() in ("y", "yes")
 
 
-def _again(step: Step) -> str:
+def _again(step: GuidedStep) -> str:
     """What to do about a step that failed: `y` the same again, `p` plan again; nobody who answers means leave."""
     plan = ", p: plan again" if step.name.startswith("record") else ""
     return (

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Bank, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.preprocessing import Measurement
@@ -117,7 +117,7 @@ class HeldOut:
         noise, loss = f.solved.noise, 0.0
         errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
         for m in apart:
-            rows = Rows([LogModel(m, f.hypothesis)])
+            rows = ResidualRows([LogModel(m, f.hypothesis)])
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.x[j] @ f.solved.theta)
                 loss += huber(noise.whiten(j, of_joint[-1], rows.joined[j]))

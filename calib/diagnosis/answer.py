@@ -12,10 +12,10 @@ import numpy as np
 
 from calib.claims.of_diagnosis import claims
 from calib.diagnosis.acceptance import Key
-from calib.diagnosis.corrected import Correction
+from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import nominal_values
 from calib.diagnosis.model import CONTACT
-from calib.diagnosis.selection import Found
+from calib.diagnosis.selection import SearchResult
 from calib.gate import Check
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
@@ -28,8 +28,8 @@ class Diagnosis:
 
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]
-    found: Found | None
-    correction: Correction | None = None
+    found: SearchResult | None
+    correction: ArmChange | None = None
     limits: tuple[ArmEffect, ...] = ()
 
     def __post_init__(self) -> None:
@@ -40,7 +40,7 @@ class Diagnosis:
         (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
         if self.answer["arm_out"] is None:
             return
-        change = self.correction or Correction({}, ())
+        change = self.correction or ArmChange({}, ())
         stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
         why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
         write_arm(folder / self.answer["arm_out"], arm, effects=change.effects, inertials=change.inertials, provenance=why)

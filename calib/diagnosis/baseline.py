@@ -20,7 +20,7 @@ from calib.diagnosis.healthy import Folds
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.null import Null, nulls, numbered, white
-from calib.diagnosis.rows import Rows, Solved, solve
+from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.diagnosis.selection import Key, plausible
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
@@ -198,7 +198,7 @@ def _scored(
 CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
 
 
-def _joined(rows: Rows, accepted: list[_Scored]) -> Rows:
+def _joined(rows: ResidualRows, accepted: list[_Scored]) -> ResidualRows:
     """The rows with the accepted columns beside them, free."""
     if not accepted:
         return rows
@@ -214,7 +214,7 @@ def _joined(rows: Rows, accepted: list[_Scored]) -> Rows:
     return out.released()
 
 
-def _holds(s: _Scored, kept: Rows | None, noise: Noise, held: list[LogModel]) -> bool:
+def _holds(s: _Scored, kept: ResidualRows | None, noise: Noise, held: list[LogModel]) -> bool:
     """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
     if kept is None or s.candidate is None:
         return True

@@ -9,7 +9,7 @@ import numpy as np
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.baseline import Changed, Healthy, Since
-from calib.diagnosis.corrected import Correction
+from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.unstated import with_unstated
@@ -71,7 +71,7 @@ def diagnose_changes(
     result["gap"]["held_out"] = bool(apart)
     result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}
     lasting = tuple(c.effect for c in found.changes if c.effect.effect != CONTACT)
-    correction = Correction({}, tuple(ArmEffect(e.effect, e.joint, dict(e.parameters)) for e in lasting)) if lasting else None
+    correction = ArmChange({}, tuple(ArmEffect(e.effect, e.joint, dict(e.parameters)) for e in lasting)) if lasting else None
     return Diagnosis(result, tuple(c.effect for c in found.changes), None, correction)
 
 

@@ -28,7 +28,7 @@ ORDINARY = {
 
 
 @dataclass(frozen=True)
-class Correction:
+class ArmChange:
     """Changes of an arm: joint -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the link behind it, and effects."""
 
     inertials: dict[str, Inertial]
@@ -45,7 +45,7 @@ class Correction:
         return replace(arm, tree=replace(arm.tree, mass=mass, com=com, inertia=inertia))
 
 
-def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
+def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
     """The accepted effects with their standard deviations, what the nuisance of the fit says of masses, friction and rotors, and limits.
 
     A contact is an event and not a property. A link whose inertia is named, and the last one under a payload, stay as they are named.
@@ -64,17 +64,17 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
         for e in start.effects
         if e.effect in ORDINARY and (e.effect, e.joint) not in have
     ]
-    return Correction(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
+    return ArmChange(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
 
 
-def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> Correction:
+def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
     """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
     named = [
         replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=_finite(s))
         for e, s in zip(f.accepted, f.std(), strict=True)
         if e.effect != CONTACT
     ]
-    return Correction({}, (*named, *limits))
+    return ArmChange({}, (*named, *limits))
 
 
 def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmEffect]:

@@ -9,7 +9,7 @@ from calib.diagnosis.acceptance import is_nothing, judge
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
-from calib.diagnosis.corrected import Correction, correction
+from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.fit import fit
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import Hypothesis
@@ -103,7 +103,7 @@ def diagnose(
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
-def _gaps(given: Arm, changes: dict[str, Correction | None], start: Arm, shown: list[Measurement]) -> dict[str, list[float]]:
+def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, list[float]]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
     arms = {"before": given} | {key: start if change is None else change.of(start) for key, change in changes.items()}
     return {key: [float(x) for x in torque_rms(arm, shown)] for key, arm in arms.items()}

@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT, LATE, MOST_COLUMNS, Hypothesis, LogModel, recentred
 from calib.diagnosis.noise import Noise, noise_of
-from calib.diagnosis.rows import Rows, Solved, solve
+from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
@@ -93,7 +93,7 @@ class _Point:
     hypothesis: Hypothesis
     models: list[LogModel]
     noise: Noise
-    rows: Rows
+    rows: ResidualRows
     solved: Solved
     objective: float
     _joint: tuple[Solved, np.ndarray] | None = None
@@ -105,7 +105,7 @@ class _Point:
         lenders = like or (None,) * len(measurements)
         pairs = zip(measurements, lenders, strict=True)
         models = [LogModel(m, hypothesis, hypothesis.event(i), lender) for i, (m, lender) in enumerate(pairs)]
-        rows = Rows(models)
+        rows = ResidualRows(models)
         if noise is None:
             noise = noise_of(solve(rows, noise_of(rows.r, rows.joined)).residuals(), rows.joined)
         solved = solve(rows, noise)
@@ -258,11 +258,11 @@ def _is_push(item: ArmEffect, p: Parameter) -> bool:
     return item.effect == CONTACT and p.name.startswith("force")
 
 
-def _joined(rows: Rows, columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> Rows:
+def _joined(rows: ResidualRows, columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> ResidualRows:
     """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
     if not columns:
         return rows
-    widened = Rows(rows.models)
+    widened = ResidualRows(rows.models)
     scale = _scales(columns, hypothesis)
     for j in range(rows.n):
         extra = [rows.take(j, [c[:, j] for c in per_log]) for _, per_log in columns]

@@ -13,7 +13,7 @@ import numpy as np
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.noise import Noise, noise_of
-from calib.diagnosis.rows import Rows, solve
+from calib.diagnosis.rows import ResidualRows, solve
 from sim.effects import effect_named
 
 # Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
@@ -33,9 +33,9 @@ class HealthyLaw:
     mean: np.ndarray
     root: np.ndarray
 
-    def rows(self, models: list[LogModel]) -> Rows:
+    def rows(self, models: list[LogModel]) -> ResidualRows:
         """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
-        rows = Rows(models)
+        rows = ResidualRows(models)
         for j, columns in enumerate(_columns(rows, self.scale)):
             rows.r[j] = rows.r[j] - columns @ self.mean
             rows.x[j] = columns @ self.root
@@ -47,7 +47,7 @@ class Folds:
 
     def __init__(self, models: list[LogModel]) -> None:
         self.models = models
-        together = Rows(models)
+        together = ResidualRows(models)
         left = solve(together, noise_of(together.r, together.joined)).residuals()
         self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
         white = Noise(self.size, np.zeros(len(left)))
@@ -66,7 +66,7 @@ class Folds:
         assert len(self.prior) == p + count
         self.parts = []
         for m in models:
-            rows = Rows([m])
+            rows = ResidualRows([m])
             a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
             for j, columns in enumerate(_columns(rows, self.scale)):
                 x, r = white.whiten(j, columns, rows.joined[j]), white.whiten(j, rows.r[j], rows.joined[j])
@@ -106,7 +106,7 @@ def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
     return [[np.concatenate(part, axis=1) for part in joint] for joint in out]
 
 
-def _columns(rows: Rows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
+def _columns(rows: ResidualRows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
     """Per joint L (R, P): its nuisance and its own part of the law."""
     total = sum(len(s) for s in scale)
     first = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.corrected import Correction, correction
+from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, parameters_of
 from calib.diagnosis.model import LogModel
 from calib.friction_fit import FrictionFit, Part, fit_friction
@@ -50,20 +50,20 @@ class Refitted:
     In these errors everything is fitted to the other recordings, the names' parameters too.
     """
 
-    change: Correction
+    change: ArmChange
     laws: tuple[Law, ...]
     plain: np.ndarray
     predicted: np.ndarray
 
 
-def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = ()) -> Refitted:
+def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = (), pieces: int = 1) -> Refitted:
     """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
 
     The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
-    uses the arm. Friction may move farther than its prior, because a law takes its place.
+    uses the arm. Friction may move farther than its prior, because a law takes its place. pieces: of each recording that are left out.
     """
     named, mean, precision = _names(written)
-    parts = [_part(m, [c[k] for c in named]) for k, m in enumerate(written.models)]
+    parts = [piece for k, m in enumerate(written.models) for piece in _part(m, [c[k] for c in named]).cut(pieces)]
     names = written.models[0].names
     free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
     prior = np.concatenate([np.zeros(len(names)), mean]), np.diag([*free, *precision])
@@ -99,7 +99,7 @@ def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
     return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
 
 
-def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect]) -> Correction:
+def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect]) -> ArmChange:
     """The correction whose ordinary parameters are those of the fit beside the laws."""
     start = written.hypothesis.start
     theta = np.maximum(found.theta, written.models[0].least)
@@ -116,6 +116,6 @@ def _effects(start: Arm, found: FrictionFit) -> list[ArmEffect]:
     return out
 
 
-def _laws(change: Correction, found: FrictionFit, start: Arm) -> tuple[Law, ...]:
+def _laws(change: ArmChange, found: FrictionFit, start: Arm) -> tuple[Law, ...]:
     effects = {e.joint: e for e in change.effects if e.effect == "friction_law"}
     return tuple(Law(effects[start.joint_names[j]], float(found.plain[j]), float(found.predicted[j])) for j in found.joints)

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.corrected import Correction, correction, names_alone
+from calib.diagnosis.corrected import ArmChange, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.law import Law, Refitted, with_laws
 from calib.diagnosis.model import CONTACT, DELAY_MEAN
@@ -33,6 +33,7 @@ WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an eff
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
+PIECES = 3  # that fewer recordings are each cut into
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
@@ -75,7 +76,7 @@ class Promotion:
     motion: what was simulated of the arm as it was and of the one that is written, empty where nothing was.
     """
 
-    change: Correction | None
+    change: ArmChange | None
     laws: tuple[Law, ...]
     refused: tuple[Refusal, ...]
     motion: tuple[tuple[ForwardError, ForwardError], ...] = ()
@@ -98,17 +99,18 @@ def promoted(
         apart or measurements,
         "the held-out recordings" if apart else "the recordings",
     )
-    bare = _Written.of(Correction({}, ()), (), start, shown)
-    ways, alone = _ways(as_written(measurements, baseline), shown, limits)
+    several = not apart and len(measurements) >= SEVERAL
+    pieces = PIECES if several and len(measurements) < PIECES else 1
+    bare = _Written.of(ArmChange({}, ()), (), start, shown)
+    ways, alone = _ways(as_written(measurements, baseline), shown, limits, pieces)
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
-    several = not apart and len(measurements) >= SEVERAL
     f = as_written(measurements, named)
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
         own = [e for e in f.accepted if e.effect != CONTACT]
-        ways, beside = _ways(f, shown, limits)
+        ways, beside = _ways(f, shown, limits, pieces)
         harmful = [r for e in own if several and (r := _no_help(e, f, alone, beside)) is not None]
         if not harmful:
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
@@ -131,7 +133,7 @@ def promoted(
         f = fit(measurements, f.hypothesis.with_effects(rest), 3, f.solved.noise, f.models)
     if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms) and not motion.rises(plain.change):
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
-    return Promotion(Correction({}, tuple(limits)) if limits else None, (), tuple(refused))
+    return Promotion(ArmChange({}, tuple(limits)) if limits else None, (), tuple(refused))
 
 
 def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:
@@ -172,7 +174,7 @@ class _Motion:
 
     def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
         self.start, self.shown = start, shown
-        self._known: dict[int, tuple[Correction, tuple[ForwardError, ...]]] = {}
+        self._known: dict[int, tuple[ArmChange, tuple[ForwardError, ...]]] = {}
 
     @cached_property
     def _before(self) -> tuple[Measurement, tuple[ForwardError, ...]]:
@@ -182,18 +184,18 @@ class _Motion:
                 break
         return m, errors
 
-    def errors(self, change: Correction) -> tuple[tuple[ForwardError, ForwardError], ...]:
+    def errors(self, change: ArmChange) -> tuple[tuple[ForwardError, ForwardError], ...]:
         """(before, after) for every horizon that has windows on that recording."""
         recording, before = self._before
         if id(change) not in self._known:
             self._known[id(change)] = change, self._of(change.of(self.start), recording)
         return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
-    def rises(self, change: Correction) -> bool:
+    def rises(self, change: ArmChange) -> bool:
         """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
         return any(_farther(a, b) for a, b in self.errors(change))
 
-    def worst(self, change: Correction) -> tuple[float, float]:
+    def worst(self, change: ArmChange) -> tuple[float, float]:
         """m before and after, over the horizon at which the error grows most."""
         stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
         a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
@@ -218,13 +220,13 @@ def _farther(a: ForwardError, b: ForwardError) -> bool:
 class _Written:
     """A changed arm, its laws, its torque errors on the recordings shown (R, n) and their RMS (n,) N m."""
 
-    change: Correction
+    change: ArmChange
     laws: tuple[Law, ...]
     errors: np.ndarray
     rms: np.ndarray
 
     @staticmethod
-    def of(change: Correction, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> _Written:
+    def of(change: ArmChange, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> _Written:
         errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
         return _Written(change, laws, errors, np.sqrt(np.mean(errors**2, axis=0)))
 
@@ -245,18 +247,18 @@ class _Written:
         return out
 
 
-def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect]) -> tuple[list[_Written], Refitted]:
+def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> tuple[list[_Written], Refitted]:
     """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
 
     Tried are the names alone, the refit under the measured noise, the refit without whitening, and that with laws where they help.
     """
     start = f.hypothesis.start
-    refit = with_laws(f, (), limits)
+    refit = with_laws(f, (), limits, pieces)
     ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), refit.change)]
     rms, lawful = ways[-1].rms, refit
     only: Sequence[int] = range(start.n)
     while only:
-        refit = with_laws(f, only, limits)
+        refit = with_laws(f, only, limits, pieces)
         if not refit.laws:
             break
         found = _Written.of(refit.change, refit.laws, start, shown)

@@ -19,7 +19,7 @@ MOST_WHITES = 60
 
 
 @dataclass
-class Rows:
+class ResidualRows:
     """All usable rows of some logs under one hypothesis.
 
     r        per joint (R_j,) N m, measured less predicted, filtered
@@ -53,7 +53,7 @@ class Rows:
             self.joined.append(np.concatenate(joined))
         self.mean, self.least = np.zeros(self.p), self.models[0].least
 
-    def released(self) -> Rows:
+    def released(self) -> ResidualRows:
         """The same rows with columns of their own, no longer those of their models: whitened anew, no least values."""
         out = copy.copy(self)
         out.r, out.x, out.own = list(self.r), list(self.x), True
@@ -88,7 +88,7 @@ class Products:
 class Solved:
     """The nuisance fit under one noise: factor of A = I + X'X, theta (p,), whitened rows and chi2."""
 
-    rows: Rows
+    rows: ResidualRows
     noise: Noise
     xw: list[np.ndarray]
     rw: list[np.ndarray]
@@ -162,7 +162,7 @@ class White:
     of: tuple[object, ...]
 
 
-def _whitened(rows: Rows, noise: Noise, j: int) -> White:
+def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
     """Of joint j; taken from the models' link side where nothing that it depends on has changed."""
     if rows.own:
         x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
@@ -183,7 +183,7 @@ def _whitened(rows: Rows, noise: Noise, j: int) -> White:
     return White(np.concatenate([found.x, more], axis=1), found.r, xx, np.concatenate([found.xr, more.T @ found.r]), found.of)
 
 
-def solve(rows: Rows, noise: Noise) -> Solved:
+def solve(rows: ResidualRows, noise: Noise) -> Solved:
     """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
     white = [_whitened(rows, noise, j) for j in range(rows.n)]
     xw, rw = [w.x for w in white], [w.r for w in white]

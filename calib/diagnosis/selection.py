@@ -54,7 +54,7 @@ class Scored:
 
 
 @dataclass
-class Found:
+class SearchResult:
     """What the search ends with: the fit, the fit without effects, and the candidates that came near, at every step."""
 
     baseline: Fit
@@ -167,10 +167,10 @@ def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
 
 def search(
     measurements: Sequence[Measurement], hypothesis: Hypothesis, progress: Callable[[str], None] = lambda text: None
-) -> Found:
+) -> SearchResult:
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
     baseline = started(measurements, hypothesis)
-    found, bank = Found(baseline, baseline), Bank()
+    found, bank = SearchResult(baseline, baseline), Bank()
     best = baseline
     while len(best.accepted) < MOST_EFFECTS:
         progress(f"looking for effect {len(best.accepted) + 1}")

@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.rows import ResidualRows
 from calib.preprocessing import Measurement
 
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
@@ -54,7 +54,7 @@ def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
 def _strongest(best: Fit, kept: list[LogModel], basis: AdditiveBasis, j: int) -> Structure:
     solved, count = best.solved, len(best.models)
     rows, noise = solved.rows, solved.noise
-    other = Rows(kept) if kept else None
+    other = ResidualRows(kept) if kept else None
     out: list[Structure] = []
     for name, columns in basis.groups(j).items():
         seen = rows.take(j, columns[:count])

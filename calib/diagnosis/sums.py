@@ -21,7 +21,7 @@ from calib.diagnosis.fit import columns_of, moved, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.noise import Noise
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import price
 from calib.identification.information import Information
 from logs.log import Log
@@ -73,15 +73,15 @@ class Other:
 
 
 @dataclass(frozen=True)
-class Portion:
+class Factors:
     """What a piece, or several, said: per joint the factor of [X D r S]."""
 
     factors: tuple[Information, ...]
 
     @staticmethod
-    def merged(parts: Sequence[Portion]) -> Portion:
+    def merged(parts: Sequence[Factors]) -> Factors:
         """All pieces as one; they share no row."""
-        return Portion(tuple(Information.merged(f) for f in zip(*(p.factors for p in parts), strict=True)))
+        return Factors(tuple(Information.merged(f) for f in zip(*(p.factors for p in parts), strict=True)))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
@@ -89,15 +89,15 @@ class Portion:
         return out | {"rows": np.array([f.rows for f in self.factors])}
 
     @staticmethod
-    def of_arrays(arrays: dict[str, np.ndarray]) -> Portion:
+    def of_arrays(arrays: dict[str, np.ndarray]) -> Factors:
         """The portion that `arrays` were made of."""
-        return Portion(tuple(Information(arrays[f"factor_{j}"], int(rows)) for j, rows in enumerate(arrays["rows"])))
+        return Factors(tuple(Information(arrays[f"factor_{j}"], int(rows)) for j, rows in enumerate(arrays["rows"])))
 
 
-def portion(point: Point, log: Log, others: bool = True) -> Portion:
+def portion(point: Point, log: Log, others: bool = True) -> Factors:
     """The factors of one piece; without `others` there are no columns S."""
     model = point.model(log)
-    rows = Rows([model])
+    rows = ResidualRows([model])
     named = [per_log[0] for _, per_log in columns_of([model], point.hypothesis)]
     beside = _beside(model, point.hypothesis) if others else []
     factors = []
@@ -105,7 +105,7 @@ def portion(point: Point, log: Log, others: bool = True) -> Portion:
         parts = [rows.x[j], *(rows.take(j, [c[:, j : j + 1]]) for c in named), rows.r[j][:, None]]
         parts += [rows.take(j, [columns[j]]) for _, columns in beside if j in columns]
         factors.append(Information.of(point.noise.whiten(j, np.concatenate(parts, axis=1), rows.joined[j])))
-    return Portion(tuple(factors))
+    return Factors(tuple(factors))
 
 
 def others_of(point: Point, log: Log) -> tuple[Other, ...]:
@@ -130,7 +130,7 @@ def _beside(model: LogModel, hypothesis: Hypothesis):  # type: ignore[no-untyped
 
 
 @dataclass(frozen=True)
-class Solution:
+class SummedSolution:
     """theta (p,), delta (k,) with covariance (k, k), both at the least squares of all rows, and chi2 with delta there and at zero."""
 
     theta: np.ndarray
@@ -143,7 +143,7 @@ class Solution:
 class Solver:
     """Least squares over a portion's rows; the prior of the nuisance stands in rows of its own."""
 
-    def __init__(self, whole: Portion, nuisance: int, named: int) -> None:
+    def __init__(self, whole: Factors, nuisance: int, named: int) -> None:
         self._p, self._k = nuisance, named
         self._factors = [f.r for f in whole.factors]
         known = nuisance + named
@@ -154,7 +154,7 @@ class Solver:
         self._q, self._r = np.linalg.qr(self._a / self._scale)
         self._left = self._b - self._q @ (self._q.T @ self._b)
 
-    def solution(self) -> Solution:
+    def solution(self) -> SummedSolution:
         """Where everything that is free stands best; a parameter that no row shows stays where it is."""
         p, k = self._p, self._k
         z, *_ = np.linalg.lstsq(self._r, self._q.T @ self._b, rcond=1e-12)
@@ -163,7 +163,9 @@ class Solver:
         z = z / self._scale
         theta_here, *_ = np.linalg.lstsq(self._a[:, :p], self._b, rcond=None)
         here = self._b - self._a[:, :p] @ theta_here
-        return Solution(z[:p], z[p:], covariance[p:, p:].reshape(k, k), float(self._left @ self._left), float(here @ here))
+        return SummedSolution(
+            z[:p], z[p:], covariance[p:, p:].reshape(k, k), float(self._left @ self._left), float(here @ here)
+        )
 
     def gain(self, other: Other) -> tuple[float, ArmEffect]:
         """Fall of chi2 where a candidate joins, and the candidate at its best size."""
@@ -183,7 +185,7 @@ class Solver:
         return gain, ArmEffect(other.effect, other.joint, other.combine(c / scale))
 
 
-def best_other(part: Portion, others: Sequence[Other], nuisance: int, named: int) -> tuple[float, Key | None]:
+def best_other(part: Factors, others: Sequence[Other], nuisance: int, named: int) -> tuple[float, Key | None]:
     """What the likeliest candidate beside the names brings above its price, and which it is; 0 and None where none is worth its price."""
     solver = Solver(part, nuisance, named)
     best: tuple[float, Key | None] = (0.0, None)

@@ -16,7 +16,7 @@ import numpy as np
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import scale_and_colour
-from calib.diagnosis.rows import Rows
+from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.structure import structures
 from calib.preprocessing import Measurement
 
@@ -122,7 +122,7 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
     return out
 
 
-def _scaled(groups: dict[str, list[np.ndarray]], rows: Rows, j: int) -> dict[str, np.ndarray]:
+def _scaled(groups: dict[str, list[np.ndarray]], rows: ResidualRows, j: int) -> dict[str, np.ndarray]:
     """Name -> columns (R_j, k) of zero mean and unit spread; those that do not vary are left out."""
     out = {}
     for name, per_log in groups.items():
@@ -134,7 +134,7 @@ def _scaled(groups: dict[str, list[np.ndarray]], rows: Rows, j: int) -> dict[str
     return out
 
 
-def _folds(rows: Rows, j: int) -> np.ndarray:
+def _folds(rows: ResidualRows, j: int) -> np.ndarray:
     """(R_j,) 0 or 1: alternate blocks of 40 rows, so that both halves see every kind of motion."""
     count = len(rows.r[j])
     return (np.arange(count) // 40) % 2

@@ -18,8 +18,8 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit, parameters_of
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of
-from calib.diagnosis.rows import Rows
-from calib.diagnosis.sums import Key, Other, Point, Portion, Solution, Solver, best_other, others_of, portion
+from calib.diagnosis.rows import ResidualRows
+from calib.diagnosis.sums import Factors, Key, Other, Point, Solver, SummedSolution, best_other, others_of, portion
 from calib.identification.portions import Kept, digest_of
 from logs.log import Log
 from logs.pieces import Pieces
@@ -100,7 +100,7 @@ class _Summed:
         gain, key = self._best[k]
         return None if key is None else (k, key, gain)
 
-    def refined(self) -> tuple[Point, Solution]:
+    def refined(self) -> tuple[Point, SummedSolution]:
         """A step of Gauss and Newton on all pieces, taken where it lowers their sum of squares."""
         there = self.point.at(self.solution.delta)
         after = self._over(there, others=False)
@@ -108,24 +108,24 @@ class _Summed:
             return there, after
         return self.point, self.solution
 
-    def _over(self, point: Point, others: bool) -> Solution:
-        total: Portion | None = None
+    def _over(self, point: Point, others: bool) -> SummedSolution:
+        total: Factors | None = None
         for k, piece in enumerate(self.pieces):
             part = self._portion(point, piece, others)
             if others:
                 self._best.append(best_other(part, self._others, self._nuisance, self._named))
             if k != self._without:
-                total = part if total is None else Portion.merged([total, part])
+                total = part if total is None else Factors.merged([total, part])
         assert total is not None
         return Solver(total, self._nuisance, self._named).solution()
 
-    def _portion(self, point: Point, piece: Log, others: bool) -> Portion:
+    def _portion(self, point: Point, piece: Log, others: bool) -> Factors:
         if self._kept is None:
             return portion(point, piece, others)
         context, name = f"diagnosis {point.digest} {others}", digest_of(piece)
         arrays = self._kept.arrays(context, name)
         if arrays is not None:
-            return Portion.of_arrays(arrays)
+            return Factors.of_arrays(arrays)
         part = portion(point, piece, others)
         self._kept.put_arrays(context, name, part.arrays())
         return part
@@ -164,7 +164,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
     answer["effects"] = [_entry(entry, values) for entry in found.answer["effects"]]
     shown = on_scale([measured(log, arm) for log in holdout or [last]], point.warming)
-    left = [[float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in Rows([LogModel(m, written)]).r] for m in shown]
+    left = [[float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in ResidualRows([LogModel(m, written)]).r] for m in shown]
     answer["gap"] = answer["gap"] | {"after": [float(x) for x in np.sqrt(np.mean(np.square(left), axis=0))]}
     contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
     return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change, found.limits)

@@ -75,7 +75,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Fit:
+class GravityFit:
     """The fit of every joint's own column.
 
     left (n,) standard deviation of what is left, NaN where the joint is not informative; size (n,) that of its readings
@@ -116,7 +116,7 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
     return Normal(gram, norm, count, parts)
 
 
-def fitted(s: Signals, tau: np.ndarray) -> Fit:
+def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
     """The fit of every joint's own load."""
     equations = normal(s, tau)
     left, theta = equations.solved(s.load)
@@ -132,10 +132,10 @@ def fitted(s: Signals, tau: np.ndarray) -> Fit:
         free = np.linalg.inv(equations.gram[j] + 1e-6 * np.eye(4))[0, 0]
         std[j] = np.sqrt(free * CORRELATED) * own[j] / equations.norm[j, 0]
     silent = ~np.isfinite(own)
-    return Fit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
+    return GravityFit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
 
 
-def mounting_torque(arm: Arm, s: Signals, fit: Fit, tilt: bool = True) -> np.ndarray:
+def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) -> np.ndarray:
     """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base, that explain best what `fit` leaves.
 
     Zero where the load would be none: a tool, a workpiece and a wedge below the base make neither another arm nor another column.

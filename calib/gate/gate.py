@@ -15,8 +15,8 @@ import numpy as np
 from calib.gate import motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
-from calib.gate.fit import Fit, fitted, model_torque, mounting_torque
-from calib.gate.search import Step, ranked, steps
+from calib.gate.fit import GravityFit, fitted, model_torque, mounting_torque
+from calib.gate.search import GainStep, ranked, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
 from sim.arm import Arm
@@ -161,7 +161,7 @@ def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
     return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
 
 
-def _columns(arm: Arm, found: Sequence[Step], ties: Sequence[Step]) -> Check:
+def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep]) -> Check:
     if not found:
         return Check("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
@@ -182,7 +182,9 @@ def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> Check:
     return Check("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
 
 
-def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Callable[[], Sequence[Arm]] | None) -> Cause | None:
+def _other(
+    arm: Arm, s: Signals, fit: GravityFit, sizes: Sequence[Cause], family: Callable[[], Sequence[Arm]] | None
+) -> Cause | None:
     """Another arm of as many joints, where it explains shape and size of the readings better than this one, its unit put right."""
     if family is None:
         return None
@@ -207,7 +209,7 @@ def _other(arm: Arm, s: Signals, fit: Fit, sizes: Sequence[Cause], family: Calla
     return best
 
 
-def _merit(fit: Fit, log_scale: np.ndarray) -> tuple[float, float]:
+def _merit(fit: GravityFit, log_scale: np.ndarray) -> tuple[float, float]:
     """How well shape and size of the readings are explained, in nats."""
     left = np.log(fit.left / fit.size)
     return -float(left[np.isfinite(left)].sum()), -float((log_scale[np.isfinite(log_scale)] ** 2).sum()) / (

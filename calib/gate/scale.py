@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.gate.check import Cause
 from calib.gate.correction import Correction
-from calib.gate.fit import Fit
+from calib.gate.fit import GravityFit
 from calib.gate.readings import OVER_LOAD, SHARE
 from calib.gate.signals import Signals
 from sim.arm import Arm
@@ -41,7 +41,7 @@ class Scale:
         return np.isfinite(self.log_scale)
 
 
-def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
+def scale_of(arm: Arm, s: Signals, fit: GravityFit) -> Scale:
     """The scale of every joint; loads in N m."""
     with np.errstate(invalid="ignore", divide="ignore"):
         shown = fit.signal > np.maximum(INFORMATIVE * fit.size, fit.left)
@@ -54,7 +54,7 @@ def scale_of(arm: Arm, s: Signals, fit: Fit) -> Scale:
     return Scale(log_scale, std, impossible)
 
 
-def causes(arm: Arm, s: Signals, fit: Fit, from_current: np.ndarray, known_unit: bool) -> list[Cause]:
+def causes(arm: Arm, s: Signals, fit: GravityFit, from_current: np.ndarray, known_unit: bool) -> list[Cause]:
     """Likely causes of readings that are of the wrong size, best first; none where their size is right or cannot be estimated.
 
     from_current (n,) joints whose reading is a current; known_unit: whether it was made a torque by a known constant.
@@ -108,7 +108,7 @@ def _interval(scale: Scale) -> tuple[float, float]:
     return math.exp(middle - 2 * error), math.exp(middle + 2 * error)
 
 
-def _alone(arm: Arm, scale: Scale, common: float, fit: Fit) -> list[Cause]:
+def _alone(arm: Arm, scale: Scale, common: float, fit: GravityFit) -> list[Cause]:
     """One joint's reading against those of the others: by its masses, else by its dry friction."""
     out = []
     whole = fit.size / np.where(arm.tau_max > 0, arm.tau_max, np.nan)

@@ -26,7 +26,7 @@ MOST_STEPS = 5
 
 
 @dataclass(frozen=True)
-class Step:
+class GainStep:
     """A correction, and its gain on top of those before it."""
 
     correction: Correction
@@ -63,9 +63,9 @@ def _each(s: Signals, part: str, change: Callable[[np.ndarray], np.ndarray]) -> 
     return replace(s, **out)
 
 
-def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[Step], Signals]:
+def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep], Signals]:
     """The corrections that make the model fit, one after the other, until none gains more; and the rows read with all of them."""
-    out: list[Step] = []
+    out: list[GainStep] = []
     for _ in range(MOST_STEPS):
         best = max(_candidates(arm, s, shifts), key=lambda step: step.gain, default=None)
         if best is None or best.gain < LEAST_GAIN or not (best.gain > SURE_GAIN or _holds(arm, s, best.correction)):
@@ -80,7 +80,7 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[Step], Si
     return out, s
 
 
-def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[Step]:
+def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[GainStep]:
     """All ways of reading that gain anything, best first."""
     return sorted((c for c in _candidates(arm, s, shifts) if c.gain >= LEAST_GAIN), key=lambda step: -step.gain)
 
@@ -109,31 +109,31 @@ def _rows(s: Signals, keep: np.ndarray) -> Signals:
     return replace(s, late=late, **arrays)
 
 
-def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[Step]:
+def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainStep]:
     equations = normal(s, model_torque(arm, s))
     n = s.n
     table = equations.left(np.concatenate([s.load, -s.load, *s.late], axis=1))
     at = np.arange(n)
     base, size = table[at, at], equations.own(s.load)
     for j in range(n):
-        yield Step(Correction("sign", "tau", (j,)), _gain(base[j], table[j, n + j]))
+        yield GainStep(Correction("sign", "tau", (j,)), _gain(base[j], table[j, n + j]))
     for i, j in itertools.combinations(range(n), 2):
-        yield Step(Correction("swap", "tau", (i, j)), _gain(base[[i, j]], table[[i, j], [j, i]]))
+        yield GainStep(Correction("swap", "tau", (i, j)), _gain(base[[i, j]], table[[i, j], [j, i]]))
     for k, shift in enumerate(shifts):
         gain = _gain(base, table[at, (2 + k) * n + at])
-        yield Step(Correction("shift", "tau", (), shift), gain if gain > LEAST_SHIFT_GAIN else 0.0)
+        yield GainStep(Correction("shift", "tau", (), shift), gain if gain > LEAST_SHIFT_GAIN else 0.0)
     for j in range(n):
         one = (j,)
         turned = _of_motion(arm, s, Correction("sign", "motion", one))
-        yield Step(Correction("sign", "motion", one), _gain(size, turned.own(s.load)))
-        yield Step(Correction("sign", "all", one), _gain(size, turned.own(read_as(s, Correction("sign", "tau", one)).load)))
+        yield GainStep(Correction("sign", "motion", one), _gain(size, turned.own(s.load)))
+        yield GainStep(Correction("sign", "all", one), _gain(size, turned.own(read_as(s, Correction("sign", "tau", one)).load)))
     for i, j in itertools.combinations(range(n), 2):
         both = (i, j)
         crossed = _of_motion(arm, s, Correction("swap", "motion", both))
         order = at.copy()
         order[[i, j]] = order[[j, i]]
-        yield Step(Correction("swap", "motion", both), _gain(size, crossed.own(s.load)))
-        yield Step(Correction("swap", "all", both), _gain(size, crossed.own(s.load[:, order])[order]))
+        yield GainStep(Correction("swap", "motion", both), _gain(size, crossed.own(s.load)))
+        yield GainStep(Correction("swap", "all", both), _gain(size, crossed.own(s.load[:, order])[order]))
 
 
 def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:

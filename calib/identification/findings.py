@@ -9,10 +9,10 @@ from calib.identification.model import SLIP_WIDTHS
 from sim.arm import Arm
 
 if TYPE_CHECKING:
-    from calib.identification.identify import Fit
+    from calib.identification.identify import BaseFit
 
 
-def findings(arm: Arm, fit: Fit) -> tuple[str, ...]:
+def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
     """Sentences that a reader of the numbers should know."""
     out, solution, sweeps, model = list(fit.remarks), fit.solution, fit.sweeps, fit.model
     if sweeps:

@@ -23,10 +23,10 @@ from calib.identification.known import Known
 from calib.identification.law import Laws, fitted_laws, speed_reading, without_laws
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import TorqueModel
-from calib.identification.portions import Kept, Portion, context_of, digest_of, joined
+from calib.identification.portions import Kept, LogSums, context_of, digest_of, joined
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
 from calib.identification.reversals import reversal_rows, reverses_often
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
@@ -108,7 +108,7 @@ def identify(
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
         )
-    kept_rows = Rows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
+    kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, solution.theta, solution.tight, pi0, options.gamma, options.masses_only)
@@ -187,13 +187,13 @@ def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _with_laws(of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray) -> Gap:
     """What is left once the friction laws are taken off the torque; what the nominal arm leaves stays as it is."""
     few = without_laws(measurements, laws.effects, model.arm)
-    rows = Rows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
+    rows = RegressorRows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
     after = gap(model, plain(rows), plain(rows, apart=True), of.logs, theta)
     return replace(of, after=after.after, sliding=after.sliding, after_ampere=after.after_ampere)
 
 
 @dataclass(frozen=True)
-class Fit:
+class BaseFit:
     """Columns and their solution, before any question of what can exist.
 
     measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
@@ -214,7 +214,7 @@ class Fit:
     by_command: Instrumental | None
 
 
-def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress = _silent, kept: Kept | None = None) -> Fit:
+def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress = _silent, kept: Kept | None = None) -> BaseFit:
     """Weighted least squares over all logs of an arm."""
     surveyed = {k: logs[k] for k in survey(logs)}
     cutoff = options.cutoff or max(motion_cutoff(log) for log in surveyed.values())
@@ -231,21 +231,21 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     often = reverses_often(few, arm)
     leave_out = {k: taken.get(k, False) | (reversal_rows(m, arm) & ~often) for k, m in enumerate(few)}
     prior, nominal = as_prior(sweeps, model), nominal_prior(arm, model)
-    rows = Rows(model, few, leave_out, lambda share: progress("regressor", share))
+    rows = RegressorRows(model, few, leave_out, lambda share: progress("regressor", share))
     weights = reference(rows, prior, nominal, options.robust)
     own = {k: rows.part(i) for i, k in enumerate(measured)}
     context = context_of(arm, cutoff, model.slip_width, often, weights)
 
-    def portion(k: int) -> Portion:
+    def portion(k: int) -> LogSums:
         progress("sums", k / len(logs))
         if k in own:
-            return Portion.of(own[k], weights, measured[k])
+            return LogSums.of(own[k], weights, measured[k])
         log = logs[k]
         piece = digest_of(log) if kept else ""
         found = kept.get(context, piece) if kept else None
         if found is None:
             m = measure(log, arm, cutoff)
-            found = Portion.of(Rows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
+            found = LogSums.of(RegressorRows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
             if kept:
                 kept.put(context, piece, found)
         return found
@@ -264,7 +264,9 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     remarks = tuple(
         f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
     )
-    return Fit(model, solution, weights, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command)
+    return BaseFit(
+        model, solution, weights, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command
+    )
 
 
 def survey(logs: Sequence[Log]) -> list[int]:

@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.identification.least_squares import Prior, Solution, inverse
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
 from calib.preprocessing import Measurement
 from logs import Log
@@ -67,11 +67,11 @@ def commanded(log: Log, m: Measurement) -> Measurement | None:
 
 
 def instrumental(
-    rows: Rows, instruments: Sequence[Measurement], weights: Reference, prior: Prior, found: Solution
+    rows: RegressorRows, instruments: Sequence[Measurement], weights: Reference, prior: Prior, found: Solution
 ) -> Instrumental:
     """Both estimates on the same rows under the same weights; `instruments` belong to the rows' measurements one by one."""
     p, used = rows.model.p, rows.used
-    other = Rows(rows.model, instruments, rows.leave_out)
+    other = RegressorRows(rows.model, instruments, rows.leave_out)
     cross, right, least = prior.precision.copy(), prior.precision @ prior.mean, prior.precision.copy()
     kept = []
     for block, moved in zip(rows, other, strict=True):

@@ -15,7 +15,7 @@ import numpy as np
 from calib.identification.information import Information
 from calib.identification.model import TorqueModel
 from calib.identification.noise import AR_ORDER, colour, leverage, spread
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, plain, summed, weighted, whitened
 from sim.errors import AnswerIsNo
 
@@ -62,7 +62,7 @@ class Solution:
     regularised: bool
 
 
-def solve(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Solution:
+def solve(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Solution:
     """The estimate; `nominal` joins as a prior only if the scaled condition number passes RIDGE_ABOVE.
 
     AnswerIsNo where a joint has hardly any usable rows.
@@ -71,7 +71,7 @@ def solve(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, 
     return estimate(rows.model, summed(rows, weights), weights, prior, nominal)
 
 
-def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Reference:
+def reference(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Reference:
     """The weights under which the rows agree with themselves: scale and colour of their own residuals, found in a few rounds."""
     model, used = rows.model, rows.used
     sums = plain(rows)
@@ -90,7 +90,9 @@ def reference(rows: Rows, prior: Prior | None = None, nominal: Prior | None = No
     return replace(weights, colouring=colouring, shortfall=short, slow=found.slow)
 
 
-def _settled(rows: Rows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust: bool) -> tuple[Reference, np.ndarray]:
+def _settled(
+    rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust: bool
+) -> tuple[Reference, np.ndarray]:
     """Weights with this whitening, and the inverse (p, p) of the information under them."""
     model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
     for _ in range(3 if robust else 1):
@@ -104,7 +106,7 @@ def _settled(rows: Rows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust
     return Reference(theta, ar, sigma, huber, float(counts.sum())), gain
 
 
-def _bent(rows: Rows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
+def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
     """(n,) whether whitening makes a joint's torque worse on a log that the fit has not seen, by more than WORSE.
 
     Whitening takes what is slow in the residual for noise. Where it is the model that is wrong, the same slow error comes again in every
@@ -254,7 +256,7 @@ def inverse(information: np.ndarray) -> np.ndarray:
     return np.outer(scale, scale) * ((vector / value) @ vector.T)
 
 
-def _scales(rows: Rows, theta: np.ndarray, ar: np.ndarray, robust: bool) -> np.ndarray:
+def _scales(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust: bool) -> np.ndarray:
     """(n,) N m: scale of each joint's innovations, by the median where outliers must not count."""
     n = rows.model.arm.n
     parts: list[list[np.ndarray]] = [[] for _ in range(n)]

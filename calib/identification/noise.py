@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from scipy.signal import lfilter
 
-from calib.identification.rows import Block, Rows
+from calib.identification.rows import Block, RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whitened
 
 AR_ORDER = 4
@@ -40,7 +40,7 @@ class Colour:
         return np.asarray(lfilter([self.drive[j]], np.r_[1.0, -self.ar[j]], white, axis=0))[SETTLE:]
 
 
-def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Colour:
+def colour(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Colour:
     """Each joint's noise, by Yule-Walker on what the residuals of theta (p,) would be if they were not fitted.
 
     variance (n,) by which theta weighted the joints, gain (p, p) the inverse of its information.
@@ -66,7 +66,7 @@ def colour(rows: Rows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray
     return _yule_walker(r)
 
 
-def leverage(rows: Rows, weights: Reference, gain: np.ndarray) -> np.ndarray:
+def leverage(rows: RegressorRows, weights: Reference, gain: np.ndarray) -> np.ndarray:
     """(n,) share of the whitened rows' variance that the fit absorbs, trace(H_j) / N_j."""
     n = rows.model.arm.n
     trace, count = np.zeros(n), np.zeros(n)
@@ -78,7 +78,7 @@ def leverage(rows: Rows, weights: Reference, gain: np.ndarray) -> np.ndarray:
     return trace / np.maximum(count, 1)
 
 
-def spread(rows: Rows, weights: Reference, gain: np.ndarray, noise: Colour) -> tuple[np.ndarray, np.ndarray]:
+def spread(rows: RegressorRows, weights: Reference, gain: np.ndarray, noise: Colour) -> tuple[np.ndarray, np.ndarray]:
     """What noise of this colour makes of the variances (p,) that the weights alone state, and of those from products of neighbouring scores.
 
     First how many times larger than diag(gain) the estimate's variance is, 1 where all rows are whitened; then by what the products of scores
@@ -121,7 +121,7 @@ def weighted(
     return a, b, index, np.minimum(1.0, weights.huber * size / np.maximum(off, 1e-300)) / size**2
 
 
-def _covariances(rows: Rows, series: list[list[np.ndarray]]) -> np.ndarray:
+def _covariances(rows: RegressorRows, series: list[list[np.ndarray]]) -> np.ndarray:
     """(n, AR_ORDER + 1) mean products of each joint's series (R, draws) with itself some rows later, over usable neighbours."""
     n = rows.model.arm.n
     product, pairs = np.zeros((n, AR_ORDER + 1)), np.zeros((n, AR_ORDER + 1))

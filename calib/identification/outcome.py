@@ -9,7 +9,7 @@ import numpy as np
 from calib.identification.claims import is_changed
 from calib.identification.identify import Identification
 from calib.identification.model import FRICTION
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.quantity import rounded
 from calib.result import Estimate, FitResult, Gap
 
@@ -70,7 +70,7 @@ def as_text(e: Estimate) -> str:
 def evidence(found: Identification) -> dict[str, Any]:
     """Filtered rows of the first held-out log, or of the first training log: measured torque, and before and after as predicted."""
     m = (found.holdout or found.measurements)[0]
-    rows = Rows(found.model, [m])
+    rows = RegressorRows(found.model, [m])
     n = found.model.arm.n
     nominal, fitted = found.model.nominal(), found.possible.theta
     before: list[np.ndarray] = []

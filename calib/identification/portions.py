@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, summed
 from calib.preprocessing import Exclusion, Measurement
 from logs.log import Log
@@ -20,7 +20,7 @@ from sim.version import program_version
 
 
 @dataclass(frozen=True)
-class Portion:
+class LogSums:
     """The sums of one piece of log, and what of it was left out."""
 
     name: str
@@ -28,9 +28,9 @@ class Portion:
     excluded: tuple[Exclusion, ...]
 
     @staticmethod
-    def of(rows: Rows, weights: Reference, m: Measurement) -> Portion:
+    def of(rows: RegressorRows, weights: Reference, m: Measurement) -> LogSums:
         """The sums over the rows of one measurement."""
-        return Portion(m.name, summed(rows, weights), m.excluded)
+        return LogSums(m.name, summed(rows, weights), m.excluded)
 
 
 class Kept:
@@ -39,15 +39,15 @@ class Kept:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def get(self, context: str, piece: str) -> Portion | None:
+    def get(self, context: str, piece: str) -> LogSums | None:
         """The portion of that piece, or None where it was never finished."""
         arrays = self.arrays(context, piece)
         if arrays is None:
             return None
         words = json.loads(str(arrays.pop("words")))
-        return Portion(words["name"], Sums.of_arrays(arrays), tuple(Exclusion(*e) for e in words["excluded"]))
+        return LogSums(words["name"], Sums.of_arrays(arrays), tuple(Exclusion(*e) for e in words["excluded"]))
 
-    def put(self, context: str, piece: str, portion: Portion) -> None:
+    def put(self, context: str, piece: str, portion: LogSums) -> None:
         """Keep a portion."""
         words = {"name": portion.name, "excluded": [[e.joint, e.reason, e.seconds] for e in portion.excluded]}
         self.put_arrays(context, piece, portion.sums.arrays() | {"words": np.array(json.dumps(words))})
@@ -88,7 +88,7 @@ def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarra
     return digest.hexdigest()
 
 
-def joined(portions: Iterable[Portion]) -> tuple[Sums, tuple[str, ...], tuple[tuple[str, Exclusion], ...]]:
+def joined(portions: Iterable[LogSums]) -> tuple[Sums, tuple[str, ...], tuple[tuple[str, Exclusion], ...]]:
     """All sums as one, the names of the logs, and what was left out of each log."""
     total: Sums | None = None
     names: dict[str, None] = {}

@@ -34,7 +34,7 @@ class Block:
 
 
 @dataclass
-class Rows:
+class RegressorRows:
     """The rows of several measurements under one model; iterate as often as needed.
 
     `leave_out` (measurement index, (R, n) mask) takes further rows out, such as sweeps that a pre-estimate has used.
@@ -60,10 +60,10 @@ class Rows:
         """(n,) usable rows of every joint."""
         return sum((b.usable.sum(axis=0) for b in self), np.zeros(self.model.arm.n, dtype=int))
 
-    def part(self, k: int) -> Rows:
+    def part(self, k: int) -> RegressorRows:
         """The rows of measurement k alone."""
         left = {0: self.leave_out[k]} if k in self.leave_out else {}
-        out = Rows(self.model, [self.measurements[k]], left)
+        out = RegressorRows(self.model, [self.measurements[k]], left)
         out._kept = None if self._kept is None else [b for b in self._kept if b.log == k]
         return out
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification.information import Information
-from calib.identification.rows import Block, Rows
+from calib.identification.rows import Block, RegressorRows
 
 MEMORY_SECONDS = 1.0
 
@@ -91,13 +91,13 @@ class Sums:
         return Sums(items("plain"), items("apart"), items("white"), arrays["scores"], arrays["touched"], arrays["counts"])
 
 
-def summed(rows: Rows, weights: Reference) -> Sums:
+def summed(rows: RegressorRows, weights: Reference) -> Sums:
     """One pass over the rows."""
     white, scores, touched, counts = weighted(rows, weights)
     return Sums(plain(rows), plain(rows, apart=True), white, scores, touched, counts)
 
 
-def plain(rows: Rows, apart: bool = False) -> tuple[Information, ...]:
+def plain(rows: RegressorRows, apart: bool = False) -> tuple[Information, ...]:
     """Per joint the rows [A_j b_j] of the fit, or those usable ones that it leaves out."""
     out = [Information.none(len(u) + 1) for u in rows.used]
     for block in rows:
@@ -108,7 +108,7 @@ def plain(rows: Rows, apart: bool = False) -> tuple[Information, ...]:
     return tuple(out)
 
 
-def weighted(rows: Rows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
+def weighted(rows: RegressorRows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
     """Whitened and weighted rows per joint, products of scores, rows touched and rows in all."""
     n, p = rows.model.arm.n, rows.model.p
     white, scores = [Information.none(len(u) + 1) for u in rows.used], np.zeros((p, p))

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.comparison import Change, Found, sentence
+from calib.comparison import Change, RunNumbers, sentence
 from calib.report.figure import ROLES, axes, name
 from calib.report.page import Page
 
 
-def write(path: str | Path, a: Found, b: Found, changes: Sequence[Change]) -> Path:
+def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Change]) -> Path:
     """Write the comparison of two runs; returns its path."""
     first, second = a.run.folder.name, b.run.folder.name
     title = a.run.arm if a.run.arm == b.run.arm else f"{a.run.arm} and {b.run.arm}"

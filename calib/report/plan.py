@@ -28,7 +28,7 @@ PARAMETERS = {
 JOINT_COLOURS = [ROLES[r] for r in ("after", "before", "good", "refit", "accent", "ink")]
 
 
-class Motion(Protocol):
+class NamedMotion(Protocol):
     """A named motion, as `safety.plan.Motion` is."""
 
     @property
@@ -65,7 +65,7 @@ class _Looks:
 
 
 def write(
-    path: str | Path, arm: Arm, cell: Cell | None, motions: Sequence[Motion], clearance: Distances | None = None,
+    path: str | Path, arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], clearance: Distances | None = None,
     worth: Mapping[str, Any] | None = None,
 ) -> Path:  # fmt: skip
     """Write the preview of a plan; returns its path.
@@ -150,7 +150,7 @@ def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
     return position
 
 
-def _played(motion: Motion, look: _Looks) -> dict[str, Any]:
+def _played(motion: NamedMotion, look: _Looks) -> dict[str, Any]:
     thin = max(1, len(look.t) // 600)
     return {
         "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
@@ -158,7 +158,7 @@ def _played(motion: Motion, look: _Looks) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _curves(arm: Arm, cell: Cell | None, motion: Motion, look: _Looks) -> Markup:
+def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: _Looks) -> Markup:
     rows = ["position", "speed", "acceleration", "flange", *(["clearance"] if look.gap is not None else [])]
     figure, panel = mosaic([[row] for row in rows], height=1.45, sharex=True)
     t = motion.trajectory.t - motion.trajectory.t[0]
@@ -194,7 +194,7 @@ def _limits(ax: Axes, limit: float, both: bool) -> None:
         ax.axhline(value, color=ROLES["bad"], linewidth=0.9, linestyle=(0, (1, 2)))
 
 
-def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[Motion], looks: Mapping[str, _Looks], total: float) -> str:
+def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks: Mapping[str, _Looks], total: float) -> str:
     place = f" in {cell.name}" if cell is not None else ""
     fastest = max(float(look.speed.max()) for look in looks.values())
     text = f"{arm.name} will move for {_clock(total)}{place} in {len(motions)} motion{'s' * (len(motions) != 1)}, its flange at up to {fastest:.2f} m/s"
@@ -207,7 +207,7 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[Motion], looks: Map
 
 
 def _facts(
-    motions: Sequence[Motion], looks: Mapping[str, _Looks], total: float, worth: Mapping[str, Any]
+    motions: Sequence[NamedMotion], looks: Mapping[str, _Looks], total: float, worth: Mapping[str, Any]
 ) -> list[tuple[str, Any]]:
     facts: list[tuple[str, Any]] = [("duration", _clock(total))]
     facts.append(("fastest flange", f"{max(float(look.speed.max()) for look in looks.values()):.2f} m/s"))
@@ -221,11 +221,11 @@ def _facts(
     return facts
 
 
-def _caption(motion: Motion, look: _Looks) -> str:
+def _caption(motion: NamedMotion, look: _Looks) -> str:
     return f"{motion.name} ({motion.kind}): dotted red lines are limits; the upright line is the moment that the player shows."
 
 
-def _motions(page: Page, motions: Sequence[Motion], looks: Mapping[str, _Looks]) -> None:
+def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, _Looks]) -> None:
     rows = []
     for motion in motions:
         look = looks[motion.name]

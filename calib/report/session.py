@@ -12,13 +12,13 @@ from calib.report import explorer
 from calib.report.page import Page, Verdict
 
 if TYPE_CHECKING:
-    from calib.guided import Session
+    from calib.guided import GuidedSession
 
 FILE = "session.html"
 PAGES = ("plan.html", "report.html")
 
 
-def write(session: Session) -> Path:
+def write(session: GuidedSession) -> Path:
     """Write the page of a session into its folder; returns its path."""
     # a complete session is what its diagnosis found; an open one is where it stands
     diagnoses = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []

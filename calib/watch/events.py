@@ -38,7 +38,7 @@ _ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Quantity:
     """A number with its standard deviation and unit."""
 
     value: float
@@ -57,7 +57,7 @@ class WatchEvent:
     t: float
     began: tuple[float, float]
     message: str
-    size: dict[str, Estimate] = field(default_factory=dict)
+    size: dict[str, Quantity] = field(default_factory=dict)
     joint: str | None = None
 
     @property

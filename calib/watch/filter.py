@@ -65,7 +65,7 @@ class Jump:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class FilterState:
     """The filter's state x and covariance P at one row."""
 
     x: np.ndarray
@@ -130,11 +130,11 @@ class TorqueFilter:
         """Largest ratio, over the joints, of slow model error to white noise."""
         return float(np.sqrt(np.max(self._slow / self._white)))
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> FilterState:
         """The state as it is; these arrays are never changed in place."""
-        return Snapshot(self.x, self.covariance)
+        return FilterState(self.x, self.covariance)
 
-    def restore(self, earlier: Snapshot) -> None:
+    def restore(self, earlier: FilterState) -> None:
         """Go back to an earlier state; the unknown torque is unknown again."""
         self.x, self.covariance = earlier.x.copy(), earlier.covariance.copy()
         self.x[self.unknown] = 0.0

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.watch.events import Estimate, Kind, WatchEvent
-from calib.watch.filter import Innovation, Snapshot, TorqueFilter
+from calib.watch.events import Kind, Quantity, WatchEvent
+from calib.watch.filter import FilterState, Innovation, TorqueFilter
 from calib.watch.jump import CANDIDATES, Jump, JumpDetector
 from calib.watch.momentum import Row
 from sim.arm import Arm
@@ -35,7 +35,7 @@ class _Open:
     """A change that is not decided: when it began, the estimate before, motion since, how well old and new estimate fit."""
 
     began: tuple[float, float]
-    before: Snapshot
+    before: FilterState
     contact: bool
     moved: float = 0.0
     calm: int = 0
@@ -52,7 +52,7 @@ class LoadWatch:
         self._arm, self._filter, self._known = arm, filter_, known
         self._detector = JumpDetector(filter_)
         self._open: _Open | None = None
-        self._past: deque[tuple[float, float, Snapshot]] = deque(maxlen=CANDIDATES + 2)
+        self._past: deque[tuple[float, float, FilterState]] = deque(maxlen=CANDIDATES + 2)
         self._moved = np.zeros(arm.n)
         self._claim = 0.0
         self._began = np.nan
@@ -71,11 +71,11 @@ class LoadWatch:
         """Whether a change is open."""
         return self._open is not None
 
-    def mass(self) -> Estimate:
+    def mass(self) -> Quantity:
         """Mass at the flange, what the model has included."""
-        return Estimate(float(self._filter.x[0] + self._known[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
+        return Quantity(float(self._filter.x[0] + self._known[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
 
-    def com(self) -> tuple[Estimate, Estimate, Estimate] | None:
+    def com(self) -> tuple[Quantity, Quantity, Quantity] | None:
         """Centre of mass in the last link's frame; None where there is too little mass to have one."""
         mass = self.mass()
         if not mass.value > max(3 * mass.std, self.least):
@@ -83,7 +83,7 @@ class LoadWatch:
         c = (self._filter.x[1:4] + self._known[1:4]) / mass.value
         slope = np.column_stack([-c, np.eye(3)]) / mass.value
         std = np.sqrt(np.diag(slope @ self._filter.covariance[:4, :4] @ slope.T))
-        x, y, z = (Estimate(float(a), float(s), "m") for a, s in zip(c, std, strict=True))
+        x, y, z = (Quantity(float(a), float(s), "m") for a, s in zip(c, std, strict=True))
         return x, y, z
 
     def add(self, row: Row, trusted: bool) -> tuple[list[WatchEvent], Innovation | None]:
@@ -118,7 +118,7 @@ class LoadWatch:
             self._filter.restore(before)
             return [self._contact(row, jump.torque)]
         self._filter.shift(jump)
-        change = Estimate(float(self._filter.x[0] - before.x[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
+        change = Quantity(float(self._filter.x[0] - before.x[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
         text = f"the load changed by {change}; whether it is a payload is known after {CONFIRM:g} s of motion"
         return [WatchEvent(Kind.LOAD_CHANGED, row.t, (first, last), text, {"mass_change": change})]
 
@@ -159,7 +159,7 @@ class LoadWatch:
 
     def _passed(self, row: Row, open_: _Open) -> list[WatchEvent]:
         """The change is over: it was a contact."""
-        seconds = Estimate(row.t - CALM_ROWS * row.seconds - open_.began[0], row.seconds, "s")
+        seconds = Quantity(row.t - CALM_ROWS * row.seconds - open_.began[0], row.seconds, "s")
         events = [] if open_.contact else [self._contact(row, open_.peak)]
         self._filter.restore(open_.before)
         self._open = None
@@ -185,7 +185,7 @@ class LoadWatch:
         self._filter.open()
         left = self._filter.left(row, open_.before.x)
         j = int(np.argmax(np.abs(left) / self._filter.noise * used))
-        size = {"torque": Estimate(float(left[j]), float(self._filter.noise[j]), "N*m")}
+        size = {"torque": Quantity(float(left[j]), float(self._filter.noise[j]), "N*m")}
         joint = self._arm.joint_names[j]
         text = (
             f"for {LASTS:g} s of motion neither a payload nor friction explains the torque, {joint} by {size['torque']}: the model is "
@@ -198,7 +198,7 @@ class LoadWatch:
         assert open_ is not None
         j = int(np.argmax(np.abs(torque) / self._filter.noise))
         joint = self._arm.joint_names[j]
-        size = Estimate(float(torque[j]), float(self._filter.noise[j]), "N*m")
+        size = Quantity(float(torque[j]), float(self._filter.noise[j]), "N*m")
         text = f"something touched the arm or pulls at it: {joint} carries {size} more, and no load at the flange does that"
         return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, open_.began, text, {"torque": size}, joint)
 
@@ -229,7 +229,7 @@ class LoadWatch:
         self._began, self._claim = t, 0.0
         mass = self.mass()
         light = self.least
-        size = {"mass": mass, "mass_change": Estimate(mass.value - before, mass.std, "kg")}
+        size = {"mass": mass, "mass_change": Quantity(mass.value - before, mass.std, "kg")}
         if abs(mass.value) < max(light, 3 * mass.std):
             return [
                 WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} are left", size)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.momentum import Row
 from sim.arm import Arm
@@ -98,7 +98,7 @@ class ValidityWatch:
             return []
         self._reported = True
         j = int(np.argmax(self._worse))
-        now = Estimate(float(np.sqrt(self._recent[j])), float(self._filter.noise[j]) / np.sqrt(RECENT), "N*m")
+        now = Quantity(float(np.sqrt(self._recent[j])), float(self._filter.noise[j]) / np.sqrt(RECENT), "N*m")
         joint = self._arm.joint_names[j]
         text = (
             f"the model of {joint} leaves {now.value:.3g} N m, {now.value / self._reference[j]:.1f} times as much as at the start: it is "

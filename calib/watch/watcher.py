@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.standing import Push, Standing
-from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.intake import Fault, Intake, Sample
 from calib.watch.load import LoadWatch
@@ -46,8 +46,8 @@ class Picture:
     """
 
     t: float
-    payload: Estimate
-    com: tuple[Estimate, Estimate, Estimate] | None
+    payload: Quantity
+    com: tuple[Quantity, Quantity, Quantity] | None
     settled: bool
     deciding: bool
     fits: bool | None
@@ -179,13 +179,13 @@ class Watcher:
             return []
         self._complained = declared.mass
         text = f"{declared.by} says {declared.mass:.3g} kg at the flange, the torques say {mass}; correct the declared payload"
-        size = {"mass": mass, "declared_mass": Estimate(declared.mass, 0.0, "kg")}
+        size = {"mass": mass, "declared_mass": Quantity(declared.mass, 0.0, "kg")}
         return [WatchEvent(Kind.DECLARED_PAYLOAD_WRONG, row.t, (row.t, row.t), text, size)]
 
     def _pushed(self, push: Push, t: float) -> list[WatchEvent]:
         """A push against the standing arm, when it is certain, and when it is over."""
         j, joint = push.joint, self.arm.joint_names[push.joint]
-        size = Estimate(float(push.torque[j]), float(push.doubt[j] / np.sqrt(12.0)), "N*m")
+        size = Quantity(float(push.torque[j]), float(push.doubt[j] / np.sqrt(12.0)), "N*m")
         text = (
             f"something pushes the standing arm: {joint} carries {size} more than before, of which dry friction can hold at most "
             f"{push.doubt[j]:.3g} N m"
@@ -194,7 +194,7 @@ class Watcher:
         if np.isnan(push.end):
             self._push = push.start
             return [began]
-        seconds = Estimate(push.end - push.start, BLOCK, "s")
+        seconds = Quantity(push.end - push.start, BLOCK, "s")
         text = f"the contact ended after {seconds.value:.2f} s"
         ended = WatchEvent(Kind.CONTACT_ENDED, t, (push.start, push.end), text, {"duration": seconds})
         return [ended] if self._push == push.start else [began, ended]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.watch.events import Estimate, Kind, WatchEvent
+from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.momentum import Row
 from sim.arm import Arm
@@ -34,8 +34,8 @@ HOLDS = 5.0  # s of motion for which a drift must be sure
 class JointFriction:
     """Friction of one joint now: dry N m and viscous N m s/rad with their standard deviations, and temperature degC."""
 
-    coulomb: Estimate
-    viscous: Estimate
+    coulomb: Quantity
+    viscous: Quantity
     temperature: float
 
 
@@ -60,8 +60,8 @@ class WearWatch:
         dry, wet = self._values()
         return [
             JointFriction(
-                Estimate(float(dry[j]), float(std[self._filter.coulomb][j]), "N*m"),
-                Estimate(float(wet[j]), float(std[self._filter.viscous][j]), "N*m*s/rad"),
+                Quantity(float(dry[j]), float(std[self._filter.coulomb][j]), "N*m"),
+                Quantity(float(wet[j]), float(std[self._filter.viscous][j]), "N*m*s/rad"),
                 float(temperature[j]),
             )
             for j in range(self._arm.n)
@@ -119,9 +119,9 @@ class WearWatch:
     def _event(self, t: float, j: int, which: int) -> WatchEvent:
         word, unit = (("dry", "N*m"), ("viscous", "N*m*s/rad"))[which]
         relative, spread, _ = self._relative()
-        value, change = self._values()[which, j], Estimate(float(relative[which, j]), float(spread[which, j]), "1")
+        value, change = self._values()[which, j], Quantity(float(relative[which, j]), float(spread[which, j]), "1")
         std = np.sqrt(np.diag(self._filter.covariance))[(self._filter.coulomb, self._filter.viscous)[which]][j]
-        now = Estimate(float(value), float(std), unit)
+        now = Quantity(float(value), float(std), unit)
         joint = self._arm.joint_names[j]
         text = (
             f"{word} friction of {joint} is {now}, {change.value:+.0%} ± {2 * change.std:.0%} from {self._reference[which, j]:.3g} {unit}: "

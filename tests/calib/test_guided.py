@@ -78,7 +78,7 @@ def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers:
         monkeypatch.setattr(program, "start", real)
 
 
-def session(desk: Path) -> guided.Session:
+def session(desk: Path) -> guided.GuidedSession:
     (folder,) = (desk / "runs").iterdir()
     return guided.read_session(folder)
 
@@ -191,7 +191,7 @@ def test_a_refused_motion_is_planned_again_where_somebody_says_so(desk: Path, mo
     assert commands.lines[4][2].endswith("plan-try2")
 
 
-def changed(desk: Path) -> guided.Session:
+def changed(desk: Path) -> guided.GuidedSession:
     """The session, as if its cell file had been another one."""
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.diagnosis.corrected import Correction
+from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import Hypothesis
@@ -87,7 +87,7 @@ def test_neighbouring_rows_that_say_the_same_count_less() -> None:
 
 
 def _written(errors: np.ndarray) -> _Written:
-    return _Written(Correction({}, ()), (), errors, np.sqrt(np.mean(errors**2, axis=0)))
+    return _Written(ArmChange({}, ()), (), errors, np.sqrt(np.mean(errors**2, axis=0)))
 
 
 def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from benchmarks.known_truth import HOME
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.identification.advice import advice, sentence
 from calib.identification.estimates import base_estimates
-from calib.identification.identify import Fit, Options, fitted, identify
+from calib.identification.identify import BaseFit, Options, fitted, identify
 from calib.identification.prior import nominal_prior
 from sim.arm import Arm
 from sim.trajectory import Trajectory
@@ -25,7 +25,7 @@ def slow_motion(arm: Arm) -> Trajectory:
     return Fourier(motion.basis, HOME, motion.x * (0.15 * arm.dq_max / speed)[:, None]).sampled(200.0)
 
 
-def unknown_of(arm: Arm, fit: Fit) -> list[int]:
+def unknown_of(arm: Arm, fit: BaseFit) -> list[int]:
     estimates = base_estimates(fit.model, fit.solution, nominal_prior(arm, fit.model))
     return [k for k, e in enumerate(estimates) if not e.identifiable]
 

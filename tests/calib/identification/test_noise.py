@@ -11,7 +11,7 @@ from calib.identification.identify import Options, fitted
 from calib.identification.least_squares import Prior, estimate, inverse, reference
 from calib.identification.model import TorqueModel
 from calib.identification.noise import LARGEST_POLE, _stable, weighted
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.preprocessing import prepare
 from sim.arm import Arm, ArmEffect
@@ -23,13 +23,13 @@ MEMORY, DRAWS = 0.8, 150
 
 
 @pytest.fixture(scope="module")
-def rows(ur5e: Arm) -> Rows:
+def rows(ur5e: Arm) -> RegressorRows:
     truth = varied(ur5e, 1001)
     logs = [recorded(truth, fourier_motion(ur5e, k, rate=125.0), 10 + k, memory=MEMORY) for k in (1, 2)]
-    return Rows(TorqueModel.of_arm(ur5e), [prepare(log, ur5e, 8.0) for log in logs])
+    return RegressorRows(TorqueModel.of_arm(ur5e), [prepare(log, ur5e, 8.0) for log in logs])
 
 
-def scatter(arm: Arm, rows: Rows, weights: Reference) -> np.ndarray:
+def scatter(arm: Arm, rows: RegressorRows, weights: Reference) -> np.ndarray:
     """(p,) standard deviation of the estimate over draws of the noise that `recorded` adds, under these weights."""
     rng, p = np.random.default_rng(5), rows.model.p
     information, score = np.zeros((p, p)), np.zeros((p, DRAWS))
@@ -46,7 +46,7 @@ def scatter(arm: Arm, rows: Rows, weights: Reference) -> np.ndarray:
     return np.asarray((inverse(information) @ score).std(axis=1))
 
 
-def test_stated_deviations_are_those_of_the_noise(ur5e: Arm, rows: Rows) -> None:
+def test_stated_deviations_are_those_of_the_noise(ur5e: Arm, rows: RegressorRows) -> None:
     weights = reference(rows)
     stated = np.sqrt(np.diag(estimate(rows.model, summed(rows, weights), weights).covariance))
     ratio = stated / scatter(ur5e, rows, weights)
@@ -54,7 +54,7 @@ def test_stated_deviations_are_those_of_the_noise(ur5e: Arm, rows: Rows) -> None
     assert np.mean((ratio > 0.7) & (ratio < 1.4)) > 0.95
 
 
-def test_what_the_fit_absorbs_is_not_little(rows: Rows) -> None:
+def test_what_the_fit_absorbs_is_not_little(rows: RegressorRows) -> None:
     weights = reference(rows)
     assert weights.shortfall is not None
     assert np.all(weights.shortfall >= 1)
@@ -62,7 +62,7 @@ def test_what_the_fit_absorbs_is_not_little(rows: Rows) -> None:
     assert weights.rows == sum(len(whitened(b, j, weights.ar[j])[1]) for b in rows for j in range(6))
 
 
-def test_longer_logs_need_less_of_it(rows: Rows) -> None:
+def test_longer_logs_need_less_of_it(rows: RegressorRows) -> None:
     weights, none = reference(rows), Prior.none(rows.model.p)
     sums = summed(rows, weights)
     short = estimate(rows.model, sums, weights, none)

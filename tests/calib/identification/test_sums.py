@@ -13,7 +13,7 @@ from calib.identification.information import Information
 from calib.identification.least_squares import estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept
-from calib.identification.rows import Rows
+from calib.identification.rows import RegressorRows
 from calib.identification.sums import Sums, summed
 from calib.preprocessing import prepare
 from logs import Pieces
@@ -66,10 +66,10 @@ def test_a_factor_sees_what_a_gram_matrix_has_lost() -> None:
 def test_sums_do_not_depend_on_portions_or_order(ur5e: Arm, logs: list[Log]) -> None:
     measured = [prepare(log, ur5e, 10.0) for log in logs]
     model = TorqueModel.of_arm(ur5e)
-    rows = Rows(model, measured)
-    weights = reference(Rows(model, measured[:3]))
+    rows = RegressorRows(model, measured)
+    weights = reference(RegressorRows(model, measured[:3]))
     whole = summed(rows, weights)
-    each = [summed(Rows(model, [m]), weights) for m in measured]
+    each = [summed(RegressorRows(model, [m]), weights) for m in measured]
     expected = estimate(model, whole, weights)
     std = np.sqrt(np.diag(expected.covariance))
     ways = [each, each[::-1], [Sums.merged([each[4], each[1]]), each[0], Sums.merged([each[5], each[3], each[2]])]]
@@ -83,7 +83,7 @@ def test_sums_do_not_depend_on_portions_or_order(ur5e: Arm, logs: list[Log]) -> 
 
 def test_sums_survive_a_file(ur5e: Arm, logs: list[Log]) -> None:
     model = TorqueModel.of_arm(ur5e)
-    rows = Rows(model, [prepare(logs[0], ur5e, 10.0)])
+    rows = RegressorRows(model, [prepare(logs[0], ur5e, 10.0)])
     sums = summed(rows, reference(rows))
     again = Sums.of_arrays(sums.arrays())
     assert all(np.array_equal(a, b) for a, b in zip(sums.arrays().values(), again.arrays().values(), strict=True))
