@@ -25,8 +25,7 @@ from logs.log import Log
 from sim.arm import Arm
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
-# Of a joint's structure: with less than this unexplained, what was named there is most of it. For effects of the whole arm, of its joints.
-LEAST_LEFT = 0.4
+LEAST_LEFT = 0.4  # of a joint's structure: with less than this unexplained, what was named there is most of it
 
 
 def diagnose(
@@ -55,7 +54,8 @@ def diagnose(
     progress("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
-    left = {u.joint: u.share for u in odd} | {None: len(odd) / arm.n}
+    # An effect of the whole arm is one of them where most joints have such structure.
+    left = {u.joint: u.share for u in odd} | {None: float(len(odd) > arm.n / 2)}
     kept = [j for j in judged if not odd or (left.get(j.effect.joint, 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
     named = found.best
     while len(kept) < len(named.accepted):
