@@ -28,7 +28,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
     "derivatives": {},
     "excitation": {},
-    "peers": {},
+    "peers": {"minutes": 10.0},
     "logs": {},
     "reading": {"hours": 0.1},
     "kills": {"minutes": 0.5, "count": 20},
@@ -45,7 +45,7 @@ TOPICS: dict[str, dict[str, Any]] = {
 # minutes to half an hour each: run only when named
 SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms", "soak", "ur_load")
 # in slices: a run goes on where the last one ended
-SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "public_arms")
+SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "public_arms", "peers")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),

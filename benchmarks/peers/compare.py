@@ -59,23 +59,24 @@ KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": 
 SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 
 
-def run(seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
-    """Rows of the table, from this run and what earlier ones kept; where the peers are not installed, the rows that say so."""
-    kept = Kept(FOLDER / "peers.jsonl", " ".join(digest(path) for path in HANGS_ON))
+def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
+    """A slice of the cases, then the rows of all that were tried so far; where the peers are not installed, a row that says so."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "peers.jsonl", " ".join([*map(digest, HANGS_ON), str(PYTHON.is_file())]))
     for seconds in lengths:
         for seed in range(seeds):
-            what = f"{seconds:g} {seed} {PYTHON.is_file()}"
-            if what not in kept.found:
-                kept.keep(what, case(seed, seconds))
-    found = {s: [kept.found[f"{s:g} {seed} {PYTHON.is_file()}"] for seed in range(seeds)] for s in lengths}
-    rows = [row for seconds, cases in found.items() for row in accuracy(seconds, cases)] + times(found[lengths[0]])
+            if f"{seconds:g} {seed}" not in kept.found and time.monotonic() < end:
+                kept.keep(f"{seconds:g} {seed}", case(seed, seconds))
+    found = {s: [kept.found[name] for k in range(seeds) if (name := f"{s:g} {k}") in kept.found] for s in lengths}
+    rows = [row for seconds, cases in found.items() if cases for row in accuracy(seconds, cases, seeds)]
+    rows += times(found[lengths[0]])
     if not PYTHON.is_file():
         rows.append(_row("peers", "not installed", note="`make peers` installs figaroh and mujoco.sysid into .venv-peers"))
     return rows
 
 
-def accuracy(seconds: float, cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A row for each tool and each kind of sample: the mean over the seeds, and its 95 % interval (Student)."""
+def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
+    """A row for each tool and each kind of sample: the mean over the seeds so far, and its 95 % interval (Student)."""
     rows = []
     for kind in ("sliding", "reversals"):
         for tool in cases[0]["errors"]:
@@ -83,6 +84,8 @@ def accuracy(seconds: float, cases: list[dict[str, Any]]) -> list[dict[str, Any]
             half = float(stats.t.ppf(0.975, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x))) if len(x) > 1 else np.nan
             ours = np.array([case["errors"][OURS][kind] for case in cases])
             worse = "" if tool in (OURS, "nominal arm") else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
+            if len(x) < seeds:
+                worse = f"{len(x)} of {seeds} seeds so far{'; ' * bool(worse)}{worse}"
             value = f"{x.mean():.2f} ± {half:.2f}"
             rows.append(_row(f"{seconds:g} s log, {kind}: {tool}", value, "%", BARS.get((seconds, tool), ""), worse))
     return rows
