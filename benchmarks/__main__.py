@@ -43,7 +43,18 @@ TOPICS: dict[str, dict[str, Any]] = {
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named
-SLOW = ("coverage", "clean_mock", "guided", "faults", "wrong_commands", "hostile_commands", "public_arms", "soak", "ur_load")
+SLOW = (
+    "tracking",
+    "coverage",
+    "clean_mock",
+    "guided",
+    "faults",
+    "wrong_commands",
+    "hostile_commands",
+    "public_arms",
+    "soak",
+    "ur_load",
+)
 # in slices: a run goes on where the last one ended
 SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "public_arms", "peers")
 # what a topic measures; all packages, if not here

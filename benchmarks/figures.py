@@ -111,6 +111,7 @@ TITLES = {
     "can": "CAN servo arms over the bus",
     "servo_scan": "Finding drives on a bus",
     "peers": "Beside other libraries",
+    "tracking": "Under control, before and after calibration",
     "logs": "Recording",
     "hostile": "Files made to do harm",
     "clocks": "Clocks",

@@ -16,8 +16,10 @@ import numpy as np
 import tomli_w
 
 from calib.claims.diagnosis_sentences import quantity
+from calib.tracking import Tracking, tracked
 from drivers.preflight import GRAVITY_TOLERANCE
-from sim.arm import Arm, ArmEffect
+from safety.plan import load_plan
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell
 from sim.effects import checked, effect_named, with_effect
 from sim.prediction import predict
@@ -73,6 +75,15 @@ def hide(arm: Arm, home: np.ndarray, seed: int) -> ArmEffect:
         hidden = checked(arm, ArmEffect(name, None if name in WHOLE_ARM else arm.joint_names[joint], parameters))
         if np.all(np.abs(torque_at_rest(arm, home, hidden)) <= UNSEEN_AT_REST * GRAVITY_TOLERANCE * arm.tau_max):
             return hidden
+
+
+def under_control(arm: Arm, hidden: ArmEffect, folder: Path, diagnosis: Mapping[str, Any]) -> dict[str, Tracking]:
+    """The arm with what is hidden follows the validation motion, its controller knowing the nominal arm, the calibrated one, or the truth."""
+    place = folder / "diagnosis" / str(diagnosis["arm_out"]) if diagnosis.get("arm_out") else folder / "fit" / "arm"
+    truth = with_effect(arm, hidden)
+    motion = next(m.trajectory for m in load_plan(folder / "plan").motions if m.name == "validation")
+    models = {"nominal": arm, "calibrated": load_arm(str(place)), "the truth itself": truth}
+    return {name: tracked(truth, model, arm, motion) for name, model in models.items()}
 
 
 def torque_at_rest(arm: Arm, home: np.ndarray, hidden: ArmEffect) -> np.ndarray:

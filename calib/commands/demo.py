@@ -69,13 +69,16 @@ def command(
     report = folder / "diagnosis" / "report.html"
     found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
     revealed = demo.reveal(hidden, found)
+    followed = demo.under_control(arm, hidden, folder, found)
+    tracking = {name: t.as_dict() for name, t in followed.items()}
+    (folder / "tracking.json").write_text(json.dumps({"schema": "tracking/1", **tracking}) + "\n", encoding="utf-8")
     seconds = time.monotonic() - began
     conclude(f"seed {seed}, {hidden.effect} hidden: {revealed.sentence}")
     if as_json:
         console.print_json(
             {
                 "schema": "demo/1", "seed": seed, "hidden": hidden, "found": found["effects"], "right": revealed.right,
-                "seconds": seconds, "report": report,
+                "tracking": tracking, "seconds": seconds, "report": report,
             }
         )  # fmt: skip
         return
@@ -84,6 +87,13 @@ def command(
     )
     console.table(["effect", "joint", "parameter", "hidden", "found"], revealed.rows)
     console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
+    console.say(
+        "\nWhat it is good for: the arm follows the validation motion under the torque of a model, with a weak feedback."
+    )
+    console.table(
+        ["model in the controller", "tracking error RMS [mrad]", "largest of a joint [mrad]", "feedback torque RMS [N m]"],
+        [[name, 1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))] for name, t in followed.items()],
+    )
     console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")
     console.say(f"The same again: calib demo --seed {seed}")
     console.say("The report, for a browser:")

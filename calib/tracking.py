@@ -1,0 +1,71 @@
+"""How well an arm follows a motion when its controller knows a model: the mock under computed torque, before and after calibration.
+
+tau = tau_model(q_d, dq_d, ddq_d) + K_p (q_d - q) + K_d (dq_d - dq): the model's torque along the wanted motion, and a weak feedback that
+is the same for every model, of OMEGA rad/s by the mass that each joint carries. What the model lacks, the feedback has to supply, by an
+error that is in proportion (B. Siciliano et al., Robotics, 2009, section 8.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.effects import effect_named
+from sim.effects.effect import Stage
+from sim.plant import Plant
+from sim.prediction import predict
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+
+OMEGA = 2 * np.pi * 2.0
+DAMPING = 0.9
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """error (n,) rad, RMS of the tracking error; feedback (n,) N m, RMS of the torque that the model did not supply; torque (n,) N m, of all."""
+
+    error: np.ndarray
+    feedback: np.ndarray
+    torque: np.ndarray
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, with the RMS over all joints in mrad."""
+        return {
+            "error_mrad": 1e3 * self.rms, "error_rad": self.error.tolist(), "feedback_Nm": self.feedback.tolist(), "torque_Nm": self.torque.tolist(),
+        }  # fmt: skip
+
+    @property
+    def rms(self) -> float:
+        """rad, over all joints."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+
+def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory, seed: int = 0) -> Tracking:
+    """`truth` on the mock follows the motion with the torque of `model`; the gains are those of `nominal`. ValueError where it diverges."""
+    plant = Plant(truth, drive=nominal, seed=seed)
+    plant.reset(motion.q[0])
+    supplied = predict(moved_by(model), motion)
+    rotor = [e.parameters["inertia"] if (e := nominal.effect("rotor_inertia", j)) else 0.0 for j in nominal.joint_names]
+    bodies, period = RigidBody(nominal), float(motion.t[1] - motion.t[0])
+    error, feedback = np.empty_like(motion.q), np.empty_like(motion.q)
+    for k, (q, dq) in enumerate(zip(motion.q, motion.dq, strict=True)):
+        carried = np.diag(bodies.mass_matrix(q)) + rotor
+        kp, kd = OMEGA**2 * carried, 2 * DAMPING * OMEGA * carried
+        state = plant.read()
+        error[k] = q - state.q
+        feedback[k] = kp * error[k] + kd * (dq - state.dq)
+        plant.command(q, dq, supplied[k], kp, kd)
+        plant.advance(period)
+    if not plant.stable:
+        raise ValueError(f"{truth.name}: the simulation diverged under the torque of {model.name}")
+    rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (error, feedback, supplied + feedback)]
+    return Tracking(*rms)
+
+
+def moved_by(arm: Arm) -> Arm:
+    """The arm without what only its torque readings have: a gain or an offset of those moves nothing."""
+    return replace(arm, effects=tuple(e for e in arm.effects if effect_named(e.effect).stage < Stage.SENSOR))
