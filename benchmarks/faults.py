@@ -155,8 +155,8 @@ TROUBLES = (
     Trouble("stall of 5 ms", stalled(0.005), "no stop: within 3.5 periods", stops=False),
     Trouble("stall of 50 ms", stalled(0.05)),
     Trouble("stall of 500 ms", stalled(0.5)),
-    Trouble("contact with a hidden box", nothing, f"a box of {BOX:g} m, met by a face; seen by the residual of torque", plant=with_hidden_box, twin=without_box),
-    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises", plant=with_load, twin=with_load, payload=LOAD),
+    Trouble("contact with a hidden box", nothing, f"a box of {BOX:g} m, met by a face; seen by the residual of torque; what holds against a push is the angle of each joint, stop and room", plant=with_hidden_box, twin=without_box, pushed=True),
+    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises, and while the shoulder turns round its friction may hide that", plant=with_load, twin=with_load, payload=LOAD),
 )  # fmt: skip
 CELL = "mock-ur10e"
 # what the outcome of a run hangs on
@@ -205,7 +205,8 @@ def rows(trouble: Trouble, runs: list[Run], wanted: int) -> list[dict[str, Any]]
     )
     note += f"; at most {np.degrees(max(r.beyond for r in stops)):.2f} deg beyond the commanded stop"
     what = f"{trouble.name}: reaction p50/p99.9, angle p50/max, stop angle / verified, beside the path / verified room, time"
-    return [{"what": what, "value": value, "bar": "<= 2 readings; <= 1; <= 1", "note": note}]
+    bar = "<= 2 readings; <= 1" if trouble.pushed else "<= 2 readings; <= 1; <= 1"
+    return [{"what": what, "value": value, "bar": bar, "note": note}]
 
 
 def spread(counts: list[int]) -> str:

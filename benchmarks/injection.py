@@ -19,7 +19,6 @@ from safety.collision import Clearance
 from safety.guard import STANDSTILL, Guard
 from safety.monitor import SIGMAS
 from safety.stopping import stop_from
-from safety.sudden import LATE
 from sim.arm import Arm
 from sim.cell import Cell, PayloadTable
 from sim.clock import SimulatedClock
@@ -99,6 +98,8 @@ class Trouble:
     twin: Twin | None = None
     moving: float = 0.2
     payload: PayloadTable | None = None
+    # something outside pushes the arm: how far beside its path is no figure of the tube
+    pushed: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Run:
 
     angle rad: the farthest that a joint really turned from its last good reading on. share: that from the last planned command on, over
     what was proved from there, the angle of the stop and the room beside it; alone: over the angle of the stop alone, of joints that turn
-    by more than TURNS; beyond rad: how far it went beyond that. beside: how far the plant was beside the path that was commanded within the last LATE s, over the room that was proved there.
+    by more than TURNS; beyond rad: how far it went beyond that. beside: how far the plant was beside every point that was commanded, over the room that was proved there.
     """
 
     reaction: int | None = None
@@ -240,18 +241,18 @@ def last_planned(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]
 
 
 def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int) -> float:
-    """The largest distance, any joint, of the plant from the path that was commanded in the last LATE s, over the room proved there."""
-    room, late = float(cleared.room[planned]), round(LATE * RATE)
+    """How far the plant was beside every point that was commanded, over the room that was proved there; the least of all points, the worst of all readings.
+
+    The path and its stop are proved as places, whenever the arm is there: one that is held back stands on the way that it came.
+    """
     commanded = np.array([q for _, q in driver.sent])
+    room = np.array([cleared.room[min(k, planned)] for k in range(len(commanded))])
     share = np.linspace(0, 1, 5)[:-1, None, None]
     dense = (commanded[:-1] + share * np.diff(commanded, axis=0)).transpose(1, 0, 2).reshape(-1, commanded.shape[1])
+    room = np.append(np.repeat(np.minimum(room[:-1], room[1:]), 4), room[-1])
     dense = np.vstack((dense, commanded[-1:]))
-    worst = 0.0
-    for read in range(first - 1, len(driver.true)):
-        behind = np.searchsorted([reads for reads, _ in driver.sent], read + 1, side="left")
-        path = dense[4 * max(0, behind - 1 - late) : 4 * behind + 1]
-        worst = max(worst, float(np.min(np.max(np.abs(driver.true[read][1] - path), axis=1))))
-    return worst / room
+    seen = (np.max(np.abs(q - dense), axis=1) / room for _, q, _ in driver.true[first - 1 :])
+    return float(max(np.min(at) for at in seen))
 
 
 def first_visible(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:

@@ -1,6 +1,7 @@
 """Does the arm do what it was commanded? Checked at every reading; every rule is written so that NaN breaks it.
 
-Values that a device does not report (NaN in its first reading) are not required; once reported, they must go on being reported.
+RULES names what is looked at, in that order; `safety.cycle` has the numbers of each. Values that a device does not report (NaN in its
+first reading) are not required; once reported, they must go on being reported.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safety.collision import GJK, Clearance
-from safety.readings import Readings
+from safety.cycle import ARM, NONE, NUMBERS, ROWS, WINDOW, Of, Row, clear_swing, cycle, take_torque
+from safety.looks import nearest, to_look_at
 from safety.sudden import LATE, blend
 from safety.trip import Trip
 from sim.arm import Arm
@@ -37,9 +39,56 @@ FROZEN = 10
 # a position that stays although the joint was commanded to turn by more than its grain, and says that it does, is frozen sooner: by then its
 # reading is too old. A joint that sticks where it was commanded to end or to turn back is not: a speed made of positions shows that late.
 FROZEN_LEAST = 3
-WINDOW = 5
 # pairs whose distance is looked at in every cycle, whether or not they may be near by now
 LOOKS = 2
+# Do the readings agree with each other? A sensor that goes on talking but no longer measures is found by what it should agree with.
+# s over which a speed is compared with the position, and a torque may stay the same; found within that
+SPAN = 0.25
+# s by which a reported speed may lag behind (a drive's filter), and what it may be off by all the time, share of dq_max
+LAG = 0.02
+BIAS = 0.01
+# standard deviations of its noise by which the expected torque must have moved for a still one to be frozen
+CHANGED = 3.0
+# s over which a torque must follow the motion; found within twice that. Of the swing that must be seen, the share that is
+SWING = 1.0
+FOLLOWS = 0.25
+# s: of each, the earliest arrival of a reading, which no delay makes earlier; a rate that is off by 0.2 % is found within 4 s
+BLOCK = 1.0
+# quartz clocks are within 100 parts in a million of each other (IEC 60679-1 classes); what a busy computer delays is seldom missed in a block
+DRIFT = 5e-4
+JITTER = 3e-3
+
+
+class Rule(NamedTuple):
+    """What is looked at, the unit, and what to look for where it is broken."""
+
+    quantity: str
+    unit: str
+    remedy: str
+
+
+# in the order of `safety.cycle.cycle`
+RULES = (
+    Rule("reading", "", "check the driver"),
+    Rule("device time between readings", "s", "readings are stale or lost: check cable, network and load of the computer"),
+    Rule("age of the reading", "s", "this computer is late: stop other work on it"),
+    Rule("temperature", "degC", "let the arm cool down"),
+    Rule("jump of the position between two readings", "rad", "check the encoder"),
+    Rule("position", "rad", "move the joint back by the device's own controls"),
+    Rule("speed", "rad/s", "plan a slower motion"),
+    Rule("following error", "rad", "look for contact, a wrong payload or a brake; plan a slower motion if there is none"),
+    Rule("readings with the same position at speed", "", "the encoder's value is frozen: check its cable"),
+    Rule("speed against change of position", "rad/s", "check sign, unit and gear ratio of the encoder"),
+    Rule("torque beside expectation", "N m", "look for contact or a wrong payload"),
+    Rule("sudden change of torque beside expectation", "N m", "look for contact or a lost payload"),
+    Rule(f"turned within {SPAN:g} s against the reported speed", "rad",
+         "the speed that the device reports is not that of its encoder: check sensor, unit and sign"),
+    Rule("readings with the very same torque in motion", "", "the torque is frozen: check the drive's current sensor"),
+    Rule(f"swing of the torque within {SWING:g} s, for one of {{:.4g}} N m that the motion takes,", "N m",
+         "the torque does not follow the motion: check the sensor"),
+    Rule("the device's clock against this computer's,", "s",
+         "one of the clocks runs at a wrong rate or jumped: check time synchronisation, and the rate that the device states"),
+)  # fmt: skip
 
 
 class Expected(NamedTuple):
@@ -58,40 +107,70 @@ class Monitor:
         self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float = 0.0
     ) -> None:
         n = arm.n
-        self.arm, self._period = arm, 1.0 / rate
-        self._late = max(PERIODS * self._period, latency + self._period)
-        noise = np.array(arm.sensors.velocity_noise)
-        self._q_lo, self._q_hi = arm.q_min - Q_OVER, arm.q_max + Q_OVER
-        self._dq_hi = arm.dq_max + DQ_OVER + SIGMAS * noise
-        self._jump = 1.5 * arm.dq_max
-        self._grain = 10 * arm.sensors.encoder_resolution + 1e-4
-        self._room = self._most = cell.table.motion.following_error_max
-        self._dq_doubt = 0.1 * arm.dq_max + 0.04 * arm.ddq_max + SIGMAS * noise
-        self._moving = np.maximum(0.02, 8 * noise)
-        torque_noise = SIGMAS * np.array(arm.sensors.torque_noise)
-        self._residual = RESIDUAL * arm.tau_max + torque_noise
-        self._step = RESIDUAL_STEP * arm.tau_max + TWO_READINGS * torque_noise
-        self._blend = blend(rate)
+        self.arm, self._n, self._most = arm, n, cell.table.motion.following_error_max
+        self._row, self._number, self._out = np.zeros((ROWS, n)), np.zeros(NUMBERS), np.zeros(3)
+        self._path = np.zeros((max(2, round(LATE * rate)), 2 * n + 1))
+        self._path[:, :n] = first.q
+        self._window, self._speeds = np.zeros((WINDOW, n + 1)), np.zeros((WINDOW, n))
+        self._span = np.zeros((max(4, round(SPAN * rate)), 3 * n + 1))
+        self._begin(arm, rate, first, latency)
         self._clearance = clearance
         # how far each pair was, at which posture: it cannot be nearer now than that less reach times what was turned since
         self._seen_q = np.tile(first.q, (len(clearance.pairs), 1))
         self._seen = np.zeros(len(clearance.pairs))
-        self._least = clearance.margin - GJK
-        self._has_tau = np.isfinite(self._torque(first))
-        self._has_temperature = np.isfinite(first.temperature)
-        self._n, self._count = n, 0
-        self._last, self._paused = first, False
-        self._frozen, self._commanded_turn, self._q_cmd = np.zeros(n, dtype=int), np.zeros(n), first.q.copy()
-        self._path_end = first.q.copy()
-        self._window: list[JointState] = []
-        self._speeds = np.zeros((WINDOW, n))
-        self._slow: np.ndarray | None = None
-        self._inside = np.ones(n, dtype=bool)
-        # the last LATE s of the commanded path: where each step of it began, the step, and one over its square
-        count = max(2, round(LATE * rate))
-        self._from, self._steps, self._per = np.tile(first.q, (count, 1)), np.zeros((count, n)), np.zeros(count)
-        self._reading = Readings(arm, rate, first, self._has_tau)
-        self.worst = {"following error": np.zeros(n), "residual": np.zeros(n)}
+        self._least, self._reach = clearance.margin - GJK, np.ascontiguousarray(clearance.reach)
+        self._asked = np.zeros(len(clearance.pairs), dtype=np.int64)
+        self._compile()
+
+    def _begin(self, arm: Arm, rate: float, first: JointState, latency: float) -> None:
+        r, x, period = self._row, self._number, 1.0 / rate
+        noise, torque_noise = np.array(arm.sensors.velocity_noise), np.array(arm.sensors.torque_noise)
+        r[Row.TAU], r[Row.CURRENT], r[Row.CONSTANT] = first.tau, first.current, np.nan
+        if arm.torque_constant is not None:
+            x[Of.ANY_CONSTANT], r[Row.CONSTANT] = 1.0, arm.torque_constant
+            take_torque(r)
+        has_tau, has_temperature = np.isfinite(r[Row.TAU]), np.isfinite(first.temperature)
+        r[Row.Q_LO], r[Row.Q_HI] = arm.q_min - Q_OVER, arm.q_max + Q_OVER
+        r[Row.DQ_HI] = arm.dq_max + DQ_OVER + SIGMAS * noise
+        r[Row.JUMP] = 1.5 * arm.dq_max
+        r[Row.DQ_DOUBT] = 0.1 * arm.dq_max + 0.04 * arm.ddq_max + SIGMAS * noise
+        r[Row.MOVING] = np.maximum(0.02, 8 * noise)
+        r[Row.RESIDUAL] = RESIDUAL * arm.tau_max + SIGMAS * torque_noise
+        r[Row.STEP] = RESIDUAL_STEP * arm.tau_max + TWO_READINGS * (SIGMAS * torque_noise)
+        r[Row.TAU_MAX], r[Row.HAS_TAU], r[Row.HAS_TEMPERATURE], r[Row.NOISE] = (
+            arm.tau_max,
+            has_tau,
+            has_temperature,
+            torque_noise,
+        )
+        r[Row.TURNED_ALLOWED] = (
+            10 * arm.sensors.encoder_resolution + 1e-4 + SPAN * BIAS * arm.dq_max + SIGMAS * noise * SPAN / np.sqrt(len(self._span))
+        )  # fmt: skip
+        r[Row.LAST_Q] = r[Row.PATH_END] = r[Row.LAST_CMD] = first.q
+        r[Row.INSIDE], r[Row.LAST_TAU] = 1.0, np.nan
+        x[Of.PERIOD], x[Of.LATE], x[Of.PAUSE_MAX] = period, max(PERIODS * period, latency + period), PAUSE_MAX
+        x[Of.GRAIN] = 10 * arm.sensors.encoder_resolution + 1e-4
+        x[Of.TEMPERATURE_MIN], x[Of.TEMPERATURE_MAX] = TEMPERATURE_MIN, TEMPERATURE_MAX
+        x[Of.FROZEN_LEAST], x[Of.FROZEN_MOST], x[Of.BLEND], x[Of.SPIKE] = FROZEN_LEAST, FROZEN, blend(rate), SPIKE
+        x[Of.LAG], x[Of.CHANGED], x[Of.SIGMAS] = LAG, CHANGED, SIGMAS
+        x[Of.SWING_ROWS], x[Of.FOLLOWS] = max(8, round(SWING * rate)), FOLLOWS
+        x[Of.BLOCK], x[Of.DRIFT], x[Of.JITTER] = BLOCK, DRIFT, JITTER
+        x[Of.ANY_TAU] = has_tau.any()
+        x[Of.ROOM], x[Of.LAST_T] = self._most, first.t_device
+        x[Of.BLOCK_END], x[Of.BLOCK_LEAST] = first.t_device + BLOCK, np.inf
+        clear_swing(r, x)
+
+    def _compile(self) -> None:
+        """Once before anything moves, on copies: compiling takes seconds."""
+        cycle(*(a.copy() for a in (self._row, self._number, self._path, self._window, self._speeds, self._span, self._out)))
+        q, least = self._row[Row.LAST_Q].copy(), self._least
+        to_look_at(q, self._seen, self._seen_q, self._reach, least, 0, LOOKS, self._asked)
+        nearest(q, np.zeros(0), self._asked, self._seen, self._seen_q, least)
+
+    @property
+    def worst(self) -> dict[str, np.ndarray]:
+        """The largest following error (n,) rad, and residual of torque (n,) as a share of tau_max, so far."""
+        return {"following error": self._row[Row.WORST_ERROR], "residual": self._row[Row.WORST_RESIDUAL]}
 
     def check(
         self,
@@ -104,155 +183,64 @@ class Monitor:
 
         now s on the host's clock; q_cmd (n,) rad the last command; expected: the torque that it should take, None while the arm stands.
         """
+        r, x = self._row, self._number
         if expected is not None:
-            self._room = min(self._most, expected.room)
-        trip = (
-            self._check_device(state, now)
-            or self._check_motion(state, q_cmd)
-            or self._check_feedback(state, q_cmd)
-            or self._check_torque(state, expected)
-            or self._reading.check(state, self._torque(state), *(expected[:2] if expected else (None, None)))
-            or self._check_clearance(state)
-        )
-        self._count += 1
-        self._last, self._paused = state, False
+            x[Of.ROOM] = min(self._most, expected.room)
+            r[Row.TAU_HAT], r[Row.DOUBT], r[Row.SUDDEN] = expected.tau_hat, expected.doubt, expected.sudden
+        x[Of.EXPECTED] = expected is not None
+        trip = self._check_device(state)
+        if trip is None:
+            r[Row.Q], r[Row.DQ], r[Row.TAU], r[Row.CURRENT], r[Row.TEMPERATURE] = (
+                state.q,
+                state.dq,
+                state.tau,
+                state.current,
+                state.temperature,
+            )
+            r[Row.Q_CMD], x[Of.T], x[Of.T_DEVICE], x[Of.NOW] = q_cmd, state.t, state.t_device, now
+            rule, joint = cycle(r, x, self._path, self._window, self._speeds, self._span, self._out)
+            trip = self._broken(rule, joint) if joint != NONE else self._check_clearance(r[Row.Q])
+        x[Of.COUNT] += 1
+        if state.n == self._n:
+            r[Row.LAST_Q], x[Of.LAST_T] = state.q, state.t_device
+        x[Of.PAUSED] = 0.0
         return trip
 
     def pause(self) -> None:
         """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
-        self._paused, self._slow = True, None
-        self._reading.pause()
+        x = self._number
+        x[Of.PAUSED], x[Of.SLOW_BEGUN], x[Of.SPAN_COUNT] = 1.0, 0.0, 0.0
+        self._row[Row.SAME] = 0.0
+        clear_swing(self._row, x)
 
-    def _check_device(self, state: JointState, now: float) -> Trip | None:
+    def _check_device(self, state: JointState) -> Trip | None:
         if state.status is not Status.RUNNING:
             status = f"{state.status.value}{': ' + state.detail if state.detail else ''}"
             return Trip("device status", status, Status.RUNNING.value, "", "find the cause at the device before anything else")
-        if not (state.n == self._n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
-            return self._trip(
-                "reading", ~np.isfinite(state.q + state.dq) if state.n == self._n else None, "not a number", "finite", ""
-            )
-        step = state.t_device - self._last.t_device
-        if not 0 < step <= (PAUSE_MAX if self._paused else self._late):
-            return Trip("device time between readings", float(step), self._late, "s",
-                        "readings are stale or lost: check cable, network and load of the computer")  # fmt: skip
-        age = now - state.t
-        if not -self._period <= age <= self._late:
-            return Trip("age of the reading", float(age), self._late, "s", "this computer is late: stop other work on it")
-        if self._has_temperature.any():
-            fine = (state.temperature >= TEMPERATURE_MIN) & (state.temperature <= TEMPERATURE_MAX) | ~self._has_temperature
-            if not fine.all():
-                return self._trip("temperature", ~fine, state.temperature, TEMPERATURE_MAX, "degC", "let the arm cool down")
+        if state.n != self._n:
+            return Trip("reading", "not a number", "finite", "", RULES[0].remedy)
         return None
 
-    def _check_motion(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
-        q, dq = state.q, state.dq
-        moved = np.abs(q - self._last.q)
-        allowed = self._jump * min(state.t_device - self._last.t_device, self._late) + self._grain
-        if not (moved <= allowed).all():
-            return self._trip(
-                "jump of the position between two readings", ~(moved <= allowed), moved, allowed, "rad", "check the encoder"
-            )
-        inside = (self._q_lo <= q) & (q <= self._q_hi)
-        if not inside.all():
-            limit = np.where(q > 0, self._q_hi, self._q_lo)
-            return self._trip("position", ~inside, q, limit, "rad", "move the joint back by the device's own controls")
-        fast = np.abs(dq)
-        if not (fast <= self._dq_hi).all():
-            return self._trip("speed", ~(fast <= self._dq_hi), fast, self._dq_hi, "rad/s", "plan a slower motion")
-        error = self._beside(q, q_cmd)
-        np.fmax(self.worst["following error"], error, out=self.worst["following error"])
-        if not (error <= self._room).all():
-            return self._trip("following error", ~(error <= self._room), error, np.full(self._n, self._room), "rad",
-                              "look for contact, a wrong payload or a brake; plan a slower motion if there is none")  # fmt: skip
-        return None
+    def _broken(self, rule: int, joint: int) -> Trip:
+        quantity, unit, remedy = RULES[rule]
+        value, limit, more = (float(number) for number in self._out)
+        name = None if joint == ARM else self.arm.joint_names[joint]
+        if rule == 0:
+            return Trip(quantity, "not a number", "finite", unit, remedy, name)
+        return Trip(quantity.format(more), value, limit, unit, remedy, name)
 
-    def _beside(self, q: np.ndarray, q_cmd: np.ndarray) -> np.ndarray:
-        """(n,) rad beside the point of the path of the last LATE s from which the joint that is farthest from it is least far."""
-        row = self._count % len(self._per)
-        step = q_cmd - self._path_end
-        square = float(step @ step)
-        self._from[row], self._steps[row], self._per[row] = self._path_end, step, 1.0 / square if square > 0 else 0.0
-        self._path_end = q_cmd.copy()
-        since = q - self._from
-        share = np.minimum(np.maximum(np.einsum("kj,kj->k", since, self._steps) * self._per, 0.0), 1.0)
-        beside = np.abs(since - share[:, None] * self._steps)
-        return np.asarray(beside[int(np.argmin(np.maximum.reduce(beside, axis=1)))])
-
-    def _check_feedback(self, state: JointState, q_cmd: np.ndarray) -> Trip | None:
-        stuck = (state.q == self._last.q) & (np.abs(state.dq) > self._moving)
-        self._frozen = (self._frozen + 1) * stuck
-        self._commanded_turn, self._q_cmd = (self._commanded_turn + np.abs(q_cmd - self._q_cmd)) * stuck, q_cmd.copy()
-        if not (self._frozen < FROZEN_LEAST).all():
-            turned = np.minimum(self._frozen * np.abs(state.dq) * self._period, self._commanded_turn)
-            within_grain = turned <= self._grain
-            fine = (self._frozen < FROZEN_LEAST) | (self._frozen < FROZEN) & within_grain
-            if not fine.all():
-                return self._trip("readings with the same position at speed", ~fine, self._frozen.astype(float),
-                                  np.where(within_grain, float(FROZEN), float(FROZEN_LEAST)), "",
-                                  "the encoder's value is frozen: check its cable")  # fmt: skip
-        self._window.append(state)
-        self._speeds[self._count % WINDOW] = state.dq
-        if len(self._window) > WINDOW:
-            old = self._window.pop(0)
-            mean = np.add.reduce(self._speeds) / WINDOW
-            off = np.abs((state.q - old.q) / (state.t_device - old.t_device) - mean)
-            if not (off <= self._dq_doubt).all():
-                return self._trip("speed against change of position", ~(off <= self._dq_doubt), off, self._dq_doubt, "rad/s",
-                                  "check sign, unit and gear ratio of the encoder")  # fmt: skip
-        return None
-
-    def _check_torque(self, state: JointState, expected: Expected | None) -> Trip | None:
-        if expected is None or not self._has_tau.any():
-            return None
-        tau_hat, doubt, sudden, _ = expected
-        residual = np.where(self._has_tau, self._torque(state) - tau_hat, 0.0)
-        size, band = np.abs(residual), self._residual + doubt
-        np.fmax(self.worst["residual"], size / self.arm.tau_max, out=self.worst["residual"])
-        if not (size <= band).all():
-            return self._trip(
-                "torque beside expectation", ~(size <= band), size, band, "N m", "look for contact or a wrong payload"
-            )
-        if self._slow is None:
-            self._slow = residual.copy()
-        self._slow = self._slow + self._blend * (residual - self._slow)
-        change, allowed = np.abs(residual - self._slow), self._step + sudden
-        inside, before = change <= allowed, self._inside
-        alone = np.count_nonzero(inside) >= self._n - 1
-        fine = (inside | before & alone) & (change <= SPIKE * allowed)
-        self._inside = inside
-        if not fine.all():
-            return self._trip("sudden change of torque beside expectation", ~fine, change, allowed, "N m",
-                              "look for contact or a lost payload")  # fmt: skip
-        return None
-
-    def _check_clearance(self, state: JointState) -> Trip | None:
+    def _check_clearance(self, q: np.ndarray) -> Trip | None:
         """Every pair in every cycle: those that may be too near since their distance was last looked at are looked at again."""
         count = len(self._seen)
         if not count:
             return None
-        bound = self._seen - np.einsum("kj,kj->k", self._clearance.reach, np.abs(state.q - self._seen_q))
-        ask = np.flatnonzero(~(bound >= self._least)).tolist()
-        ask += [p for p in {(self._count * LOOKS + i) % count for i in range(LOOKS)} if p not in ask]
-        found = self._clearance.distances(state.q, ask)
-        self._seen[ask], self._seen_q[ask] = found, state.q
-        spare = found - self._least[ask]
-        if not (spare >= 0).all():
-            k = int(np.argmin(spare))
+        turn = int(self._number[Of.COUNT])
+        near = to_look_at(q, self._seen, self._seen_q, self._reach, self._least, turn, LOOKS, self._asked)
+        ask = self._asked[:near].tolist()
+        found = self._clearance.distances(q, ask)
+        k = nearest(q, found, self._asked, self._seen, self._seen_q, self._least)
+        if k >= 0:
             p = ask[k]
             return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(found[k]), float(self._clearance.margin[p]), "m",
                         "the arm is not where it was sent: look for a following error or a wrong model")  # fmt: skip
         return None
-
-    def _torque(self, state: JointState) -> np.ndarray:
-        """Measured torque (n,) N m; from the current where only that is reported, NaN where neither is."""
-        if self.arm.torque_constant is None:
-            return state.tau
-        return np.where(np.isfinite(state.tau), state.tau, self.arm.torque_constant * state.current)
-
-    def _trip(
-        self, quantity: str, broken: np.ndarray | None, value: np.ndarray | str, limit: np.ndarray | float | str, unit: str,
-        remedy: str = "check the driver",
-    ) -> Trip:  # fmt: skip
-        j = None if broken is None or not broken.any() else int(np.argmax(broken))
-        at, most = (float(x[j]) if isinstance(x, np.ndarray) and j is not None else x for x in (value, limit))
-        return Trip(quantity, at, most, unit, remedy, None if j is None else self.arm.joint_names[j])  # type: ignore[arg-type]

@@ -28,6 +28,16 @@ def way_in_one_direction(dq: Interval, creep: float, ddq_max: np.ndarray) -> tup
     return slowest**2 / (2 * ddq_max), np.where(slowest > 0, np.sign(dq.lo), 0.0)
 
 
+def way_along(q: np.ndarray, dq: np.ndarray, creep: float) -> np.ndarray:
+    """(N, k) rad that each joint has moved along a path since it was last slower than `creep` or turned round; q rad, dq rad/s (N, k)."""
+    far = np.zeros_like(q)
+    np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=far[1:])
+    turns = np.abs(dq) <= creep
+    turns[0] = True
+    turns[1:] |= np.sign(dq[1:]) != np.sign(dq[:-1])
+    return np.asarray(far - np.maximum.accumulate(np.where(turns, far, 0.0), axis=0))
+
+
 def slip_bounds(way: np.ndarray, direction: np.ndarray, widths: np.ndarray, coefficients: np.ndarray) -> Interval:
     """(C,) sum_w a_w z_w of one joint after `way` (C,) rad in `direction` (C,), whatever was before; widths, coefficients (W,)."""
     settled, open_ = _tables(tuple(widths.tolist()), tuple(coefficients.tolist()))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.interval import Interval
-from sim.slip_bounds import one_slip, slip_bounds, way_in_one_direction
+from sim.slip_bounds import one_slip, slip_bounds, way_along, way_in_one_direction
 
 # what an effect knows of its parameters, each (k,), for the k joints that have it
 Known = Mapping[str, Interval]
@@ -100,5 +100,8 @@ class TorqueBox:
 
     def _way(self) -> tuple[np.ndarray, np.ndarray]:
         if self._ways is None:
-            self._ways = way_in_one_direction(self.dq, CREEP, self.ddq_max)
+            way, direction = way_in_one_direction(self.dq, CREEP, self.ddq_max)
+            if self.t is not None:
+                way = np.maximum(way, way_along(self.q.middle, self.dq.middle, CREEP))
+            self._ways = way, direction
         return self._ways

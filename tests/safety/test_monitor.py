@@ -151,6 +151,14 @@ def test_following_error(monitor: Monitor, error: float, trips: str | None) -> N
         assert monitor.worst["following error"][1] == pytest.approx(error)
 
 
+def test_a_command_that_is_not_a_number_is_a_following_error(monitor: Monitor) -> None:
+    command = HOME.copy()
+    command[2] = np.nan
+    found = monitor.check(state_at(1), PERIOD, command)
+    assert found is not None
+    assert (found.quantity, found.joint) == ("following error", "j3")
+
+
 @pytest.mark.parametrize(("speed", "reading"), [(0.021, 5), (0.09, 3), (-0.5, 3)])
 def test_a_frozen_encoder_trips_as_soon_as_the_joint_has_turned_by_more_than_its_grain(
     monitor: Monitor, speed: float, reading: int

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
+from safety.cycle import Of
 from safety.monitor import DQ_OVER, Q_OVER, Expected, Monitor
 from safety.trip import Trip
 from sim.arm import Arm
@@ -140,8 +141,8 @@ def test_a_pair_that_comes_too_near_is_found_in_the_same_cycle_whichever_pairs_a
     k = int(np.argmin(clearance.distances(low) - clearance.margin))
     for offset in range(len(clearance.pairs)):
         monitor = Monitor(arm, cell, 500.0, clearance, state_at())
-        monitor._count = offset
-        assert monitor._check_clearance(state_at(1)) is None
-        trip = monitor._check_clearance(state_at(2, q=low))
+        monitor._number[Of.COUNT] = offset
+        assert monitor._check_clearance(state_at(1).q) is None
+        trip = monitor._check_clearance(low)
         assert trip is not None
         assert trip.quantity == f"clearance of {' and '.join(clearance.pairs[k])}"
