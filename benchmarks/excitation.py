@@ -42,7 +42,7 @@ def run() -> list[dict[str, Any]]:
     found = optimised(site, best, 8, 0, lambda stage, share: None)
     wall = time.perf_counter() - began
     seconds = sum(s.seconds for s in found.ends)
-    _, kept = cleared_fourier(found.ends[0].motion, site.arm, site.cell, 500.0, 1)
+    _, kept = cleared_fourier(found.ends[0].motion, Room(site.arm, site.cell), 500.0)
     worth = information.worth(coarse(kept))
     share = float(np.linalg.norm(kept.x) / np.linalg.norm(found.ends[0].motion.x))
     rows = [

@@ -34,6 +34,10 @@ from sim.tree import Shape
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
 LOOKS = 400
+# boxes into which one part of a motion is cut at the most
+HALVES = 400
+# of larger boxes, of so many rows at the most, fewer: their rows may be proved one by one
+FEW_HALVES, FEW_ROWS = 48, 128
 # rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
 CALIBRATION = 1e-3
 # distances that a proof for every posture may take
@@ -42,6 +46,8 @@ TURN_DOUBT = 0.06
 # of the room that there is at a box's centre, the share that must be proved before the box is good enough
 SHARE = 0.5
 EXACT = 1e-9
+# bounds lo hi (n,) rad, and the pairs that are looked at in it
+Box = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -227,6 +233,10 @@ class Clearance:
             raise SafetyStop(f"a distance is not a number at q={q.tolist()}; check the sizes of the arm's shapes and obstacles")
         return found
 
+    def needed(self, least: float) -> np.ndarray:
+        """(P,) m that each pair must be apart at a posture, for every joint to be proved `least` rad beside it and the encoders' doubt more."""
+        return np.asarray(self.margin + self._total * (least + self._doubt) + GJK)
+
     def certify(self, sheet: Sheet, what: str, least: float, most: float) -> np.ndarray:
         """(K,) rad: how far every joint may be beside each row of `sheet` with every pair's margin kept, at most `most`.
 
@@ -238,12 +248,11 @@ class Clearance:
 
         def leaf(k: int, m: int, pairs: np.ndarray) -> None:
             parts = sheet.refined(k, m)
-            lo, hi = parts.lo[:, 0], parts.hi[:, 0]
-            for part in range(len(lo)):
-                found, _ = self._room((lo[part] + hi[part]) / 2, (hi[part] - lo[part]) / 2, pairs)
-                if not (found >= least).all():
-                    refuse(sheet.time(k), lo[part], hi[part], pairs[~(found >= least)])
-                room[k] = min(room[k], float(found.min()))
+            for lo, hi in zip(parts.lo[:, 0], parts.hi[:, 0], strict=True):
+                proved, left = self._halved((lo, hi, pairs), least, most, 0.0, HALVES)
+                if left is not None:
+                    refuse(sheet.time(k), *left)
+                room[k] = min(room[k], proved)
 
         def refuse(t: float, lo: np.ndarray, hi: np.ndarray, pairs: np.ndarray) -> None:
             near = self.nearest((lo + hi) / 2, t, pairs)
@@ -269,6 +278,27 @@ class Clearance:
             at = np.where(total > 0, spare / total, inside)
         return inside - self._doubt, at - self._doubt
 
+    def _halved(self, box: Box, least: float, most: float, share: float, halves: int) -> tuple[float, Box | None]:
+        """rad of room in a box, cut in two where it proves too little; and a part that lacks it, or was not reached within `halves` looks."""
+        todo, proved = [box], most
+        for _ in range(halves):
+            if not todo:
+                return proved, None
+            lo, hi, pairs = todo.pop()
+            found, at = self._room((lo + hi) / 2, (hi - lo) / 2, pairs)
+            good = found >= np.maximum(least, np.minimum(most, share * np.clip(at, 0.0, np.pi)))
+            proved = min(proved, float(found[good].min(initial=most)))
+            pairs, at = pairs[~good], at[~good]
+            if not len(pairs):
+                continue
+            if not (at >= least).all():
+                return proved, (lo, hi, pairs)
+            j = int(np.argmax(self.reach[pairs].max(axis=0) * (hi - lo)))
+            below, above = hi.copy(), lo.copy()
+            below[j] = above[j] = (lo[j] + hi[j]) / 2
+            todo += [(lo, below, pairs), (above, hi, pairs)]
+        return proved, todo[-1] if todo else None
+
     def _prove(
         self, sheet: Sheet, room: np.ndarray, least: float, most: float, leaf: Callable[[int, int, np.ndarray], None]
     ) -> None:
@@ -289,6 +319,12 @@ class Clearance:
             pairs = pairs[~proved]
             if not len(pairs):
                 continue
+            if level > 0 and r <= FEW_ROWS and (at[~proved] >= least).all():
+                within, left = self._halved((low, high, pairs), least, most, SHARE, FEW_HALVES)
+                if left is None:
+                    part = room[k * r : (k + 1) * r]
+                    np.minimum(part, within, out=part)
+                    continue
             if level == 0:
                 leaf(k, m, pairs)
                 continue

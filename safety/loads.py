@@ -12,7 +12,7 @@ import numpy as np
 
 from safety.bounds import TorqueBounds, Torques
 from safety.parameters import missing_facts
-from safety.reach import joint_reach, outline, point_speeds
+from safety.reach import Outlines, joint_reach
 from safety.shapes import equipped
 from safety.sheets import Boxes, Sheet
 from safety.torque import POWER_MAX
@@ -26,6 +26,8 @@ from sim.tree import Shape
 # boxes that hold more rows than this prove nothing
 MOST_ROWS = 128
 CHUNK = 4_000
+# rows of a sheet of which one is looked at before a proof is tried
+EVERY = 25
 
 
 class NotEnough(SafetyStop):
@@ -39,10 +41,10 @@ class Loads:
         self.arm = arm = equipped(arm, cell)
         self.cell = cell
         self._body, self._bounds = RigidBody(arm), bounds or TorqueBounds(arm, cell)
-        self._shapes = [
-            (shape, points, radius, joint_reach(arm, shape), _swept(arm, shape))
-            for shape in arm.tree.shapes if shape.link >= 0 for points, radius in [outline(shape)]
-        ]  # fmt: skip
+        self._outlines = Outlines(arm)
+        shapes = self._outlines.shapes
+        self._reach = np.array([joint_reach(arm, shape) for shape in shapes]).reshape(-1, arm.n)
+        self._swept = np.array([_swept(arm, shape) for shape in shapes]).reshape(-1, arm.n, arm.n)
 
     def room(self, sheet: Sheet, what: str, least: float, enough: float, torque: bool = True) -> np.ndarray:
         """(K,) rad: how far every joint may be beside each row, with torque, power and point speed still within their limits.
@@ -78,6 +80,17 @@ class Loads:
                 break
         return room
 
+    def hopeless(self, sheet: Sheet) -> bool:
+        """Whether torque or power are exceeded at the middle of one of some of the sheet's own boxes: then it is not worth a proof."""
+        boxes = sheet.boxes
+        middle = ((boxes.lo + boxes.hi) / 2)[::EVERY].reshape(-1, 3, self.arm.n)
+        for begin in range(0, len(middle), CHUNK):
+            part = middle[begin : begin + CHUNK]
+            torque = self._torque(Boxes(part, part))
+            if not (np.all(torque.most <= torque.limit) and np.all(np.sum(torque.most * torque.speed, axis=1) <= POWER_MAX)):
+                return True
+        return False
+
     def _refined(self, sheet: Sheet, what: str, cells: np.ndarray, least: float, first: int) -> np.ndarray:
         """(C,) the room of some of the sheet's own boxes (C, 2), from their parts."""
         room = []
@@ -102,29 +115,25 @@ class Loads:
                 POWER_MAX - np.sum(torque.most * torque.speed, axis=1), np.sum(torque.steep * torque.speed, axis=1)
             )
         width, fast = (part.hi[:, 0] - part.lo[:, 0]) / 2, np.maximum(np.abs(part.lo[:, 1]), np.abs(part.hi[:, 1]))
-        by_speed = [self._speed_room(s, part, width, fast) for s in self._shapes]
-        return np.column_stack((by_torque, by_power, *by_speed))
+        return np.column_stack((by_torque, by_power, self._speed_room(part, width, fast)))
 
     def _torque(self, part: Boxes) -> Torques:
         q, dq, ddq = (Interval(part.lo[:, k], part.hi[:, k]) for k in range(3))
         return self._bounds.of(q, dq, ddq, steep=True)
 
-    def _speed_room(
-        self, known: tuple[Shape, np.ndarray, float, np.ndarray, np.ndarray], part: Boxes, w_q: np.ndarray, fast: np.ndarray
-    ) -> np.ndarray:
-        """(C,) rad of room that the point speed of one shape leaves."""
-        shape, points, radius, reach, swept = known
+    def _speed_room(self, part: Boxes, w_q: np.ndarray, fast: np.ndarray) -> np.ndarray:
+        """(C, S) rad of room that the point speed of each shape leaves."""
         limit = self.cell.table.motion.point_speed_max
-        crude = fast @ reach
-        out = np.where(crude <= limit, np.inf, -np.inf)
-        ask = np.flatnonzero(~(crude <= limit))
-        if len(ask):
-            q, dq, _ = ((part.lo[ask] + part.hi[ask]) / 2).transpose(1, 0, 2)
-            width = (part.hi[ask, 1] - part.lo[ask, 1]) / 2
-            by_angle = fast[ask] @ swept
-            speed = point_speeds(self._body, shape.link, points, radius, q, dq, width) + np.sum(by_angle * w_q[ask], axis=1)
+        ask = ~(fast @ self._reach.T <= limit)
+        out = np.where(ask, -np.inf, np.inf)
+        rows = ask.any(axis=1)
+        if rows.any():
+            q, dq, _ = ((part.lo[rows] + part.hi[rows]) / 2).transpose(1, 0, 2)
+            width = (part.hi[rows, 1] - part.lo[rows, 1]) / 2
+            by_angle = np.einsum("cj,sjk->csk", fast[rows], self._swept)
+            speed = self._outlines.speeds(self._body, q, dq, width, ask[rows]) + np.einsum("csk,ck->cs", by_angle, w_q[rows])
             with np.errstate(divide="ignore", invalid="ignore"):
-                out[ask] = _share(limit - speed, by_angle.sum(axis=1))
+                out[rows] = np.where(ask[rows], _share(limit - speed, by_angle.sum(axis=2)), np.inf)
         return out
 
     def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:
@@ -143,7 +152,7 @@ class Loads:
                 f"below {POWER_MAX:g} W; plan a slower motion"
             )
         raise SafetyStop(
-            f"{self._shapes[worst - n - 1][0].name}: a point of it may move faster than {self.cell.table.motion.point_speed_max:g} m/s in "
+            f"{self._outlines.shapes[worst - n - 1].name}: a point of it may move faster than {self.cell.table.motion.point_speed_max:g} m/s in "
             f"{where}; plan a slower motion, or raise motion.point_speed_max in {self.cell.path.name}"
         )
 

@@ -49,31 +49,27 @@ def joint_reach(arm: Arm, shape: Shape) -> np.ndarray:
 
 def fastest_point(motion: Trajectory, arm: Arm) -> float:
     """m/s of the fastest point of the arm at no more than `LOOKS` samples of a motion: for people to read, `safety.loads` proves."""
-    body = RigidBody(arm)
+    outlines = Outlines(arm)
     rows = np.unique(np.linspace(0, len(motion) - 1, LOOKS).astype(int))
     q, dq = motion.q[rows], motion.dq[rows]
-    speeds = [point_speeds(body, s.link, *outline(s), q, dq).max() for s in arm.tree.shapes if s.link >= 0]
-    return float(max(speeds, default=0.0))
+    every = np.ones((len(rows), len(outlines.shapes)), dtype=bool)
+    return float(outlines.speeds(RigidBody(arm), q, dq, np.zeros_like(q), every).max(initial=0.0))
 
 
-def point_speeds(
-    body: RigidBody, link: int, points: np.ndarray, radius: float, q: np.ndarray, dq: np.ndarray, width: np.ndarray | None = None
-) -> np.ndarray:  # fmt: skip
-    """(N,) m/s of the fastest point of balls of `radius` about points (P, 3) of a link, at q dq (N, n): |J dq| + radius |w|.
+class Outlines:
+    """The shapes of moving links, each as balls of one radius about a few points whose hull holds it."""
 
-    With `width` (N, n) rad/s the speeds may be so far beside dq: sum_j |J_j| width_j more.
-    """
-    speed = np.zeros(len(q))
-    for point in points:
-        linear, angular = body.jacobian(q, link, point)
-        at_point = np.linalg.norm(np.einsum("kij,kj->ki", linear, dq), axis=1)
-        turning = np.linalg.norm(np.einsum("kij,kj->ki", angular, dq), axis=1)
-        here = at_point + radius * turning
-        if width is not None:
-            columns = np.linalg.norm(linear, axis=1) + radius * np.linalg.norm(angular, axis=1)
-            here += np.einsum("kj,kj->k", columns, width)
-        speed = np.maximum(speed, here)
-    return speed
+    def __init__(self, arm: Arm) -> None:
+        self.shapes = [shape for shape in arm.tree.shapes if shape.link >= 0]
+        self._links = np.array([shape.link for shape in self.shapes], dtype=np.int64)
+        found = [outline(shape) for shape in self.shapes]
+        self._points, self._radii = [points for points, _ in found], np.array([radius for _, radius in found])
+
+    def speeds(self, body: RigidBody, q: np.ndarray, dq: np.ndarray, width: np.ndarray, asked: np.ndarray) -> np.ndarray:
+        """(N, S) m/s of the fastest point of each shape (`RigidBody.point_speeds`), where asked (N, S)."""
+        if not self.shapes:
+            return np.zeros(asked.shape)
+        return body.point_speeds(self._links, self._points, self._radii, q, dq, width, asked)
 
 
 def outline(shape: Shape) -> tuple[np.ndarray, float]:

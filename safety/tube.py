@@ -79,6 +79,8 @@ class _Prover:
             before = self.room.copy(), self.stop_time, self.stop_angle
             try:
                 for first, sheet in sheets(share):
+                    if share != SHARES[-1] and self.loads.hopeless(sheet.softest):
+                        raise NotEnough(f"{what}: by {share:g} of its deceleration the torque does not suffice")
                     self._stop(first, sheet, what)
                 return share
             except NotEnough:

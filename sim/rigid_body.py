@@ -6,6 +6,7 @@ a test holds equal to Pinocchio. Beside it only `safety.collision` and `safety.s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -118,6 +119,19 @@ class RigidBody:
         offset = np.zeros(3) if point is None else np.asarray(point, dtype=float)
         _kernels.jacobian(*self._frame, link % self.n, offset, q, linear, angular)
         return linear, angular
+
+    def point_speeds(
+        self, links: np.ndarray, points: Sequence[np.ndarray], radii: np.ndarray, q: np.ndarray, dq: np.ndarray, width: np.ndarray, asked: np.ndarray
+    ) -> np.ndarray:  # fmt: skip
+        """(N, S) m/s of the fastest point of S bodies, balls of radii (S,) about points (P, 3) each of links (S,): |J dq| + radius |w|.
+
+        With q dq (N, n) and speeds up to width (N, n) beside dq: sum_j |J_j| width_j more. Only where asked (N, S); zero elsewhere.
+        """
+        begins = np.cumsum([0, *map(len, points)])
+        out = np.zeros(asked.shape)
+        rows = (np.ascontiguousarray(x, dtype=float) for x in (q, dq, width))
+        _kernels.point_speeds(*self._frame, links, begins, np.concatenate(points), radii, *rows, asked, out)
+        return out
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) (n, n) kg m^2 of the links, without rotors; q (n,)."""

@@ -10,10 +10,8 @@ import numpy as np
 
 from calib.excitation.capsules import capsules
 from calib.excitation.distances import pair_distances
-from calib.excitation.room import CLEARANCE_MARGIN, Room
+from calib.excitation.room import Room
 from drivers.driver import DeviceStop
-from safety.collision import CALIBRATION, Clearance
-from safety.pairs import EXTRA, KIN_EXTRA
 
 # m: clearance is sampled here, and proved by boxes there
 SLACK = 0.009
@@ -21,39 +19,22 @@ STEP = 1e-4
 
 
 class Beside:
-    """The clearances that leave room for the cell's following error.
-
-    pairs (pairs,) m and shapes (shapes,) m, as `Room.nearness` counts them. Pairs of shapes whose capsules overlap in every posture
-    are not among the room's; `exact` measures their own distance.
-    """
+    """The pairs of shapes whose capsules overlap in every posture: they are not among the room's, `exact` measures their own distance."""
 
     def __init__(self, room: Room) -> None:
-        self._clearance = clearance = Clearance(room.arm, room.cell)
-        error = room.cell.table.motion.following_error + room.arm.sensors.encoder_resolution + CALIBRATION
-        needed = error * clearance.reach.sum(axis=1)
+        self._clearance = clearance = room.clearance
         number = {frozenset(pair): k for k, pair in enumerate(clearance.pairs)}
         names = [shape.name for shape in room.arm.tree.shapes for _ in capsules(shape)]
-        obstacles = {obstacle.name for obstacle in room.cell.table.obstacles}
-        self.pairs = np.full(len(room.pairs), CLEARANCE_MARGIN)
-        self.shapes = np.full(len(names), CLEARANCE_MARGIN + SLACK)
+        seen = {frozenset(pair) for pair in room.pairs}
         unseen = [
             (a, b, number[pair])
             for a in range(len(names)) for b in range(a)
-            if (pair := frozenset((names[a], names[b]))) in number and (a, b) not in set(room.pairs)
+            if (pair := frozenset((names[a], names[b]))) in number and frozenset((a, b)) not in seen
         ]  # fmt: skip
-        for k, (a, b) in enumerate(room.pairs):
-            at = number.get(frozenset((names[a], names[b])))
-            if at is not None:
-                extra = EXTRA if clearance.margin[at] > 0 else KIN_EXTRA
-                self.pairs[k] += max(needed[at] + SLACK - extra, 0.0)
-        for pair, at in number.items():
-            if len(pair - obstacles) == 1:
-                own = np.array([name in pair for name in names])
-                self.shapes[own] = np.maximum(self.shapes[own], needed[at] + SLACK)
         self._unseen = sorted({k for *_, k in unseen})
         self._capsules = [(a, b) for a, b, _ in unseen]
         self._belongs = np.array([self._unseen.index(k) for *_, k in unseen], dtype=int)
-        self._least = clearance.margin[self._unseen] + needed[self._unseen] + SLACK / 2
+        self._least = clearance.needed(room.cell.table.motion.following_error)[self._unseen] + SLACK / 2
         self._radius = np.array([radius for shape in room.arm.tree.shapes for _, radius in capsules(shape)])
 
     def exact(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, np.ndarray]:

@@ -136,8 +136,8 @@ def _too_near(room: Room, use: Use) -> str:
     obstacle = next((o.name for o in room.cell.table.obstacles if o.name in use.pair), None)
     short = (CLEARANCE_MARGIN - use.clearance) * 1e3
     return (
-        f"{use.pair[0]} and {use.pair[1]} {short:.0f} mm nearer to each other than the cell's margin and the {CLEARANCE_MARGIN * 1e3:g} mm that a "
-        f"plan keeps besides; give another start with --home{f', or move {obstacle}' if obstacle else ''}"
+        f"{use.pair[0]} and {use.pair[1]} {short:.0f} mm nearer to each other than the cell's margin and its following error ask for; give "
+        f"another start with --home{f', or move {obstacle}' if obstacle else ''}"
     )
 
 

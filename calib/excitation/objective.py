@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.excitation.beside import Beside, stopping
+from calib.excitation.beside import SLACK, Beside, stopping
 from calib.excitation.design import SAMPLES
 from calib.excitation.fourier import Fourier
 from calib.excitation.room import MARGIN, Room
@@ -218,7 +218,7 @@ class Objective:
         ends, radius = room.segments_at(rotation, origin)
         count, share = len(q), self.weight * PER_METRE
         near = len(every) - 2 * count
-        value, slope = room.nearness(ends[:near], self._beside.pairs, self._beside.shapes)
+        value, slope = room.nearness(ends[:near], SLACK)
         more, exact = self._beside.exact(every[:near], ends[:near])
         step = (ends[near : near + count] - ends[near + count :]) / (2 * AROUND)
         along = np.linalg.norm(step, axis=-1)

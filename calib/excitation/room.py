@@ -12,8 +12,12 @@ import numpy as np
 
 from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
 from calib.excitation.distances import pair_distances
+from calib.excitation.stops import stops_of
+from drivers.driver import DeviceStop
+from safety.bounds import TorqueBounds
+from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
-from safety.pairs import EXTRA, KIN_EXTRA, adjacent, never_part
+from safety.pairs import postures
 from safety.shapes import equipped
 from safety.torque import torque_interval
 from sim.arm import Arm, require_limits, require_masses
@@ -22,13 +26,13 @@ from sim.trajectory import Trajectory
 
 # Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside
 MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.9}
-CLEARANCE_MARGIN = 0.02
-SELF_MARGIN, KIN_MARGIN = EXTRA, KIN_EXTRA
+# m beyond what a proof asks for at a posture: what lies between samples, and what it cannot decide within a stop
+CLEARANCE_MARGIN = 0.004
 
 
 @dataclass(frozen=True)
 class Use:
-    """Largest share of each limit over a motion, and the nearest approach less its margin, m, with the pair of bodies."""
+    """Largest share of each limit over a motion, and the least clearance, m beyond what a proof asks for, with the pair of bodies."""
 
     shares: dict[str, np.ndarray]
     clearance: float
@@ -49,55 +53,41 @@ class Use:
 class Room:
     """The limits and the geometry of one arm in one cell."""
 
-    def __init__(self, arm: Arm, cell: Cell) -> None:
+    def __init__(self, arm: Arm, cell: Cell, stop: DeviceStop | None = None) -> None:
         require_masses(arm)
         require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
         self.arm = arm = equipped(arm, cell)
         self.cell = cell
+        self.stop = stop or DeviceStop()
         pieces = [(s, ends, radius) for s in arm.tree.shapes for ends, radius in capsules(s)]
         self._ends = [(ends, radius) for _, ends, radius in pieces]
         self._links = [s.link for s, _, _ in pieces]
         self._names = [s.name for s, _, _ in pieces]
-        self.excluded = Clearance(arm, cell).excluded
-        self.pairs = [
-            (a, b)
-            for a in range(len(self._links))
-            for b in range(a)
-            if not adjacent(arm.tree.parent, self._links[a], self._links[b])
-            and (self._names[b], self._names[a]) not in self.excluded
-        ]
-        self.pairs = self._changing()
-        self.pairs = self._parting()
+        self._bounds = TorqueBounds(arm, cell)
+        self.clearance = Clearance(arm, cell)
+        needed = self.clearance.needed(cell.table.motion.following_error)
+        self._needed = dict(zip(self.clearance.pairs, needed.tolist(), strict=True))
+        of = {name: [k for k, own in enumerate(self._names) if own == name] for name in self._names}
+        own = [pair for pair, mine in zip(self.clearance.pairs, self.clearance.of_self, strict=True) if mine]
+        self.pairs = [(i, j) for a, b in own for i in of[a] for j in of[b]]
+        self.pairs = self._parting({s.name for s in arm.tree.shapes if s.kind in ("capsule", "sphere")})
 
-    def _changing(self) -> list[tuple[int, int]]:
-        """The pairs of shapes whose distance depends on the posture; the others, such as a base and the shoulder, are as they were built."""
+    def _parting(self, exact: set[str]) -> list[tuple[int, int]]:
+        """The pairs of capsules that can part: those around a body that is none hold more than it does, which safety.clear proves."""
         if not self.pairs:
             return []
-        ends, _ = self.segments(np.random.default_rng(0).uniform(-1, 1, (6, self.arm.n)))
-        a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
-        distance, *_ = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
-        nearest: dict[tuple[str, str], np.ndarray] = {}
-        for k, (i, j) in enumerate(self.pairs):
-            key = (self._names[i], self._names[j])
-            nearest[key] = np.minimum(nearest.get(key, np.inf), distance[:, k])
-        fixed = {key for key, value in nearest.items() if np.ptp(value) < 0.002}
-        return [(i, j) for i, j in self.pairs if (self._names[i], self._names[j]) not in fixed]
-
-    def _parting(self) -> list[tuple[int, int]]:
-        """The pairs of capsules that can part: those around a mesh hold more than its hull, which safety.clear proves."""
-        if not self.pairs:
-            return []
-        a, b, _ = self._pair_arrays
-        radius = self._radius
-
-        def distances(q: np.ndarray) -> np.ndarray:
-            ends, _ = self.segments(q[None])
-            return segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])[0][0] - radius[a] - radius[b]
-
-        near = np.array([_kin(self.arm.tree.parent, self._links[i], self._links[j]) for i, j in self.pairs])
-        stuck = never_part(self.arm, distances, np.where(near, 0.0, self.cell.table.motion.clearance_self))
+        a, b, needed = self._pair_arrays
+        ends, radius = self.segments(postures(self.arm))
+        farthest = (pair_distances(ends, a, b) - radius[a] - radius[b] - needed).max(axis=0)
         del self._pair_arrays
-        return [pair for k, pair in enumerate(self.pairs) if k not in stuck]
+        return [
+            (i, j) for (i, j), most in zip(self.pairs, farthest, strict=True)
+            if most >= CLEARANCE_MARGIN or {self._names[i], self._names[j]} <= exact
+        ]  # fmt: skip
+
+    def clear(self, motion: Trajectory) -> ClearedTrajectory:
+        """`safety.clear` of a motion in this cell, with room for this stop; SafetyStop where it is refused."""
+        return clear(motion, self.arm, self.cell, stop=self.stop, clearance=self.clearance)
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base, q (N, n)."""
@@ -176,11 +166,8 @@ class Room:
         n = self.arm.n
         return np.array([[float(self._carries(j, link)) for j in range(n)] for link in range(n)])
 
-    def nearness(self, ends: np.ndarray, wanted: np.ndarray, beside: np.ndarray) -> tuple[float, np.ndarray]:
-        """Sum of squares (m^2) of what clearances lack, and its slopes by the ends of the capsules.
-
-        Every pair lacks what it has less than `wanted` (pairs,) m, every shape what it has to an obstacle less than `beside` (shapes,) m.
-        """
+    def nearness(self, ends: np.ndarray, wanted: float) -> tuple[float, np.ndarray]:
+        """Sum of squares (m^2) of what every clearance lacks to `wanted` m, and its slopes by the ends of the capsules."""
         pull = np.zeros_like(ends)
         value = 0.0
         if self.pairs:
@@ -193,31 +180,25 @@ class Room:
                 for shape, share, sign in ((a[k], s[:, k], 1.0), (b[k], t[:, k], -1.0)):
                     pull[:, shape, 0] += sign * (1 - share)[:, None] * push
                     pull[:, shape, 1] += sign * share[:, None] * push
-        motion = self.cell.table.motion
         for obstacle in self.cell.table.obstacles:
             if obstacle.kind == "box":
-                value += self._near_box(obstacle, ends, beside, pull)
+                value += self._near_box(obstacle, ends, wanted, pull)
             if obstacle.kind != "plane":
                 continue
             normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-            turning = self._above(normal)
-            height = (
-                (ends[:, turning] - np.array(obstacle.position)) @ normal
-                - self._radius[turning][:, None]
-                - motion.clearance_obstacle
-            )
-            lack = np.maximum(beside[turning, None] - height, 0.0)
+            turning, margin = self._near(obstacle.name)
+            height = (ends[:, turning] - np.array(obstacle.position)) @ normal - margin[:, None]
+            lack = np.maximum(wanted - height, 0.0)
             value += float(np.sum(lack**2))
             pull[:, turning] += -2 * lack[..., None] * normal
         return value, pull
 
-    def _near_box(self, box: BoxObstacle, ends: np.ndarray, beside: np.ndarray, pull: np.ndarray) -> float:
+    def _near_box(self, box: BoxObstacle, ends: np.ndarray, wanted: float, pull: np.ndarray) -> float:
         """What the clearances of one box lack, squared, its slopes added to `pull`."""
-        moving = [k for k, link in enumerate(self._links) if link >= 0]
-        margin = self._radius[moving] + self.cell.table.motion.clearance_obstacle
+        moving, margin = self._near(box.name)
         half = np.array(box.size) / 2
         distance, share, slope = from_box(ends[:, moving], rpy_matrix(box.rpy), np.array(box.position), half)
-        lack = np.maximum(beside[moving] - (distance - margin), 0.0)
+        lack = np.maximum(wanted - (distance - margin), 0.0)
         push = (-2 * lack)[..., None] * slope
         pull[:, moving, 0] += (1 - share)[..., None] * push
         pull[:, moving, 1] += share[..., None] * push
@@ -229,15 +210,14 @@ class Room:
 
     @cached_property
     def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Indices of both shapes of every pair, and the margin that the pair keeps beyond CLEARANCE_MARGIN, m.
-
-        What is left is for gaps between samples and for stops: less among the arm's own links, which stop together, and least
-        between links two joints apart, which are close by construction.
-        """
+        """Indices of both capsules of every pair, and the distance that a proof asks for, m."""
         a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
-        near = np.array([_kin(self.arm.tree.parent, self._links[i], self._links[j]) for i, j in self.pairs])
-        own = np.where(near, KIN_MARGIN, self.cell.table.motion.clearance_self + SELF_MARGIN)
-        return a, b, own - CLEARANCE_MARGIN
+        return a, b, np.array([self._needed[self._names[i], self._names[j]] for i, j in self.pairs])
+
+    def _near(self, obstacle: str) -> tuple[list[int], np.ndarray]:
+        """Capsules that can come near an obstacle, and how far their middle lines must be from it, m."""
+        which = [k for k, name in enumerate(self._names) if (name, obstacle) in self._needed]
+        return which, self._radius[which] + np.array([self._needed[self._names[k], obstacle] for k in which])
 
     def _carries(self, joint: int, link: int) -> bool:
         while link >= 0:
@@ -246,38 +226,30 @@ class Room:
             link = int(self.arm.tree.parent[link])
         return False
 
-    def _above(self, normal: np.ndarray) -> list[int]:
-        """Shapes that can approach a plane: not those that only turn about its normal."""
-        return [k for k, link in enumerate(self._links) if link > 0 or (link == 0 and abs(self._axis_along(normal)) < 1 - 1e-9)]
-
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
-        """(N, pairs) m between capsules less the margin, self and obstacles; boxes by the distance of points along the capsule."""
+        """(N, pairs) m between bodies beyond what a proof asks for, self and obstacles; boxes by the distance of points along the capsule."""
         ends, _ = self.segments(q)
         return self.clearances_of(ends)
 
     def clearances_of(self, ends: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
         """`clearances` from the ends of the capsules (N, shapes, 2, 3) that are known."""
-        radius = self._radius
-        columns, names = [], []
-        motion = self.cell.table.motion
+        columns, names = [np.full((len(ends), 1), np.inf)], [("", "")]
         if self.pairs:
             a, b, margin = self._pair_arrays
-            distance = pair_distances(ends, a, b)
-            columns.append(distance - radius[a] - radius[b] - margin)
+            columns.append(pair_distances(ends, a, b) - self._radius[a] - self._radius[b] - margin)
             names += [(self._names[i], self._names[j]) for i, j in self.pairs]
-        moving = [k for k, link in enumerate(self._links) if link >= 0]
         for obstacle in self.cell.table.obstacles:
             position = np.array(obstacle.position)
+            which, needed = self._near(obstacle.name)
             if obstacle.kind == "plane":
                 normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-                turning = self._above(normal)
-                height = ((ends[:, turning] - position) @ normal).min(axis=2)
-                columns.append(height - radius[turning] - motion.clearance_obstacle)
-                names += [(self._names[k], obstacle.name) for k in turning]
+                columns.append(((ends[:, which] - position) @ normal).min(axis=2) - needed)
             elif obstacle.kind == "box":
-                distance, *_ = from_box(ends[:, moving], rpy_matrix(obstacle.rpy), position, np.array(obstacle.size) / 2)
-                columns.append(distance - radius[moving] - motion.clearance_obstacle)
-                names += [(self._names[k], obstacle.name) for k in moving]
+                distance, *_ = from_box(ends[:, which], rpy_matrix(obstacle.rpy), position, np.array(obstacle.size) / 2)
+                columns.append(distance - needed)
+            else:
+                continue
+            names += [(self._names[k], obstacle.name) for k in which]
         return np.concatenate(columns, axis=1), names
 
     def use(self, motion: Trajectory) -> Use:
@@ -292,29 +264,30 @@ class Room:
         speed = np.linalg.norm(np.diff(ends[:, moving], axis=0), axis=-1) / step[:, :, None]
         rate = np.linalg.norm(omega, axis=-1)[:, [self._links[k] for k in moving]]
         speed += (radius[moving] * np.maximum(rate[1:], rate[:-1]))[:, :, None]
-        torque = torque_interval(motion, arm, self.cell)
+        torque = torque_interval(motion, arm, self.cell, self._bounds)
         shares = {
             "q": np.abs(motion.q - middle).max(axis=0) / half,
             "dq": np.abs(motion.dq).max(axis=0) / arm.dq_max,
             "ddq": np.abs(motion.ddq).max(axis=0) / arm.ddq_max,
             "jerk": np.abs(np.diff(motion.ddq, axis=0) / step).max(axis=0) / arm.jerk_max,
-            "torque": (np.abs(torque.tau_hat) + torque.doubt).max(axis=0) / arm.tau_max,
+            "torque": torque.most.max(axis=0) / torque.limit,
             "point speed": np.array([speed.max(initial=0.0) / self.cell.table.motion.point_speed_max]),
         }
         distance, names = self.clearances_of(ends)
         worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
+        found = Use(shares, float(distance[worst]), names[int(worst[1])])
+        return self._stopped(motion, found) if found.fits else found
+
+    def _stopped(self, motion: Trajectory, path: Use) -> Use:
+        """`path`, with what the stops from every sample use more."""
+        arm = self.arm
+        q, torque = stops_of(motion, arm, self.cell, self.stop, self._bounds)
+        middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2 - self.cell.table.motion.following_error
+        reached = MARGIN["q"] * np.abs(q - middle).max(axis=0) / half
+        shares = path.shares | {"q": np.maximum(path.shares["q"], reached)}
+        shares["torque"] = np.maximum(shares["torque"], MARGIN["torque"] * torque)
+        distance, names = self.clearances(q)
+        worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
+        if distance[worst] >= path.clearance:
+            return Use(shares, path.clearance, path.pair)
         return Use(shares, float(distance[worst]), names[int(worst[1])])
-
-    def _axis_along(self, normal: np.ndarray) -> float:
-        tree = self.arm.tree
-        return float(normal @ (tree.rotation[0] @ tree.axis[0]))
-
-
-def _kin(parent: np.ndarray, a: int, b: int) -> bool:
-    """Whether at most two joints lie between two links."""
-    low, high = min(a, b), max(a, b)
-    count = 0
-    while high != low and high >= 0:
-        high = int(parent[high])
-        count += 1
-    return count <= 2

@@ -24,8 +24,6 @@ from calib.excitation.room import CLEARANCE_MARGIN, Room
 from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
 from drivers import open_driver
-from drivers.driver import DeviceStop
-from safety.clear import clear
 from safety.latency import stop_to_plan_for
 from safety.plan import Motion
 from safety.reach import spine
@@ -87,14 +85,14 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
 
     AnswerIsNo says which limit binds where no motion fits; SafetyStop carries the refusal of safety.clear where shrinking does not help.
     """
-    room = Room(arm, cell)
+    stop = stop_to_plan_for(open_driver(cell, arm), cell)
+    room = Room(arm, cell, stop)
     rng = np.random.default_rng(session.seed)
     home = home_of(room, cell, session.home, rng)
     model = TorqueModel.of_arm(arm)
     information = Information(model, noise_of(model))
     basis = Basis(session.harmonics, session.period)
     rate = min(arm.sensors.rate, 500.0)
-    stop = stop_to_plan_for(open_driver(cell, arm), cell)
     progress("excitation", 0.0)
     best, _ = random_start(room, information, basis, home, rng, session.tries)
     small = too_small(room, best)
@@ -105,7 +103,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         search = optimised(Site(arm, cell, stop), best, session.starts, session.seed, progress)
         best = max((best, search.ends[0].motion), key=lambda m: preference(information.worth(coarse(m))))
     progress("checking the excitation", 0.0)
-    excitation, kept = cleared_fourier(best, arm, cell, rate, session.periods, stop)
+    excitation, kept = cleared_fourier(best, room, rate, session.periods)
     motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
     motions.append(Motion("friction", "friction", _friction(room, home, session, rate)))
     motions.append(Motion("excitation", "excitation", excitation))
@@ -115,18 +113,18 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         other = other or fitted_to_room(room, random_fourier(basis, home, rng))
     if other is None:
         raise AnswerIsNo(f"{arm.name}: {binding(room, basis, home)}")
-    motions.append(Motion("validation", "validation", cleared_fourier(other, arm, cell, rate, 1, stop)[0]))
+    motions.append(Motion("validation", "validation", cleared_fourier(other, room, rate)[0]))
     if session.probes:
-        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, cell, home, kept, rate, stop)]
+        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, home, kept, rate)]
     separated = None
     if session.apart:
         progress("distinguishing effects", 0.0)
         parting, separated = discriminating(room, session.apart, basis, home, rng, max(8, session.tries // 5), stop)
-        motions.append(Motion("discriminate", "probe", cleared_fourier(parting, arm, cell, rate, 1, stop)[0]))
+        motions.append(Motion("discriminate", "probe", cleared_fourier(parting, room, rate)[0]))
     for motion in motions:
         progress(f"checking {motion.name}", 0.0)
         if motion.kind not in ("excitation", "validation"):
-            clear(motion.trajectory, arm, cell, stop=stop)
+            room.clear(motion.trajectory)
     worth = information.worth(kept.sampled(1000 / basis.period))
     weak = [e for e, known in identifiable(model, information, kept).items() if not known]
     summary = {
@@ -136,7 +134,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "identifiable": [e for e in model.names if e not in weak],
         "not_identifiable": weak,
         "home": [float(x) for x in home],
-        "never_part": [f"{a} and {b}: {why}" for (a, b), why in room.excluded.items()],
+        "never_part": [f"{a} and {b}: {why}" for (a, b), why in room.clearance.excluded.items()],
         "harmonics": session.harmonics,
         "period_s": float(session.period),
         "periods": session.periods,
@@ -213,8 +211,8 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     roomy = q[np.argsort(-free)[:LOOKED_AT]]
     if free.max() < CLEARANCE_MARGIN:
         raise AnswerIsNo(
-            f"{arm.name} in {cell.name}: none of {POSTURES} postures is {CLEARANCE_MARGIN * 1e3:g} mm clear of itself and the cell; check "
-            "the obstacles of the cell, or give a free posture with --home"
+            f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; check the obstacles of the cell, or "
+            "give a free posture with --home"
         )
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
@@ -228,14 +226,12 @@ def _amplitude(room: Room, motion: Fourier) -> float:
     return 0.0 if found is None else float((np.abs(found.sampled(4.0).dq).max(axis=0) / room.arm.dq_max).sum())
 
 
-def cleared_fourier(
-    motion: Fourier, arm: Arm, cell: Cell, rate: float, periods: int, stop: DeviceStop | None = None
-) -> tuple[Trajectory, Fourier]:
+def cleared_fourier(motion: Fourier, room: Room, rate: float, periods: int = 1) -> tuple[Trajectory, Fourier]:
     """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
     for k, share in enumerate(SHARES):
         smaller = motion.scaled(share)
         try:
-            clear(smaller.sampled(rate), arm, cell, stop=stop)
+            room.clear(smaller.sampled(rate))
             return smaller.sampled(rate, periods), smaller
         except SafetyStop:
             if k == len(SHARES) - 1:
@@ -297,20 +293,18 @@ def _bring_up(room: Room, basis: Basis, home: np.ndarray, rate: float, rng: np.r
     return motions
 
 
-def _probes(
-    room: Room, cell: Cell, home: np.ndarray, excitation: Fourier, rate: float, stop: DeviceStop
-) -> list[tuple[str, Trajectory]]:
+def _probes(room: Room, home: np.ndarray, excitation: Fourier, rate: float) -> list[tuple[str, Trajectory]]:
     arm = room.arm
     ladder = reversal_ladder(arm, home, (0.002, 0.005, 0.015, 0.04), rate)
     path = excitation.sampled(40 / excitation.basis.period)
     far = path.q[np.linspace(0, len(path) - 1, 7).astype(int)[1:-1]]
     holds = static_holds(arm, home, [home + 0.8 * (q - home) for q in far], 0.03, rate)
     half = Fourier(Basis(excitation.basis.harmonics, 2 * excitation.basis.period), home, excitation.x / 2)
-    slow, _ = cleared_fourier(half, arm, cell, rate, 1, stop)
+    slow, _ = cleared_fourier(half, room, rate)
     out = [("reversals", ladder), ("half_speed", slow)]
     if room.use(_thinned(holds, 60.0)).fits:
         try:
-            clear(holds, arm, cell, stop=stop)
+            room.clear(holds)
             out.append(("holds", holds))
         except SafetyStop:
             pass

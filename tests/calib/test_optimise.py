@@ -165,5 +165,5 @@ def test_eight_starts_reach_the_cap_and_are_cleared_as_they_are() -> None:
     assert preference(first.worth) >= preference(before)
     assert first.worth.condition <= 35
     assert 0 < found.gap < 60
-    _, kept = cleared_fourier(first.motion, ARM, CELL, 500.0, 1)
+    _, kept = cleared_fourier(first.motion, Room(ARM, CELL), 500.0)
     assert np.linalg.norm(kept.x) >= 0.95 * np.linalg.norm(first.motion.x)

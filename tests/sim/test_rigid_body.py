@@ -70,6 +70,29 @@ def test_jacobian_equals_pinocchio() -> None:
         np.testing.assert_allclose(np.vstack([linear[k], angular[k]]), both, atol=1e-12)
 
 
+def test_point_speeds_are_those_of_the_jacobian() -> None:
+    rng, tree = np.random.default_rng(4), load_arm("ur5e").tree
+    slides = replace(tree, prismatic=np.array([False, True, False, False, True, False]))
+    for bodies in (RigidBody(tree), RigidBody(slides)):
+        q, dq, _ = states(bodies.n, 10)
+        width, links, radii = 0.1 * rng.uniform(size=q.shape), np.array([0, bodies.n - 1]), np.array([0.05, 0.0])
+        points = [rng.normal(size=(1, 3)), rng.normal(size=(4, 3))]
+        asked = np.ones((10, 2), dtype=bool)
+        asked[3, 1] = False
+        found = bodies.point_speeds(links, points, radii, q, dq, width, asked)
+        for s, link in enumerate(links):
+            each = []
+            for point in points[s]:
+                linear, angular = bodies.jacobian(q, int(link), point)
+                speed = np.linalg.norm(np.einsum("kij,kj->ki", linear, dq), axis=1)
+                speed += radii[s] * np.linalg.norm(np.einsum("kij,kj->ki", angular, dq), axis=1)
+                columns = np.linalg.norm(linear, axis=1) + radii[s] * np.linalg.norm(angular, axis=1)
+                each.append(speed + np.einsum("kj,kj->k", columns, width))
+            np.testing.assert_allclose(found[:, s], np.where(asked[:, s], np.max(each, axis=0), 0.0), rtol=1e-12)
+        q[2] = np.nan
+        assert np.isnan(bodies.point_speeds(links, points, radii, q, dq, width, asked)[2]).all()
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_base_parameters_carry_the_whole_torque(name: str) -> None:
     bodies = RigidBody(load_arm(name))
