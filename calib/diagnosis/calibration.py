@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import DELAY_MEAN, DELAY_SPREAD, centre_size, spreads
+from calib.diagnosis.link_side import centre_size
+from calib.diagnosis.model import DELAY_MEAN, DELAY_SPREAD, spreads
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm
 

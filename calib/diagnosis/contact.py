@@ -9,10 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.diagnosis.candidates import force_rows
 from calib.diagnosis.model import CONTACT
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
+from sim.motion_view import force_rows
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, centre_size, spreads
+from calib.diagnosis.link_side import centre_size
+from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.slip import SLIP_WIDTH

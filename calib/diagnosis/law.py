@@ -94,7 +94,7 @@ def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
 def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
     """All rows in motion, reversals too, which show how friction builds up; the names' columns stand behind the ordinary ones."""
     law, keep = FrictionLaw(), m.measurement.row_moving
-    d = [m.rows(law.columns(m.joint_state(j), 0))[keep] for j in range(m.n)]
+    d = [m.rows(law.terms(m.joint_state(j), 0))[keep] for j in range(m.n)]
     x = [np.column_stack([m.nuisance(j), *[c[:, j] for c in named]])[keep] for j in range(m.n)]
     return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.link_side import LinkSide
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, with_effect
 from sim.effects.effect import PathState
-from sim.prediction import Stages, by_stage, link_side, motor_side
+from sim.prediction import Stages, by_stage, motor_side
 from sim.prior import spread
-from sim.rigid_body import RigidBody, link_parameters
+from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH
+from sim.tree import KinematicTree
 
 # How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.
 WIDTH_SPREAD = 0.7
@@ -78,51 +78,6 @@ class Hypothesis:
         return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3))
 
 
-class LinkSide:
-    """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
-
-    Models whose links move alike share it. paths and columns are caches: torque of one joint with given effects, and candidate columns.
-    """
-
-    def __init__(self, measurement: Measurement, arm: Arm, stages: Stages) -> None:
-        self.measurement = measurement
-        self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
-        self.bodies = RigidBody(arm)
-        self.regressor = self.bodies.regressor(self.path.q, self.path.dq, self.path.ddq)
-        self.inertial = _inertial_rows(measurement, arm, self.regressor, self.bodies.parameters())
-        self.slopes: dict[int, list[np.ndarray]] = {}
-        self.paths: dict[Hashable, JointPath] = {}
-        self.columns: dict[Hashable, np.ndarray] = {}
-        self.whites: dict[Hashable, Any] = {}
-        self._motion: dict[int, dict[str, np.ndarray]] = {}
-
-    @cached_property
-    def largest_load(self) -> np.ndarray:
-        """(n,) N m through the gears, exceeded in one sample of a hundred."""
-        return np.asarray(np.quantile(np.abs(self.path.load), 0.99, axis=0))
-
-    def joint(self, j: int) -> PathState:
-        """The path of joint j alone: the motion shared and read-only, all that later stages change in arrays of its own."""
-        if j not in self._motion:
-            shared = {k: np.ascontiguousarray(getattr(self.path, k)[:, j : j + 1]) for k in ("q", "dq", "ddq", "load")}
-            for x in shared.values():
-                x.flags.writeable = False
-            self._motion[j] = shared
-        motion, path = self._motion[j], self.path
-        blank = {k: np.zeros_like(motion["q"]) for k in FILLED}
-        own: dict[str, Any] = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
-        return PathState(
-            **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
-        )
-
-    def keep(self, cache: dict[Hashable, Any], key: Hashable, value: Any, most: int) -> Any:
-        """Put a value into a cache of at most `most` entries; the oldest goes first."""
-        if len(cache) >= most:
-            del cache[next(iter(cache))]
-        cache[key] = value
-        return value
-
-
 @dataclass(frozen=True)
 class JointPath:
     """Torque of one joint along the path: tau and its rate of change (N,), and rows (R, k) of the uncertain numbers of OWN, delay, rotors.
@@ -146,8 +101,6 @@ POSITIVE = (
 )
 LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
 MOST_PATHS, MOST_COLUMNS = 400, 6000
-# of a path, what stages behind the load fill
-FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
 
 
 class LogModel:
@@ -175,6 +128,21 @@ class LogModel:
     def link(self) -> PathState:
         """The path up to the load."""
         return self.side.path
+
+    @property
+    def tree(self) -> KinematicTree:
+        """The arm's links."""
+        return self.arm.tree
+
+    @property
+    def reading(self) -> np.ndarray:
+        """(N, n) rad of the encoders."""
+        return self.measurement.trajectory.q
+
+    @property
+    def starts(self) -> np.ndarray:
+        """First sample of every stretch without a gap, and the number of samples."""
+        return self.measurement.starts
 
     @property
     def bodies(self) -> RigidBody:
@@ -231,6 +199,32 @@ class LogModel:
         """tau (N,) of joint j with `own` as its joint effects, from the present load; changes: width, lead."""
         tau = self._state(j, own, **changes).tau[:, 0]
         return tau - self.hypothesis.delay * self.gradient(tau)
+
+    def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
+        """The parameters with which the arm has an effect."""
+        item = self.arm.effect(effect, None if joint is None else self.arm.joint_names[joint])
+        return None if item is None else item.parameters
+
+    def torque_with(self, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
+        """tau (N,) of joint j if it had an effect behind the load with these parameters."""
+        others = [e for e in self.own_effects(j) if e.effect != effect]
+        return self.tail(j, [*others, ArmEffect(effect, self.arm.joint_names[j], dict(values))])
+
+    def posture_slopes(self, j: int) -> list[np.ndarray]:
+        """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n): of the bodies, the rotor and viscous friction."""
+        by_angle, by_speed, by_push = self.side.posture_slopes(j)
+        own = []
+        for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
+            item = self.own(name, j)
+            own.append(slope.copy())
+            if item is not None:
+                own[-1][:, j] += item[key]
+        return [by_angle, own[1], own[0]]
+
+    def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
+        """Columns that were computed before from the same path, or now."""
+        cache = self.side.columns
+        return cache[key] if key in cache else np.asarray(self.side.keep(cache, key, rows(), MOST_COLUMNS))
 
     def joint_state(self, j: int) -> PathState:
         """The path of joint j alone under the hypothesis, arrays (N, 1)."""
@@ -313,31 +307,6 @@ def spreads(arm: Arm) -> dict[str, np.ndarray]:
     out = spread(arm)
     if "offset" not in arm.prior.unknown:
         out["offset"] = np.zeros(arm.n)
-    return out
-
-
-def centre_size(arm: Arm, i: int) -> float:
-    """m: the length of which prior.com is a share, for link i."""
-    tree = arm.tree
-    size = max(float(np.linalg.norm(tree.com[i])), 0.005)
-    if arm.prior.numbers in ("guessed", "unknown"):
-        size += float(np.sqrt(max(np.trace(tree.inertia[i]), 0.0) / max(tree.mass[i], 1e-9)))
-    return size
-
-
-def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarray:
-    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
-    prior, tree, n = arm.prior, arm.tree, arm.n
-    out = np.zeros((len(measurement.row_samples), n, 5 * n))
-    for i in range(n):
-        block = slice(10 * i, 10 * i + 10)
-        size, step = centre_size(arm, i), 1e-6
-        moves = [prior.mass * pi[block]]
-        for axis in np.eye(3):
-            moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
-            moves.append(prior.com * size * (moved - pi[block]) / step)
-        moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
-        out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(regressor[:, : i + 1, block] @ np.stack(moves, axis=1))
     return out
 
 

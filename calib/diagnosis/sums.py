@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.candidates import Combine, candidates
+from calib.diagnosis.candidates import candidates
 from calib.diagnosis.fit import columns_of, moved, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
@@ -26,6 +26,7 @@ from calib.diagnosis.selection import price
 from calib.identification.information import Information
 from logs.log import Log
 from sim.arm import ArmEffect
+from sim.motion_view import Combine
 from sim.version import program_version
 
 # A contact happens once and is no property of the arm; where a drive's limit is tried depends on the largest torque of the rows at hand.

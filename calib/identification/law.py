@@ -103,7 +103,7 @@ def _part(model: TorqueModel, m: Measurement) -> Part:
     keep = m.row_moving
     x, d, r = [], [], []
     for j in range(arm.n):
-        columns = law.columns(state, j)
+        columns = law.terms(state, j)
         own = np.zeros((len(tr.t), model.p))
         own[:, model.used_by(j)] = links[j]
         # dry friction as a prediction builds it up, between the samples too

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
+from sim.motion_view import Columns, MotionView, of_the_links
 from sim.tree import KinematicTree
+
+PROBES: tuple[dict[str, float], ...] = ({"roll": 1e-3, "pitch": 0.0}, {"roll": 0.0, "pitch": 1e-3})
 
 
 class BaseTilt(Effect):
@@ -24,6 +29,18 @@ class BaseTilt(Effect):
         Parameter("roll", "rad", "rotation of the base about x", lower=-1.6, upper=1.6, grid=(0.01,)),
         Parameter("pitch", "rad", "then about y", lower=-1.6, upper=1.6, grid=(0.01,)),
     )
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """Linear in roll and pitch."""
+
+        def samples(view: MotionView) -> np.ndarray:
+            q, zero = view.link.q, np.zeros_like(view.link.q)
+            turned = [self.bodies(view.tree, None, point).gravity for point in PROBES]
+            moved = [view.bodies.inverse_dynamics(q, zero, zero, gravity - view.tree.gravity) for gravity in turned]
+            return np.stack([10.0 * change for change in moved], axis=2)
+
+        columns = [of_the_links(v, self.name, partial(samples, v)) for v in views]
+        yield Columns(columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with gravity turned."""

@@ -19,12 +19,13 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
 
+from sim.motion_view import Columns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
 
@@ -264,6 +265,16 @@ class Effect:
             points = tuple(base | {p.name: base[p.name] + h} for p, h in zip(linear, steps, strict=True))
             probes.append(Probe(base, points, _added(base, [p.name for p in linear], steps)))
         return probes
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """How the effect would show in the torque of some recordings, from every start of its nonlinear parameters; none where it cannot.
+
+        By default by its probes: those of an encoder through the posture, those behind the load through the torque of their joint.
+        """
+        if joint is not None and self.stage is Stage.ENCODER:
+            yield from of_the_reading(self, views, joint)
+        elif joint is not None and self.stage is not Stage.RIGID:
+            yield from behind_the_load(self, views, joint)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""

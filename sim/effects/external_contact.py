@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 from sim.interval import Interval
+from sim.motion_view import Columns, MotionView
 from sim.torque_box import Known, TorqueBox
 
 
@@ -27,6 +30,10 @@ class ExternalContact(Effect):
         Parameter("force_y", "N", "force on the last link", grid=(1.0,)),
         Parameter("force_z", "N", "force on the last link", grid=(1.0,)),
     )
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """None: it is looked for in time (calib.diagnosis.contact)."""
+        return iter(())
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """f += f sin^2 within the window."""

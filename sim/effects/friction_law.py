@@ -73,7 +73,7 @@ class FrictionLaw(Effect):
         assert joint is not None
         wanted = [name for name in TERMS if p[name] != 0.0]
         if wanted:
-            state.tau[:, joint] += self.columns(state, joint, wanted) @ np.array([p[name] for name in wanted])
+            state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The slips of every width together, then the other terms one by one, each with its own doubt."""
@@ -106,7 +106,7 @@ class FrictionLaw(Effect):
         share = p["load"].magnitude + p["load_driving"].magnitude + by_square
         box.by_friction[:, joints] += (1 + unsure) * share * steep
 
-    def columns(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
+    def terms(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
         """(N, k) torque of each of these terms with a coefficient of one."""
         dq, load = state.dq_motor[:, joint], state.load[:, joint]
         speed = np.abs(dq)

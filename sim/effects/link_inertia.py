@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
+from sim.motion_view import Columns, MotionView, of_the_links
 from sim.tree import KinematicTree
+
+SPREAD = (5.0, 1.0, 1.0, 1.0)  # half the link's mass, or 0.1 m of its centre, in units of the columns
 
 
 class LinkInertia(Effect):
@@ -24,6 +31,24 @@ class LinkInertia(Effect):
         Parameter("com_y", "m", "centre of mass in the link's frame", zero=None, lower=-3.0, upper=3.0),
         Parameter("com_z", "m", "centre of mass in the link's frame", zero=None, lower=-3.0, upper=3.0),
     )
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """Linear in the change of m and m c; the last link's cannot be told from a payload's."""
+        tree = views[0].tree
+        if joint is None or joint == views[0].n - 1:
+            return
+        mass, com = tree.mass[joint], tree.com[joint]
+        step = 0.1 * mass
+
+        def samples(view: MotionView) -> np.ndarray:
+            return step * view.regressor[:, :, 10 * joint : 10 * joint + 4]
+
+        def combine(c: np.ndarray) -> dict[str, float]:
+            new = mass * (1.0 + 0.1 * float(c[0]))
+            centre = (mass * com + 0.1 * mass * c[1:4]) / new if new > 0 else com
+            return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
+
+        yield Columns([of_the_links(v, (self.name, joint), partial(samples, v)) for v in views], combine, SPREAD)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with that link's mass and centre of mass replaced."""

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import partial
+
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.motion_view import Columns, MotionView
 from sim.torque_box import Known, TorqueBox
 
 # s: a drive's reading is up to 1 ms earlier or later than its motion, which the fit has as an ordinary parameter.
 LEAST_DELAY = 1.5e-3
+DELAYS = (1e-3, 5e-3, 10e-3, 20e-3)  # s: beyond a few milliseconds the change of the torque is not its slope times the delay
 
 
 class TimeDelay(Effect):
@@ -22,6 +28,26 @@ class TimeDelay(Effect):
     stage = Stage.CHANNEL
     scope = "arm"
     parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, grid=(0.002,)),)
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """The predicted torque later by each of DELAYS, less the torque itself."""
+        own = views[0].own(self.name, None)
+        before = own["delay"] if own else 0.0
+
+        def later(view: MotionView, j: int, late: float) -> np.ndarray:
+            t, tau = view.link.t, view.tau_hat[:, j]
+            pairs = itertools.pairwise(view.starts)
+            then = np.concatenate([np.interp(t[a:b] - late, t[a:b], tau[a:b]) for a, b in pairs])
+            return view.rows((then - tau)[:, None])
+
+        def combine(c: np.ndarray, late: float) -> dict[str, float]:
+            return {"delay": before + late * float(c[0])}
+
+        for late in DELAYS:
+            columns = [
+                {j: v.kept((self.name, late, v.joint_key(j)), partial(later, v, j, late)) for j in range(v.n)} for v in views
+            ]
+            yield Columns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """It is later than a drive's reading ordinarily is."""

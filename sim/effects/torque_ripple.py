@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import partial
+
 import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
 from sim.interval import sine
+from sim.motion_view import Columns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.turns import repeats
+
+# Every gear has a mesh of forty and more teeth, whose weak ripple is in every log; a ripple that is worth a name is slower.
+CYCLES = np.arange(1, 25)
 
 
 class TorqueRipple(Effect):
@@ -34,6 +41,22 @@ class TorqueRipple(Effect):
         ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """Sine and cosine of every whole number of cycles along the joint's angle."""
+        if joint is None or views[0].own(self.name, joint) is not None:
+            return
+
+        def samples(view: MotionView) -> np.ndarray:
+            angle = view.link.q[:, joint, None] * CYCLES
+            return view.rows(np.stack([-np.sin(angle), -np.cos(angle)], axis=2))
+
+        def combine(c: np.ndarray, cycles: float) -> dict[str, float]:
+            return {"amplitude": float(np.hypot(c[0], c[1])), "cycles": cycles, "phase": float(np.arctan2(c[1], c[0]))}
+
+        waves = [v.kept((self.name, joint), partial(samples, v)) for v in views]
+        for k, cycles in enumerate(CYCLES):
+            yield Columns([{joint: wave[:, k]} for wave in waves], partial(combine, cycles=float(cycles)))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """The joint's own parts are where they were after a whole turn."""

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import partial
+
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.motion_view import Columns, MotionView
 from sim.torque_box import Known, TorqueBox
+
+# A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque requested.
+LIMITS = tuple(0.97 * 0.94**k for k in range(14))
 
 
 class TorqueSaturation(Effect):
@@ -19,6 +26,25 @@ class TorqueSaturation(Effect):
     many = True
     stage = Stage.DRIVE
     parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, grid=(100.0,)),)
+
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+        """The model's torque cut at fractions of its largest; a coefficient of 1 is a cut as the model has it."""
+        if joint is None or views[0].own(self.name, joint) is not None:
+            return
+        most = max(float(np.quantile(np.abs(v.tau_hat[:, joint]), 0.999)) for v in views)
+
+        def cut(view: MotionView, limit: float) -> np.ndarray:
+            tau = view.tau_hat[:, joint]
+            return view.rows((np.clip(tau, -limit, limit) - tau)[:, None])
+
+        def combine(c: np.ndarray, limit: float) -> dict[str, float]:
+            # Half a cut is no cut: coefficients far from 1 give a limit that is refused as unphysical.
+            return {"limit": limit if 0.6 < float(c[0]) < 1.6 else float("nan")}
+
+        for limit in (fraction * most for fraction in LIMITS):
+            columns = [{joint: v.kept((self.name, limit, v.joint_key(joint)), partial(cut, v, limit))} for v in views]
+            if limit > 0 and any(np.any(c[joint]) for c in columns):
+                yield Columns(columns, partial(combine, limit=limit))
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau held in [-limit, limit]."""

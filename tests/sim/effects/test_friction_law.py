@@ -50,16 +50,16 @@ def maxwell(q: np.ndarray, width: float) -> np.ndarray:
 
 
 def test_a_column_is_the_same_whatever_stands_beside_it(arm: Arm) -> None:
-    together = LAW.columns(path(arm), 1)
+    together = LAW.terms(path(arm), 1)
     for k, name in enumerate(TERMS):
-        np.testing.assert_array_equal(LAW.columns(path(arm), 1, [name])[:, 0], together[:, k], err_msg=name)
+        np.testing.assert_array_equal(LAW.terms(path(arm), 1, [name])[:, 0], together[:, k], err_msg=name)
     state = path(arm)
-    np.testing.assert_array_equal(LAW.columns(state, 1), LAW.columns(state, 1))
+    np.testing.assert_array_equal(LAW.terms(state, 1), LAW.terms(state, 1))
 
 
 def test_terms_are_their_formulas(arm: Arm) -> None:
     state = path(arm)
-    found = dict(zip(TERMS, LAW.columns(state, 1).T, strict=True))
+    found = dict(zip(TERMS, LAW.terms(state, 1).T, strict=True))
     speed, load = state.dq[:, 1], state.load[:, 1]
     for name, width in zip(FAMILIES["slip"], WIDTHS, strict=True):
         if width >= TURNING:  # narrower ones turn between two samples
@@ -75,11 +75,11 @@ def test_terms_are_their_formulas(arm: Arm) -> None:
 
 def test_a_path_in_parts_goes_on_where_it_was(arm: Arm) -> None:
     whole = path(arm)
-    expected = LAW.columns(replace(whole, memory={}), 2)
+    expected = LAW.terms(replace(whole, memory={}), 2)
     memory: dict = {}
-    parts = [LAW.columns(replace(sliced(whole, slice(k, k + 7)), memory=memory), 2) for k in range(0, len(whole.t), 7)]
+    parts = [LAW.terms(replace(sliced(whole, slice(k, k + 7)), memory=memory), 2) for k in range(0, len(whole.t), 7)]
     np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-12)
-    assert np.abs(LAW.columns(sliced(whole, slice(700, 707)), 2)[0] - expected[700]).max() > 0.1  # which needs the memory
+    assert np.abs(LAW.terms(sliced(whole, slice(700, 707)), 2)[0] - expected[700]).max() > 0.1  # which needs the memory
 
 
 def test_it_is_no_candidate_and_the_folder_carries_it(arm: Arm, tmp_path: Path) -> None:

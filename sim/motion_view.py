@@ -1,0 +1,139 @@
+"""Columns of torque: what the residual would look like if an effect were missing, from a recorded motion as a fit sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sim.effects.effect import Effect, PathState
+    from sim.rigid_body import RigidBody
+    from sim.tree import KinematicTree
+
+Combine = Callable[[np.ndarray], dict[str, float]]
+
+
+class MotionView(Protocol):
+    """One recording under an arm's present parameters: the motion, the torque that they predict, and the filter of its rows.
+
+    n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor (N, n, 10 n) of the
+    links; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
+    """
+
+    @property
+    def n(self) -> int: ...
+    @property
+    def tree(self) -> KinematicTree: ...
+    @property
+    def bodies(self) -> RigidBody: ...
+    @property
+    def link(self) -> PathState: ...
+    @property
+    def reading(self) -> np.ndarray: ...
+    @property
+    def regressor(self) -> np.ndarray: ...
+    @property
+    def tau_hat(self) -> np.ndarray: ...
+    @property
+    def starts(self) -> np.ndarray: ...
+
+    def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
+        """The parameters with which the arm has an effect."""
+
+    def joint_key(self, j: int) -> Hashable:
+        """What the torque of joint j depends on, beside its link side."""
+
+    def torque_with(self, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
+        """tau (N,) N m of joint j if it had an effect behind the load with these parameters."""
+
+    def posture_slopes(self, j: int) -> list[np.ndarray]:
+        """d tau / d q_j, d tau / d dq_j and d tau / d ddq_j, each (N, n)."""
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        """Filtered rows (R, ...) of samples (N, ...)."""
+
+    def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
+        """Rows that were computed before under this key, or now."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """An effect tried at one place and from one start of its nonlinear parameters.
+
+    columns  per recording {joint index: (R, k) N m per unit of coefficient}
+    combine  coefficients (k,) -> parameter values
+    spread   (k,) prior standard deviation of the coefficients, where some may not show at all; None: free
+    """
+
+    columns: list[dict[int, np.ndarray]]
+    combine: Combine
+    spread: tuple[float, ...] | None = None
+
+
+def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[Columns]:
+    """By the torque of joint j at each of the effect's probes."""
+    own = views[0].own(effect.name, j)
+    for i, probe in enumerate(effect.probes(own)):
+        if not probe.points:
+            continue
+        columns = []
+        for view in views:
+
+            def rows(view: MotionView = view, probe=probe) -> np.ndarray:  # type: ignore[no-untyped-def]
+                # an effect that vanishes at the probe's base leaves the torque as it is
+                absent = own is None and dict(probe.base) == effect.none()
+                base = view.tau_hat[:, j] if absent else view.torque_with(j, effect.name, probe.base)
+                return view.rows(np.stack([view.torque_with(j, effect.name, p) - base for p in probe.points], axis=1))
+
+            columns.append({j: view.kept((effect.name, i, view.joint_key(j)), rows)})
+        yield Columns(columns, probe.combine)
+
+
+def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[Columns]:
+    """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
+    own = views[0].own(effect.name, j)
+    drive = tuple(
+        tuple(values.items()) for name in ("rotor_inertia", "viscous_friction") if (values := views[0].own(name, j)) is not None
+    )
+    for i, probe in enumerate(effect.probes(own)):
+        columns = []
+        for view in views:
+
+            def rows(view: MotionView = view, probe=probe) -> np.ndarray:  # type: ignore[no-untyped-def]
+                slope, moved = view.posture_slopes(j), []
+                for point in probe.points:
+                    reading = view.reading[:, j]
+                    error = effect.reading(reading, point) - effect.reading(reading, probe.base)
+                    speed = np.gradient(error, view.link.t)
+                    errors = (error, speed, np.gradient(speed, view.link.t))
+                    moved.append(
+                        -sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(view.tau_hat.shape))
+                    )
+                return view.rows(np.stack(moved, axis=2))
+
+            key = (effect.name, j, i, drive, None if own is None else tuple(own.items()))
+            columns.append(by_joint(view.kept(key, rows)))
+        yield Columns(columns, probe.combine)
+
+
+def by_joint(rows: np.ndarray) -> dict[int, np.ndarray]:
+    """(R, n, k) -> per joint (R, k)."""
+    return {j: rows[:, j] for j in range(rows.shape[1])}
+
+
+def of_the_links(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> dict[int, np.ndarray]:
+    """Samples (N, n, k) that depend on the link side alone -> rows (R, k) per joint."""
+    return by_joint(view.kept(key, lambda: view.rows(samples())))
+
+
+def force_rows(view: MotionView) -> np.ndarray:
+    """(R, n, 3) N m for 1 N along each axis of the base at the last link's origin."""
+
+    def rows() -> np.ndarray:
+        linear, _ = view.bodies.jacobian(view.link.q)
+        return view.rows(-np.swapaxes(linear, 1, 2))
+
+    return view.kept("force", rows)
