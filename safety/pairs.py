@@ -9,7 +9,7 @@ import numpy as np
 from sim.arm import Arm
 
 POSTURES = 200
-# what a plan keeps beyond the margin of safety, m: links two joints apart, and others
+# m beyond its margin that a pair must reach somewhere to count as one that can part: links two joints apart, and others
 KIN_EXTRA, EXTRA = 0.002, 0.006
 
 

@@ -207,12 +207,15 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         return given
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
     q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
-    free = room.clearances(q)[0].min(axis=1)
+    clearances, names = room.clearances(q)
+    free = clearances.min(axis=1)
     roomy = q[np.argsort(-free)[:LOOKED_AT]]
     if free.max() < CLEARANCE_MARGIN:
+        near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
+        worst = int(np.argmax(near))
         raise AnswerIsNo(
-            f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; check the obstacles of the cell, or "
-            "give a free posture with --home"
+            f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
+            f"near to each other in {near[worst]:.0%} of them: correct these two shapes or obstacles, or give a free posture with --home"
         )
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]

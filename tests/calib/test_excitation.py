@@ -121,6 +121,13 @@ def test_a_start_in_collision_says_which_bodies() -> None:
         random_start(room, Information(MODEL, noise_of(MODEL)), Basis(4, 10.0), folded, np.random.default_rng(0), 1)
 
 
+def test_a_cell_without_a_free_posture_names_what_is_too_near() -> None:
+    raised = CELL.table.obstacles[0].model_copy(update={"position": [0.0, 0.0, 3.0]})
+    cell = replace(CELL, table=CELL.table.model_copy(update={"obstacles": [raised]}))
+    with pytest.raises(AnswerIsNo, match="and mounting_plane are too near to each other in 100% of them"):
+        home_of(Room(ARM, cell), cell, None, np.random.default_rng(0))
+
+
 def test_limits_that_are_too_tight_name_the_one_that_binds() -> None:
     weak = replace(ARM, tau_max=np.array([330.0, 60.0, 150.0, 54.0, 54.0, 54.0]))
     room, model = Room(weak, CELL), TorqueModel.of_arm(weak)
