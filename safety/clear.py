@@ -12,6 +12,7 @@ import numpy as np
 from drivers.driver import DeviceStop
 from safety.collision import Clearance, Witness
 from safety.limits import check_limits, check_sent, sampled
+from safety.monitor import compile_cycle
 from safety.plan import hashes_of
 from safety.reach import fastest_point
 from safety.sudden import sudden_change
@@ -113,6 +114,7 @@ def clear(
     stop = DeviceStop() if stop is None else stop
     if not isinstance(stop, DeviceStop):
         raise SafetyStop(f"{stop!r} is not a DeviceStop; state how the device brakes")
+    compile_cycle()  # whoever drives what is cleared here must not wait for it with an arm in hand
     clearance = clearance or Clearance(arm, cell)
     used = check_limits(trajectory, arm)
     sent = _samples(trajectory, float(rate))

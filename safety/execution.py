@@ -23,6 +23,7 @@ from safety.collision import Clearance
 from safety.guard import Cycle, Guard, Window
 from safety.latency import latency_of
 from safety.manifest import Manifest, device_facts, digest_of, require_same
+from safety.monitor import compile_cycle
 from safety.plan import Plan, check_plan
 from safety.plausible import check_plausible
 from safety.realtime import unhurried
@@ -125,6 +126,7 @@ def execute(
         folder=str(folder),
         stages=list(speeds),
     )
+    compile_cycle()  # seconds, once on a computer: not with an arm connected
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())

@@ -14,7 +14,7 @@ from drivers.driver import Driver
 from logs.recorder import ERROR, WARN, Recording
 from safety.clear import ClearedTrajectory, require_cleared
 from safety.collision import Clearance
-from safety.monitor import Expected, Monitor
+from safety.monitor import Expected, Monitor, compile_cycle
 from safety.stopping import Stop, stop_from
 from safety.trip import LastSamples, MotionStopped, Standstill, Trip
 from sim.arm import Arm
@@ -75,6 +75,7 @@ class Guard:
     ) -> None:
         self._driver, self._arm, self._stop_requested, self._watch = driver, arm, stop_requested, watch
         self._cell, self._clearance, self._latency = cell, clearance, latency
+        compile_cycle()  # before the arm is switched on
         self._zero = np.zeros(arm.n)
         self._samples = LastSamples()
         self._ended: str | None = None

@@ -6,6 +6,7 @@ first reading) are not required; once reported, they must go on being reported.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -100,6 +101,18 @@ class Expected(NamedTuple):
     room: float
 
 
+@cache
+def compile_cycle() -> None:
+    """Compile what a cycle needs, or load it from Numba's cache: it takes seconds once on a computer, and so comes before anything is connected."""
+    row, number = np.ones((ROWS, 1)), np.zeros(NUMBERS)
+    cycle(row, number, np.zeros((2, 3)), np.zeros((WINDOW, 2)), np.zeros((WINDOW, 1)), np.zeros((4, 4)), np.zeros(3))
+    one, asked = np.zeros((1, 1)), np.zeros(1, dtype=np.int64)
+    to_look_at(row[Row.Q], np.zeros(1), one, one, np.zeros(1), 0, LOOKS, asked)
+    nearest(row[Row.Q], np.zeros(1), asked, np.zeros(1), one, np.zeros(1))
+    take_torque(row)
+    clear_swing(row, number)
+
+
 class Monitor:
     """Rules for one run; `check` after every reading, in order."""
 
@@ -120,7 +133,7 @@ class Monitor:
         self._seen = np.zeros(len(clearance.pairs))
         self._least, self._reach = clearance.margin - GJK, np.ascontiguousarray(clearance.reach)
         self._asked = np.zeros(len(clearance.pairs), dtype=np.int64)
-        self._compile()
+        compile_cycle()
 
     def _begin(self, arm: Arm, rate: float, first: JointState, latency: float) -> None:
         r, x, period = self._row, self._number, 1.0 / rate
@@ -159,13 +172,6 @@ class Monitor:
         x[Of.ROOM], x[Of.LAST_T] = self._most, first.t_device
         x[Of.BLOCK_END], x[Of.BLOCK_LEAST] = first.t_device + BLOCK, np.inf
         clear_swing(r, x)
-
-    def _compile(self) -> None:
-        """Once before anything moves, on copies: compiling takes seconds."""
-        cycle(*(a.copy() for a in (self._row, self._number, self._path, self._window, self._speeds, self._span, self._out)))
-        q, least = self._row[Row.LAST_Q].copy(), self._least
-        to_look_at(q, self._seen, self._seen_q, self._reach, least, 0, LOOKS, self._asked)
-        nearest(q, np.zeros(0), self._asked, self._seen, self._seen_q, least)
 
     @property
     def worst(self) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from safety import cycle, looks
 from safety import monitor as rules
 from safety.collision import Clearance
 from safety.monitor import Expected, Monitor
@@ -344,3 +345,12 @@ def test_no_reading_with_a_number_that_is_not_one_passes(arm: Arm, cell: Cell) -
                 )
                 survivors += [] if found else [(name, j, bad)]
     assert survivors == []
+
+
+def test_nothing_is_compiled_while_an_arm_moves(monitor: Monitor) -> None:
+    compiled = [f for module in (cycle, looks) for f in vars(module).values() if hasattr(f, "signatures")]
+    before = [len(f.signatures) for f in compiled]
+    for k in range(1, 20):
+        assert ask(monitor, state_at(k)) is None
+    monitor.pause()
+    assert [len(f.signatures) for f in compiled] == before
