@@ -69,7 +69,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Search:
-    """The ends of all starts, the preferred first; gap: estimate of the nats that any motion within the limits has more than the first."""
+    """The ends of all starts, those that came to their end first, the preferred of them before the other; gap: estimate of the nats that any motion within the limits has more than the first."""
 
     ends: tuple[Start, ...]
     gap: float
@@ -92,7 +92,7 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
         found[:half] = pool.run(descended, [(site, s.motion, s.x, FURTHER) for s in found[:half]], part(1))
         found[:half] = sorted(found[:half], key=lambda s: s.value)
         found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, TO_THE_END) for s in found[:LEFT]], part(2))
-        found.sort(key=lambda s: preference(s.worth), reverse=True)
+        found[:LEFT] = sorted(found[:LEFT], key=lambda s: preference(s.worth), reverse=True)
         gap = _gap(pool, site, found, part(3))
     progress("optimising", 1.0)
     return Search(tuple(found), gap)
@@ -114,7 +114,7 @@ def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
 
 
 def descended(task: tuple[Site, Fourier, np.ndarray, tuple[Stage, ...]]) -> Start:
-    """From coefficients x (n, f) through the stages; where the end, fitted to its room, is not preferred to `start`, the start."""
+    """From coefficients x (n, f) through the stages; where the end does not fit into its room, the start."""
     site, start, x, stages = task
     began = time.process_time()
     room, model = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm)
@@ -124,10 +124,9 @@ def descended(task: tuple[Site, Fourier, np.ndarray, tuple[Stage, ...]]) -> Star
         objective = Objective(room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=weight > 100)
         x, value, gain = lowest(objective, x, iterations)
     ended = fitted_to_room(room, Fourier(start.basis, start.home, x), grow=False)
-    options = [start] if ended is None else [start, ended]
-    worths = [information.worth(coarse(m)) for m in options]
-    chosen = max(range(len(options)), key=lambda k: preference(worths[k]) if site.capped else (True, worths[k].log_det))
-    return Start(options[chosen], worths[chosen], time.process_time() - began, x, value, gain)
+    # a start that passes limits, or that safety.clear would refuse, may well be worth more: it does not compete
+    motion = start if ended is None else ended
+    return Start(motion, information.worth(coarse(motion)), time.process_time() - began, x, value, gain)
 
 
 def lowest(
