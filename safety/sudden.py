@@ -47,13 +47,13 @@ def sudden_change(motion: Trajectory, arm: Arm, cell: Cell) -> np.ndarray:
         found = known.of(q, v, a, motion.t[part], y=y)
         tau[part], beside[part], gain = found.reading.middle, found.reading.half, np.maximum(found.gain, 1.0)
     out += friction.inertia_doubt * np.abs(high_pass(ddq, rate)[0]) + friction.viscous_doubt * np.abs(high_pass(dq, rate)[0])
-    beside += (
-        gain * friction.coulomb_doubt * one_slip(*way_in_one_direction(Interval(dq, dq), CREEP, arm.ddq_max), SLIP_WIDTH).half
-    )
+    slip = one_slip(*way_in_one_direction(Interval(dq, dq), CREEP, arm.ddq_max), SLIP_WIDTH)
+    beside += gain * friction.coulomb_doubt * slip.half
     out = gain * out + 2 * beside - high_pass(beside, rate)[0]
     turning = np.where(np.abs(dq) < CREEP, 2.0, np.abs(high_pass(np.sign(dq), rate)[0]))
     dry = gain * (2 * friction.coulomb + friction.coulomb_doubt) + UNSTATED * arm.tau_max
-    late = high_pass(tau, rate)[0]  # what answers late is filtered late: H and a delay may be swapped
+    # What answers late is filtered late: H and a delay may be swapped. How late dry friction turns round stands in `turning` already.
+    late = high_pass(tau - gain * friction.coulomb * slip.middle, rate)[0]
     return out + _largest(late, rate) + _largest(-late, rate) + dry * _largest(turning, rate)
 
 
