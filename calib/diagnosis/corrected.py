@@ -15,6 +15,7 @@ from calib.diagnosis.link_side import centre_size
 from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
+from sim.effects.presliding_friction import built_up
 from sim.slip import SLIP_WIDTH
 
 WIDER = 1.5
@@ -84,7 +85,7 @@ def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmE
     for joint, width in zip(hypothesis.start.joint_names, hypothesis.width, strict=True):
         level = next((e.parameters["coulomb"] for e in effects if e.effect == "coulomb_friction" and e.joint == joint), 0.0)
         if width > WIDER * SLIP_WIDTH and level > 0 and ("presliding_friction", joint) not in have:
-            out.append(ArmEffect("presliding_friction", joint, {"stiffness": float(level / width)}))
+            out += built_up(joint, float(level), float(width))
     return out
 
 

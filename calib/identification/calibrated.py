@@ -13,6 +13,7 @@ from calib.identification.model import SLIP_WIDTHS, TorqueModel
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.arm_table import PriorTable
+from sim.effects.presliding_friction import built_up
 from sim.rigid_body import link_inertia
 
 FITTED_PROVENANCE = "links, rotors, friction, offsets"
@@ -82,8 +83,7 @@ def calibrated_arm(
     wide = [j for j in range(n) if model.slip_width[j] > SLIP_WIDTHS[0] and own["coulomb"][j] > 0]
     replaced = {("presliding_friction", arm.joint_names[j]) for j in wide}
     for j in wide:
-        stiffness = float(own["coulomb"][j] / model.slip_width[j])
-        effects.append(ArmEffect("presliding_friction", arm.joint_names[j], {"stiffness": stiffness}))
+        effects += built_up(arm.joint_names[j], float(own["coulomb"][j]), float(model.slip_width[j]))
     for law in laws:
         own_law = arm.effect(law.effect, law.joint)
         terms = {k: v + (own_law.parameters[k] if own_law else 0.0) for k, v in law.parameters.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim.arm import ArmEffect
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 from sim.torque_box import Known, TorqueBox
 
@@ -61,3 +62,11 @@ class PreslidingFriction(Effect):
             return Probe(none, ({"stiffness": stiffness},), combine)
 
         return [at(k) for k in self.parameter("stiffness").grid]
+
+
+def built_up(joint: str, level: float, width: float) -> list[ArmEffect]:
+    """The effect with which dry friction of level N m builds up over width rad; none where the level is next to nothing."""
+    stiffness = PreslidingFriction().parameter("stiffness")
+    if not stiffness.lower <= level / width <= stiffness.upper:
+        return []
+    return [ArmEffect(PreslidingFriction.name, joint, {"stiffness": level / width})]
