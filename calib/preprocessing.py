@@ -115,6 +115,12 @@ class Measurement:
         out[moving[-1] + 1 if len(moving) else 0 :] = False
         return out
 
+    @property
+    def samples_moving(self) -> slice:
+        """The samples from the first row in motion to the last."""
+        moving = self.row_samples[self.row_moving]
+        return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0, 0)
+
     @cached_property
     def row_stretch(self) -> np.ndarray:
         """(R,) which stretch a row belongs to; rows of different stretches are not neighbours in time."""

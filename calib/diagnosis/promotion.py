@@ -256,13 +256,15 @@ def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pie
     refit = with_laws(f, (), limits, pieces)
     ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), refit.change)]
     rms, lawful = ways[-1].rms, refit
+    bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
     only: Sequence[int] = range(start.n)
     while only:
         refit = with_laws(f, only, limits, pieces)
         if not refit.laws:
             break
         found = _Written.of(refit.change, refit.laws, start, shown)
-        spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j]]
+        as_read = _as_read(refit.change.of(start), shown) > bare
+        spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j] or as_read[j]]
         if not spoilt:
             ways.append(found)
             lawful = refit
@@ -297,3 +299,13 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
             tau = tau + lead * np.concatenate([np.gradient(tau[a:b], m.trajectory.t[a:b], axis=0) for a, b in pairs])
         out.append(m.rows(m.tau - tau)[m.row_moving])
     return np.concatenate(out)
+
+
+def _as_read(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m RMS torque error of the samples themselves while the arm moves: what a law does in some milliseconds, a filter hides."""
+    squares, count = np.zeros(arm.n), 0
+    for m in measurements:
+        error = (m.tau - predict(arm, m.trajectory))[m.samples_moving]
+        squares += np.sum(error**2, axis=0)
+        count += len(error)
+    return np.asarray(np.sqrt(squares / max(count, 1)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.friction_fit import Part, fit_friction
+from calib.friction_fit import FrictionFit, Part, fit_friction
 from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
 from calib.preprocessing import Measurement
@@ -41,7 +41,9 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
     """
     arm = model.arm
     parts = [_part(model, m) for m in measurements]
-    found = fit_friction(parts, nominal.mean, _free(model, parts, nominal), [SLIP])
+    found = _with_laws(
+        parts, [_part(model, m, filtered=False) for m in measurements], nominal.mean, _free(model, parts, nominal)
+    )
     theta, effects = found.theta.copy(), []
     for j in range(arm.n):
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
@@ -56,6 +58,30 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
             theta[dry] = max(level, 0.0)
             effects.append(ArmEffect("friction_law", arm.joint_names[j], terms))
     return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted)
+
+
+def _with_laws(parts: Sequence[Part], samples: Sequence[Part], mean: np.ndarray, precision: np.ndarray) -> FrictionFit:
+    """Laws that also predict the torque as it was read, before any filter, no worse than none.
+
+    A filter hides what a law does within some milliseconds of a reversal: terms of both signs can add up to a spike that is not there.
+    """
+    n = len(parts[0].r)
+    without = fit_friction(parts, mean, precision, [])
+    bare, joints = _squares(samples, without), list(range(n))
+    while True:
+        found = fit_friction(parts, mean, precision, [SLIP], joints)
+        spoilt = [j for j in found.joints if _squares(samples, found)[j] > bare[j]]
+        if not spoilt:
+            return found
+        joints = [j for j in found.joints if j not in spoilt]
+
+
+def _squares(samples: Sequence[Part], found: FrictionFit) -> np.ndarray:
+    """(n,) sums of squares of the errors of a fit on samples."""
+    return np.array([
+        sum(float(np.sum((s.r[j] - s.x[j] @ found.theta - s.d[j] @ found.coefficients[j]) ** 2)) for s in samples)
+        for j in range(len(found.coefficients))
+    ])  # fmt: skip
 
 
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
@@ -93,14 +119,13 @@ def _nearest(width: float) -> int:
     return int(np.argmin(np.abs(np.log(np.array(WIDTHS) / width))))
 
 
-def _part(model: TorqueModel, m: Measurement) -> Part:
-    """Rows between the first and the last motion, reversals and all."""
+def _part(model: TorqueModel, m: Measurement, filtered: bool = True) -> Part:
+    """Rows between the first and the last motion, reversals and all; or the samples that they are made of."""
     arm, law, tr = model.arm, FrictionLaw(), m.trajectory
     nothing = by_stage((), arm)
     state = link_side(arm, tr, nothing)
     motor_side(state, nothing)
     links = model.joint_columns(tr.q, tr.dq, tr.ddq)
-    keep = m.row_moving
     x, d, r = [], [], []
     for j in range(arm.n):
         columns = law.terms(state, j)
@@ -108,7 +133,8 @@ def _part(model: TorqueModel, m: Measurement) -> Part:
         own[:, model.used_by(j)] = links[j]
         # dry friction as a prediction builds it up, between the samples too
         own[:, model.friction_column("coulomb", j)] = columns[:, SLIP[_nearest(model.slip_width[j])]]
-        rows = m.rows(np.column_stack([own, columns, m.tau[:, j]]))[keep]
+        every = np.column_stack([own, columns, m.tau[:, j]])
+        rows = m.rows(every)[m.row_moving] if filtered else every[m.samples_moving]
         x.append(rows[:, : model.p])
         d.append(rows[:, model.p : -1])
         r.append(rows[:, -1])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.known_truth import fourier_motion, recorded, varied
+from benchmarks.known_truth import fourier_motion, recorded, recorded_on_mock, varied
 from calib.identification.law import fitted_laws, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
@@ -16,6 +16,8 @@ from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import effect_named, with_effect
 from sim.effects.friction_law import FAMILIES
+from sim.effects.presliding_friction import built_up
+from sim.prediction import predict
 
 JOINT = 2
 CUTOFF = 12.0
@@ -68,3 +70,23 @@ def test_the_speed_reading_that_goes_with_the_torque(arm: Arm, better: str) -> N
         logs = [replace(log, dq=dq) for log, dq in zip(logs, late, strict=True)]
     readings = {key: [prepare(log, replace(arm, speed_from=key), CUTOFF) for log in logs] for key in ("position", "measured")}
     assert speed_reading(model, readings, nominal_prior(arm, model)) == better
+
+
+def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
+    """Filtered rows take terms of both signs that add up to a spike at every reversal; the samples refuse them."""
+    truth = varied(arm, 7, 0.03)
+    log = recorded_on_mock(truth, arm, fourier_motion(arm, 60, seconds=8.0), 1)
+    model = TorqueModel.of_arm(arm)
+    m = prepare(log, arm)
+    found = fitted_laws(model, [m], nominal_prior(arm, model))
+    for law in found.effects:
+        assert sum(abs(law.parameters[name]) for name in FAMILIES["slip"]) < 0.5 * arm.tau_max[arm.joint_index(str(law.joint))]
+    motion = fourier_motion(arm, 70, seconds=8.0)
+    reached = predict(replace(arm, effects=(*arm.effects, *found.effects)), motion) - predict(arm, motion)
+    assert np.abs(reached).max() < 0.1 * arm.tau_max.max()
+
+
+def test_next_to_no_friction_builds_up_over_nothing() -> None:
+    assert built_up("elbow_joint", 2.8e-7, 1e-2) == []
+    (effect,) = built_up("elbow_joint", 9.0, 1e-2)
+    assert effect.parameters == {"stiffness": pytest.approx(900.0)}
