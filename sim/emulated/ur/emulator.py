@@ -92,6 +92,7 @@ class UrEmulator:
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
+        self.robot.stop_program()  # with the sockets that it opened itself
         self._close_all()
 
     def do(self, action: Callable[[], None]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
 
 import pytest
 
-from sim.emulated.ur.emulator import UrEmulator
+from sim.emulated.ur.emulator import SCRIPT, UrEmulator
 from sim.errors import ConfigError, DeviceError
 
 CLIENT = """
@@ -67,3 +68,18 @@ def test_an_address_is_emulated_once_and_only_on_loopback(emulator: Callable[...
         UrEmulator(controller.robot, "192.168.0.10")
     with pytest.raises(ConfigError, match="did you mean 'protective_stop'"):
         controller.inject("protectivestop")
+
+
+def test_a_controller_that_is_switched_off_closes_the_sockets_of_its_program(emulator: Callable[..., UrEmulator]) -> None:
+    controller = emulator()
+    with socket.create_server((controller.host, 0)) as listener:
+        listener.settimeout(20)
+        host, port = listener.getsockname()
+        opens = f'def opens():\n  socket_open("{host}", {port}, "host")\n  while True:\n    sync()\n  end\nend\n'
+        with socket.create_connection((controller.host, SCRIPT)) as script:
+            script.sendall(opens.encode())
+            connection, _ = listener.accept()
+        with connection:
+            connection.settimeout(20)
+            controller.stop()
+            assert connection.recv(1) == b""
