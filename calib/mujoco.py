@@ -149,7 +149,7 @@ class _Exported:
         self.level = [item for item in self.items[Stage.FRICTION] if item.joint in self.dry and not item.shapes]
         self.warmed = [item for item in self.items[Stage.MOTOR] if item.joint in self.dry and item.native]
         self.needs_load = any(item.effect.needs_load for item in self.ours[Stage.MOTOR])
-        self.memories: dict[int, tuple[float, dict[Hashable, tuple[float, float]]]] = {}
+        self.memories: dict[int, tuple[float, dict[Hashable, np.ndarray]]] = {}
         self.acts = any(self.ours.values())
 
     def add_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -201,7 +201,7 @@ class _Exported:
         _apply(state, self.items[Stage.JOINT])
         return state.load[0]
 
-    def _memory_of(self, data: mujoco.MjData) -> dict[Hashable, tuple[float, float]]:
+    def _memory_of(self, data: mujoco.MjData) -> dict[Hashable, np.ndarray]:
         """What laws with memory keep of a simulation; forgotten at time zero and where its time went back."""
         time, memory = self.memories.get(data._address, (0.0, {}))
         if data.time < time or data.time == 0.0:

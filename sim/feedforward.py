@@ -50,14 +50,14 @@ def dry_friction(arm: Arm, load: np.ndarray) -> np.ndarray:
 
 def _steady(arm: Arm, dq: np.ndarray, way: float, load: np.ndarray | float = 0.0) -> np.ndarray:
     """(N, n) torque of friction at the speeds dq (N, n) under load, after a long way in the direction `way`, 1 or -1."""
-    memory: dict[Hashable, tuple[float, float]] = {}
+    memory: dict[Hashable, np.ndarray] = {}
     came = np.array([[-way * RUN_IN], [0.0]]) * np.ones(arm.n)
     _friction(arm, came, dq[:2], way, load, memory)
     return _friction(arm, np.zeros_like(dq), dq, way, load, memory)
 
 
 def _friction(
-    arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, load: np.ndarray | float, memory: dict[Hashable, tuple[float, float]]
+    arm: Arm, q: np.ndarray, dq: np.ndarray, way: float, load: np.ndarray | float, memory: dict[Hashable, np.ndarray]
 ) -> np.ndarray:
     zero = np.zeros_like(dq)
     state = PathState(

@@ -117,7 +117,7 @@ class Plant:
         self._kp, self._kd = self._gain_matrices(q)
         self._integral = np.zeros(n)
         self._slip = np.zeros(n)
-        self._memory: dict[Hashable, tuple[float, float]] = {}
+        self._memory: dict[Hashable, np.ndarray] = {}
         if came is not None:
             self._load_gears()
             self._load_friction(came + (self.data.qpos[self._dof] - q))

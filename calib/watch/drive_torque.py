@@ -56,7 +56,7 @@ class DriveTorque:
         """The direction of dry friction is unknown again, as after a gap."""
         self._slip: np.ndarray | None = None
         self._angle: np.ndarray | None = None
-        self._memory: dict[Hashable, tuple[float, float]] = {}
+        self._memory: dict[Hashable, np.ndarray] = {}
 
     def link_torque(
         self, t: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, gravity: np.ndarray

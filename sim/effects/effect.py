@@ -164,7 +164,7 @@ class PathState:
     tau: np.ndarray
     force: np.ndarray
     warming: np.ndarray | None = None
-    memory: dict[Hashable, tuple[float, float]] | None = None
+    memory: dict[Hashable, np.ndarray] | None = None
 
 
 class Effect:

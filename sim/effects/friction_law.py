@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
 from sim.interval import Interval
-from sim.slip import slip_along, slip_direction
+from sim.slip import slip_along
 from sim.slip_bounds import slip_amplitude
 from sim.torque_box import Known, TorqueBox
 
@@ -15,6 +16,7 @@ POWERS = (0.3, 0.6, 1.0, 2.0)
 SPEEDS = (0.02, 0.1, 0.4)
 # the other terms turn over this displacement, so that none of them steps at a reversal
 TURNING = 1e-3
+_TURNING = WIDTHS.index(TURNING)
 # rad/s: below, the roots of the speed go over into a straight line, which a simulation can follow
 SLOW = 0.01
 FAMILIES: dict[str, tuple[str, ...]] = {
@@ -69,8 +71,14 @@ class FrictionLaw(Effect):
     )  # fmt: skip
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """Add the terms whose coefficients are not zero."""
+        """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
         assert joint is not None
+        if state.memory is not None:
+            path = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
+            at_start = np.array([state.q_motor[0, joint], *(0.0 for _ in WIDTHS)])
+            memory = state.memory.setdefault((self.name, joint), at_start)
+            state.tau[:, joint] += _continued(*path, np.array([p[name] for name in TERMS]), memory)
+            return
         wanted = [name for name in TERMS if p[name] != 0.0]
         if wanted:
             state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
@@ -116,7 +124,6 @@ class FrictionLaw(Effect):
         needed = {widths[name] for name in names if name in widths}
         if any(name not in widths and name not in powers for name in names):
             needed.add(TURNING)
-        # each width once: a path that is walked in parts moves its memory on
         slips = {width: self._slip(state, joint, width) for width in sorted(needed)}
         turn = slips.get(TURNING, speed)
         out = np.empty((len(speed), len(names)))
@@ -136,18 +143,37 @@ class FrictionLaw(Effect):
         return out
 
     def _slip(self, state: PathState, joint: int, width: float) -> np.ndarray:
-        """Slip direction over a width; where the caller keeps a memory, going on from where the part before ended."""
+        """Slip direction over a width."""
         q, dq = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor))
-        if state.memory is None and len(q) == 1:
-            return np.zeros(1)
-        if state.memory is None:
-            return np.asarray(slip_along(state.t, q, dq, np.full(len(q), width), 0.0))
-        key = (self.name, joint, width)
-        angle, slip = state.memory.get(key, (float(q[0]), 0.0))
-        z = np.asarray(slip_direction(np.append(angle, q), np.full(len(q) + 1, width), slip)[1:])
-        state.memory[key] = (float(q[-1]), float(z[-1]))
-        return z
+        return np.zeros(1) if len(q) == 1 else np.asarray(slip_along(state.t, q, dq, np.full(len(q), width), 0.0))
 
     def probes(self, own: Values | None) -> list[Probe]:
         """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
         return []
+
+
+@numba.njit(cache=True)
+def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-def]
+    """(N,) torque of all terms; memory: the angle before the first sample and the slips of WIDTHS there, moved on in place."""
+    out = np.empty(len(q))
+    n, m = len(WIDTHS), len(WIDTHS) + len(POWERS)
+    for k in range(len(q)):
+        step = q[k] - memory[0]
+        way = 1.0 if step > 0 else -1.0
+        memory[0] = q[k]
+        total = 0.0
+        for i in range(n):
+            memory[1 + i] = way + (memory[1 + i] - way) * np.exp(-abs(step) / WIDTHS[i])
+            total += coefficients[i] * memory[1 + i]
+        turn = memory[1 + _TURNING]
+        speed = abs(dq[k])
+        for i in range(len(POWERS)):
+            total += coefficients[n + i] * dq[k] * (speed**2 + SLOW**2) ** ((POWERS[i] - 1) / 2)
+        level = 0.0
+        for i in range(len(SPEEDS)):
+            level += coefficients[m + i] * np.exp(-speed / SPEEDS[i])
+        last = m + len(SPEEDS)
+        level += coefficients[last] * abs(load[k]) + coefficients[last + 1] * load[k] ** 2
+        level += coefficients[last + 2] * max(load[k] * turn, 0.0)
+        out[k] = total + turn * level
+    return out

@@ -14,7 +14,7 @@ from benchmarks.known_truth import fourier_motion
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
-from sim.effects.effect import PathState
+from sim.effects.effect import PathState, Values
 from sim.effects.friction_law import FAMILIES, TERMS, TURNING, WIDTHS, FrictionLaw, formula
 from sim.plant import Plant
 from sim.prediction import by_stage, link_side, motor_side, predict, torque_of_laws
@@ -73,13 +73,30 @@ def test_terms_are_their_formulas(arm: Arm) -> None:
     np.testing.assert_allclose(found["load_driving"], np.where(load * turn > 0, load * turn**2, 0.0))
 
 
+def applied(state: PathState, joint: int, p: Values) -> np.ndarray:
+    state = replace(state, tau=np.zeros_like(state.tau))
+    LAW.apply(state, joint, p)
+    return state.tau[:, joint]
+
+
 def test_a_path_in_parts_goes_on_where_it_was(arm: Arm) -> None:
-    whole = path(arm)
-    expected = LAW.terms(replace(whole, memory={}), 2)
+    whole, rng = path(arm), np.random.default_rng(7)
+    p = dict(zip(TERMS, rng.normal(size=len(TERMS)), strict=True))
+    expected = applied(replace(whole, memory={}), 2, p)
     memory: dict = {}
-    parts = [LAW.terms(replace(sliced(whole, slice(k, k + 7)), memory=memory), 2) for k in range(0, len(whole.t), 7)]
+    parts = [applied(replace(sliced(whole, slice(k, k + 7)), memory=memory), 2, p) for k in range(0, len(whole.t), 7)]
     np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-12)
-    assert np.abs(LAW.terms(sliced(whole, slice(700, 707)), 2)[0] - expected[700]).max() > 0.1  # which needs the memory
+    assert np.abs(applied(sliced(whole, slice(700, 707)), 2, p)[0] - expected[700]).max() > 0.1  # which needs the memory
+
+
+def test_the_torque_sample_by_sample_is_that_of_the_path(arm: Arm) -> None:
+    whole, rng = path(arm), np.random.default_rng(8)
+    for name in TERMS:
+        if name in FAMILIES["slip"] and float(name.removeprefix("slip_")) < TURNING:
+            continue  # a reversal between two samples is over in less than the path's steps
+        p = dict.fromkeys(TERMS, 0.0) | {name: rng.normal()}
+        step, along = applied(replace(whole, memory={}), 2, p), applied(replace(whole, memory=None), 2, p)
+        assert np.sqrt(np.mean((step - along) ** 2)) < 0.03 * np.sqrt(np.mean(along**2)), name
 
 
 def test_it_is_no_candidate_and_the_folder_carries_it(arm: Arm, tmp_path: Path) -> None:
