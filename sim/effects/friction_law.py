@@ -73,15 +73,18 @@ class FrictionLaw(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
         assert joint is not None
-        if state.memory is not None:
-            path = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
-            at_start = np.array([state.q_motor[0, joint], *(0.0 for _ in WIDTHS)])
-            memory = state.memory.setdefault((self.name, joint), at_start)
-            state.tau[:, joint] += _continued(*path, np.array([p[name] for name in TERMS]), memory)
+        coefficients = np.array([p[name] for name in TERMS])
+        if not coefficients.any():
             return
-        wanted = [name for name in TERMS if p[name] != 0.0]
-        if wanted:
-            state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
+        q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
+        if state.memory is not None:
+            at_start = np.array([q[0], *(0.0 for _ in WIDTHS)])
+            memory = state.memory.setdefault((self.name, joint), at_start)
+            state.tau[:, joint] += _continued(q, dq, load, coefficients, memory)
+        elif len(q) > 1:
+            state.tau[:, joint] += _along(state.t, q, dq, load, coefficients)
+        else:
+            state.tau[:, joint] += self.terms(state, joint)[0] @ coefficients
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The slips of every width together, then the other terms one by one, each with its own doubt."""
@@ -156,24 +159,46 @@ class FrictionLaw(Effect):
 def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-def]
     """(N,) torque of all terms; memory: the angle before the first sample and the slips of WIDTHS there, moved on in place."""
     out = np.empty(len(q))
-    n, m = len(WIDTHS), len(WIDTHS) + len(POWERS)
+    slips = memory[1:]
     for k in range(len(q)):
         step = q[k] - memory[0]
         way = 1.0 if step > 0 else -1.0
         memory[0] = q[k]
-        total = 0.0
-        for i in range(n):
-            memory[1 + i] = way + (memory[1 + i] - way) * np.exp(-abs(step) / WIDTHS[i])
-            total += coefficients[i] * memory[1 + i]
-        turn = memory[1 + _TURNING]
-        speed = abs(dq[k])
-        for i in range(len(POWERS)):
-            total += coefficients[n + i] * dq[k] * (speed**2 + SLOW**2) ** ((POWERS[i] - 1) / 2)
-        level = 0.0
-        for i in range(len(SPEEDS)):
-            level += coefficients[m + i] * np.exp(-speed / SPEEDS[i])
-        last = m + len(SPEEDS)
-        level += coefficients[last] * abs(load[k]) + coefficients[last + 1] * load[k] ** 2
-        level += coefficients[last + 2] * max(load[k] * turn, 0.0)
-        out[k] = total + turn * level
+        for i in range(len(WIDTHS)):
+            slips[i] = way + (slips[i] - way) * np.exp(-abs(step) / WIDTHS[i])
+        out[k] = _sum(dq[k], load[k], slips, coefficients)
     return out
+
+
+@numba.njit(cache=True)
+def _along(t, q, dq, load, coefficients):  # type: ignore[no-untyped-def]
+    """(N,) torque of all terms along a whole path."""
+    slips = np.zeros((len(q), len(WIDTHS)))
+    for i in range(len(WIDTHS)):
+        if coefficients[i] != 0.0 or i == _TURNING:
+            slips[:, i] = slip_along(t, q, dq, np.full(len(q), WIDTHS[i]), 0.0)
+    out = np.empty(len(q))
+    for k in range(len(q)):
+        out[k] = _sum(dq[k], load[k], slips[k], coefficients)
+    return out
+
+
+@numba.njit(cache=True)
+def _sum(dq, load, slips, coefficients):  # type: ignore[no-untyped-def]
+    """The torque at one instant: the coefficients, in the order of TERMS, times their terms."""
+    first, second = len(WIDTHS), len(WIDTHS) + len(POWERS)
+    third = second + len(SPEEDS)
+    total, level, speed = 0.0, 0.0, abs(dq)
+    for i in range(first):
+        total += coefficients[i] * slips[i]
+    for i in range(len(POWERS)):
+        if coefficients[first + i] != 0.0:
+            total += coefficients[first + i] * dq * (speed**2 + SLOW**2) ** ((POWERS[i] - 1) / 2)
+    for i in range(len(SPEEDS)):
+        if coefficients[second + i] != 0.0:
+            level += coefficients[second + i] * np.exp(-speed / SPEEDS[i])
+    turn = slips[_TURNING]
+    level += (
+        coefficients[third] * abs(load) + coefficients[third + 1] * load**2 + coefficients[third + 2] * max(load * turn, 0.0)
+    )
+    return total + turn * level

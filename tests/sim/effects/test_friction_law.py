@@ -135,3 +135,9 @@ def test_the_formula_names_what_is_there() -> None:
 
 def test_the_module_can_be_imported_before_any_other() -> None:
     subprocess.run([sys.executable, "-c", "import sim.effects.friction_law"], check=True)
+
+
+def test_the_torque_is_the_terms_times_their_coefficients(arm: Arm) -> None:
+    whole, rng = path(arm), np.random.default_rng(9)
+    p = dict(zip(TERMS, rng.normal(size=len(TERMS)), strict=True))
+    np.testing.assert_allclose(applied(whole, 2, p), LAW.terms(whole, 2) @ np.array([p[name] for name in TERMS]), atol=1e-12)
