@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.contact import force_spread
-from calib.diagnosis.model import CONTACT, LATE, MOST_COLUMNS, Hypothesis, LogModel, recentred
+from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
 from calib.diagnosis.noise import Noise, noise_of
 from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.preprocessing import Measurement
@@ -213,12 +213,13 @@ def _slope(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, m
         return model.rows(_difference(model, hypothesis, log, item, moved)) / step
     j = model.arm.joint_index(item.joint)
     key = ("slope", item.effect, tuple(moved.parameters.items()), model.joint_key(j))
-    cache = model.side.columns
-    if key not in cache:
+
+    def rows() -> np.ndarray:
         own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
-        model.side.keep(cache, key, model.rows(model.tail(j, own) - model.tau_hat[:, j]) / step, MOST_COLUMNS)
+        return np.asarray(model.rows(model.tail(j, own) - model.tau_hat[:, j]) / step)
+
     out = np.zeros_like(model.residual)
-    out[:, j] = cache[key]
+    out[:, j] = model.kept(key, rows)
     return out
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.array_cache import ArrayCache
 from calib.preprocessing import Measurement
 from sim.arm import Arm
-from sim.effects.effect import PathState
+from sim.effects.effect import PathState, Values
+from sim.effects.friction_law import FrictionLaw
 from sim.prediction import Stages, link_side
 from sim.rigid_body import RigidBody, link_parameters
 
+# bytes of arrays that are kept for each sample of the recordings
+OF_COLUMNS, OF_PATHS, OF_WHITES = 4000.0, 1200.0, 2500.0
+FRICTION_LAW = FrictionLaw()
 # of a path, what stages behind the load fill
 FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
 
@@ -21,20 +25,28 @@ FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip"
 class LinkSide:
     """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
 
-    Models whose links move alike share it. paths and columns are caches: torque of one joint with given effects, and candidate columns.
+    Models whose links move alike share it. paths: joints with given effects; kept: candidate columns and what they are made of.
     """
 
     def __init__(self, measurement: Measurement, arm: Arm, stages: Stages) -> None:
         self.measurement = measurement
         self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
         self.bodies = RigidBody(arm)
-        self.regressor = self.bodies.regressor(self.path.q, self.path.dq, self.path.ddq)
         self.inertial = _inertial_rows(measurement, arm, self.regressor, self.bodies.parameters())
-        self._slopes: dict[int, list[np.ndarray]] = {}
-        self.paths: dict[Hashable, Any] = {}
-        self.columns: dict[Hashable, np.ndarray] = {}
-        self.whites: dict[Hashable, Any] = {}
+        self.kept = ArrayCache(OF_COLUMNS * len(self.path.t))
+        self.paths = ArrayCache(OF_PATHS * len(self.path.t))
+        self._whites: ArrayCache | None = None
         self._motion: dict[int, dict[str, np.ndarray]] = {}
+
+    def whites(self, samples: int) -> ArrayCache:
+        """Whitened rows of all recordings, of which this is the first, with so many samples together."""
+        self._whites = self._whites or ArrayCache(OF_WHITES * samples)
+        return self._whites
+
+    @property
+    def regressor(self) -> np.ndarray:
+        """(N, n, 10 n) of the links; as large as all recordings together, so nobody keeps it."""
+        return self.bodies.regressor(self.path.q, self.path.dq, self.path.ddq)
 
     @cached_property
     def largest_load(self) -> np.ndarray:
@@ -55,27 +67,34 @@ class LinkSide:
             **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
         )
 
-    def posture_slopes(self, j: int) -> list[np.ndarray]:
-        """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j of the bodies, each (N, n), by central differences (tau is quadratic in dq)."""
-        if j not in self._slopes:
+    def law(self, j: int, p: Values) -> np.ndarray:
+        """(N, 1) N m of a friction law of joint j on the motion and the load of the links."""
 
-            def torque(*steps: float) -> np.ndarray:
-                moved = [self.path.q.copy(), self.path.dq.copy(), self.path.ddq.copy()]
-                for x, step in zip(moved, steps, strict=True):
-                    x[:, j] += step
-                return self.bodies.inverse_dynamics(*moved)
+        def torque() -> np.ndarray:
+            state = self.joint(j)
+            state.q_motor[:], state.dq_motor[:] = state.q, state.dq
+            FRICTION_LAW.apply(state, 0, p)
+            return state.tau
 
-            by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
-            by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
-            self._slopes[j] = [by_angle, by_speed, torque(0, 0, 1.0) - torque(0, 0, 0)]
-        return self._slopes[j]
+        found: np.ndarray = self.kept.of(("law", j, tuple(p.values())), torque)
+        return found
 
-    def keep(self, cache: dict[Hashable, Any], key: Hashable, value: Any, most: int) -> Any:
-        """Put a value into a cache of at most `most` entries; the oldest goes first."""
-        if len(cache) >= most:
-            del cache[next(iter(cache))]
-        cache[key] = value
-        return value
+    def posture_slopes(self, j: int) -> np.ndarray:
+        """(3, N, n) d tau / d q_j, d tau / d dq_j, d tau / d ddq_j of the bodies, by central differences (tau is quadratic in dq)."""
+        found: np.ndarray = self.kept.of(("posture", j), lambda: self._posture_slopes(j))
+        return found
+
+    def _posture_slopes(self, j: int) -> np.ndarray:
+
+        def torque(*steps: float) -> np.ndarray:
+            moved = [self.path.q.copy(), self.path.dq.copy(), self.path.ddq.copy()]
+            for x, step in zip(moved, steps, strict=True):
+                x[:, j] += step
+            return self.bodies.inverse_dynamics(*moved)
+
+        by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
+        by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
+        return np.stack([by_angle, by_speed, torque(0, 0, 1.0) - torque(0, 0, 0)])
 
 
 def centre_size(arm: Arm, i: int) -> float:

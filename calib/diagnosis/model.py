@@ -11,7 +11,7 @@ import numpy as np
 from calib.diagnosis.link_side import LinkSide
 from calib.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
-from sim.effects import Stage, with_effect
+from sim.effects import Stage, effect_named, with_effect
 from sim.effects.effect import PathState
 from sim.prediction import Stages, by_stage, motor_side
 from sim.prior import spread
@@ -100,7 +100,6 @@ POSITIVE = (
     ("rotor_inertia", "inertia", "rotor"),
 )
 LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
-MOST_PATHS, MOST_COLUMNS = 400, 6000
 
 
 class LogModel:
@@ -223,8 +222,7 @@ class LogModel:
 
     def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
         """Columns that were computed before from the same path, or now."""
-        cache = self.side.columns
-        return cache[key] if key in cache else np.asarray(self.side.keep(cache, key, rows(), MOST_COLUMNS))
+        return np.asarray(self.side.kept.of(key, rows))
 
     def joint_state(self, j: int) -> PathState:
         """The path of joint j alone under the hypothesis, arrays (N, 1)."""
@@ -254,6 +252,11 @@ class LogModel:
 
     def _state(self, j: int, own: Sequence[ArmEffect], **changes: float) -> PathState:
         state = self.side.joint(j)
+        law = next((e for e in own if e.effect == "friction_law"), None)
+        if law is not None and not any(effect_named(e.effect).stage in (Stage.JOINT, Stage.TRANSMISSION) for e in own):
+            # nothing changes the motion and the load that it depends on: once for all
+            state.tau += self.side.law(j, law.parameters)
+            own = [e for e in own if e is not law]
         items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
         width = np.array([changes.get("width", self.hypothesis.width[j])])
         lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
@@ -261,9 +264,11 @@ class LogModel:
         return state
 
     def _joint_path(self, j: int) -> JointPath:
-        side, key = self.side, self.joint_key(j)
-        if key in side.paths:
-            return side.paths[key]
+        key = self.joint_key(j)
+        found: JointPath = self.side.paths.of(key, lambda: self._joint_path_now(j, key))
+        return found
+
+    def _joint_path_now(self, j: int, key: Hashable) -> JointPath:
         own = self.own_effects(j)
         state = self._state(j, own)
         rate = self.gradient(state.tau[:, 0])
@@ -288,7 +293,7 @@ class LogModel:
             self.measurement.tau[:, j] - tau_hat,
         )
         rows = self.rows(np.stack(columns, axis=1))
-        return side.keep(side.paths, key, JointPath(key, tau_hat, rate, rows[:, -1], rows[:, :-1]), MOST_PATHS)
+        return JointPath(key, tau_hat, rate, rows[:, -1], rows[:, :-1])
 
     def _warmth(self, j: int) -> np.ndarray:
         """(N,) share of friction lost, one standard deviation of the prior."""

@@ -15,7 +15,6 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.noise import Noise
 
 HOLDS = 4
-MOST_WHITES = 60
 
 
 @dataclass
@@ -169,12 +168,13 @@ def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
         return White(x, r, x.T @ x, x.T @ r, ())
     first = rows.models[0]
     key = ("white", first.joint_key(j), tuple(id(m.side) for m in rows.models), id(noise))
-    found = first.side.whites.get(key)
-    if found is None:
+
+    def white() -> White:
         p = len(first.names)
         x, r = noise.whiten(j, rows.x[j][:, :p], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
-        sides = (noise, *[m.side for m in rows.models[1:]])
-        found = first.side.keep(first.side.whites, key, White(x, r, x.T @ x, x.T @ r, sides), MOST_WHITES)
+        return White(x, r, x.T @ x, x.T @ r, (noise, *[m.side for m in rows.models[1:]]))
+
+    found: White = first.side.whites(sum(len(m.link.t) for m in rows.models)).of(key, white)
     if rows.x[j].shape[1] == found.x.shape[1]:
         return found
     more = noise.whiten(j, rows.x[j][:, found.x.shape[1] :], rows.joined[j])
