@@ -18,6 +18,9 @@ from sim.prediction import by_stage, link_side, motor_side, torque_of_laws
 
 # how far a fit of rows is trusted by itself: how far beyond the torque that was measured a joint's friction may lie
 FREE = 3.0
+# dry friction of lubricated gears breaks away at up to about twice the level at which it slides (B. Armstrong-Helouvry, P. Dupont,
+# C. Canudas de Wit 1994, doi:10.1016/0005-1098(94)90209-7): a law that builds up to more than so many times is made of noise
+BREAKAWAY = 3.0
 CLEARLY = 0.05  # share of the error by which one reading must be better
 SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
 
@@ -41,9 +44,8 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
     """
     arm = model.arm
     parts = [_part(model, m) for m in measurements]
-    found = _with_laws(
-        parts, [_part(model, m, filtered=False) for m in measurements], nominal.mean, _free(model, parts, nominal)
-    )
+    samples = [_part(model, m, filtered=False) for m in measurements]
+    found = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal))
     theta, effects = found.theta.copy(), []
     for j in range(arm.n):
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
@@ -60,8 +62,10 @@ def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal
     return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted)
 
 
-def _with_laws(parts: Sequence[Part], samples: Sequence[Part], mean: np.ndarray, precision: np.ndarray) -> FrictionFit:
-    """Laws that also predict the torque as it was read, before any filter, no worse than none.
+def _with_laws(
+    model: TorqueModel, parts: Sequence[Part], samples: Sequence[Part], mean: np.ndarray, precision: np.ndarray
+) -> FrictionFit:
+    """Laws that also predict the torque as it was read, before any filter, no worse than none, and build up to no more than BREAKAWAY.
 
     A filter hides what a law does within some milliseconds of a reversal: terms of both signs can add up to a spike that is not there.
     """
@@ -70,10 +74,19 @@ def _with_laws(parts: Sequence[Part], samples: Sequence[Part], mean: np.ndarray,
     bare, joints = _squares(samples, without), list(range(n))
     while True:
         found = fit_friction(parts, mean, precision, [SLIP], joints)
-        spoilt = [j for j in found.joints if _squares(samples, found)[j] > bare[j]]
+        after = _squares(samples, found)
+        spoilt = [j for j in found.joints if after[j] > bare[j] or _overshoots(model, found, j)]
         if not spoilt:
             return found
         joints = [j for j in found.joints if j not in spoilt]
+
+
+def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:
+    """Whether dry friction after some way from a reversal is more than BREAKAWAY times what slides, and the error without a law."""
+    steps = found.coefficients[j][list(SLIP)].copy()
+    steps[_nearest(model.slip_width[j])] += found.theta[model.friction_column("coulomb", j)]
+    built = np.cumsum(steps)
+    return bool(np.abs(built).max() > BREAKAWAY * (abs(built[-1]) + found.plain[j]))
 
 
 def _squares(samples: Sequence[Part], found: FrictionFit) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.known_truth import fourier_motion, recorded, recorded_on_mock, varied
+from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
 from calib.identification.law import fitted_laws, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
@@ -84,6 +84,16 @@ def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
     motion = fourier_motion(arm, 70, seconds=8.0)
     reached = predict(replace(arm, effects=(*arm.effects, *found.effects)), motion) - predict(arm, motion)
     assert np.abs(reached).max() < 0.1 * arm.tau_max.max()
+
+
+def test_a_law_does_not_build_up_far_beyond_what_slides() -> None:
+    """A log in which terms of both signs, many times the joint's dry friction, predict rows and samples better, and new motions worse."""
+    ur10e = load_arm("ur10e")
+    truth = varied(ur10e, 7)
+    truth = replace(truth, effects=tuple(e for e in truth.effects if e.effect != "torque_offset"))
+    log = recorded_on_mock(truth, ur10e, fitting_motion(ur10e, 3, 10.0), 1, timestep=0.002)
+    model = TorqueModel.of_arm(ur10e)
+    assert fitted_laws(model, [prepare(log, ur10e)], nominal_prior(ur10e, model)).effects == ()
 
 
 def test_next_to_no_friction_builds_up_over_nothing() -> None:
