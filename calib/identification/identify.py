@@ -14,6 +14,7 @@ from calib.identification.advice import advice, sentence
 from calib.identification.calibrated import calibrated_arm
 from calib.identification.claims import ASIDE, assessment_of, claims
 from calib.identification.consistency import PossibleArm, possible_arm
+from calib.identification.empirical_bayes import drawn_to_nominal
 from calib.identification.estimates import base_estimates, full_estimates
 from calib.identification.findings import findings
 from calib.identification.friction import Sweep, as_prior, pre_estimate
@@ -104,14 +105,18 @@ def identify(
     progress("friction of the joints", 0.0)
     by_command = fit.by_command is not None and fit.by_command.preferred
     laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws and not by_command else None
-    if laws and (laws.effects or arm.prior.numbers is not None):
+    with_laws = laws is not None and (bool(laws.effects) or arm.prior.numbers is not None)
+    if laws and with_laws:
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
         )
+    theta, tight = solution.theta, solution.tight
+    if not (with_laws or solution.regularised):  # the others know of the nominal arm already
+        theta, tight = drawn_to_nominal(arm, model, theta, tight)
     kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("nearest possible arm", 0.0)
     pi0 = full_nominal(arm, model)
-    possible = possible_arm(model, solution.theta, solution.tight, pi0, options.gamma, options.masses_only)
+    possible = possible_arm(model, theta, tight, pi0, options.gamma, options.masses_only)
     calibrated = calibrated_arm(
         arm, model, possible, np.sqrt(np.diag(solution.covariance)), fit.names, laws.effects if laws else ()
     )
