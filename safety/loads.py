@@ -44,7 +44,7 @@ class Loads:
         self._outlines = Outlines(arm)
         shapes = self._outlines.shapes
         self._reach = np.array([joint_reach(arm, shape) for shape in shapes]).reshape(-1, arm.n)
-        self._swept = np.array([_swept(arm, shape) for shape in shapes]).reshape(-1, arm.n, arm.n)
+        self._swept = np.array([swept(arm, shape) for shape in shapes]).reshape(-1, arm.n, arm.n)
 
     def room(self, sheet: Sheet, what: str, least: float, enough: float, torque: bool = True) -> np.ndarray:
         """(K,) rad: how far every joint may be beside each row, with torque, power and point speed still within their limits.
@@ -157,7 +157,7 @@ class Loads:
         )
 
 
-def _swept(arm: Arm, shape: Shape) -> np.ndarray:
+def swept(arm: Arm, shape: Shape) -> np.ndarray:
     """S (n, n): a point of the shape becomes faster by at most S_jk |dq_j| for each rad of joint k.
 
     Turning joint k moves what hangs on it, as far as the later of both joints reaches; the first joint of all turns the whole motion.

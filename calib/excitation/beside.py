@@ -14,7 +14,7 @@ from calib.excitation.room import Room
 from drivers.driver import DeviceStop
 
 # m: clearance is sampled here, and proved by boxes there
-SLACK = 0.009
+SLACK = 0.011
 STEP = 1e-4
 
 
@@ -42,8 +42,7 @@ class Beside:
         slope, value = np.zeros_like(q), 0.0
         if not self._capsules:
             return value, slope
-        a, b = (np.array(x) for x in zip(*self._capsules, strict=True))
-        near = pair_distances(ends, a, b) - self._radius[a] - self._radius[b] < self._least[self._belongs]
+        near = self.near(ends)
         for k in np.flatnonzero(near.any(axis=1)).tolist():
             for at in sorted(set(self._belongs[near[k]].tolist())):
                 pair = self._unseen[at]
@@ -56,6 +55,11 @@ class Beside:
                     there, back = (float(self._clearance.distances(q[k] + s * moved, [pair])[0]) for s in (1, -1))
                     slope[k, j] -= 2 * lack * (there - back) / (2 * STEP)
         return value, slope
+
+    def near(self, ends: np.ndarray, beyond: float = 0.0) -> np.ndarray:
+        """(K, pairs of capsules): which of them may bring their shapes nearer than what is kept free and `beyond` m more."""
+        a, b = np.array(self._capsules, dtype=int).reshape(-1, 2).T
+        return pair_distances(ends, a, b) - self._radius[a] - self._radius[b] < self._least[self._belongs] + beyond
 
 
 def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -72,3 +76,17 @@ def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: float) -> tuple
     time = begun + braked - braked**2 / (2 * whole)
     bend = dq * (braked / whole) ** 2 / 2
     return q + dq * time, time[:, :, None] * np.eye(n) + bend[:, :, None] * by_speed
+
+
+def slowed(dq: np.ndarray, stop: DeviceStop, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """(K, n) rad/s left t s after a stop began from each speed, and the slopes (K, n, n) by the speeds."""
+    lost = stop.deceleration * max(t - stop.reaction, 0.0)
+    eye = np.eye(dq.shape[1])
+    if not stop.proportional:
+        left = np.maximum(np.abs(dq) - lost, 0.0)
+        return np.sign(dq) * left, (left > 0)[:, :, None] * eye
+    rows, first = np.arange(len(dq)), np.argmax(np.abs(dq), axis=1)
+    fastest = np.maximum(np.abs(dq[rows, first]), 1e-12)[:, None]
+    share = np.maximum(1 - lost / fastest, 0.0)
+    by_fastest = np.where(share > 0, lost / fastest**2, 0.0) * np.sign(dq[rows, first])[:, None]
+    return share * dq, share[:, :, None] * eye + (by_fastest * dq)[:, :, None] * eye[first][:, None]

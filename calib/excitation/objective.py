@@ -4,16 +4,16 @@ M = P + sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j, P what earli
 so that the next one determines what is still unknown; none for a nominal arm, whose numbers are a belief. d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2,
 or with a slope A, -tr(A M) and -2 A y_kj / sigma_j^2. The chain to the coefficients
 goes through differences of the regressor along q, dq and ddq, and from there through the Fourier basis, which is exact. Torque is linear in
-the same regressor, so its limits cost nothing more; speeds of points and distances of capsules go through the Jacobians of their ends.
+the same regressor, so its limits cost nothing more; what the motion does in space is `calib.excitation.geometry`'s.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from calib.excitation.beside import SLACK, Beside, stopping
 from calib.excitation.design import SAMPLES
 from calib.excitation.fourier import Fourier
+from calib.excitation.geometry import Geometry
 from calib.excitation.room import MARGIN, Room
 from calib.identification.known import FILE, Known
 from calib.identification.least_squares import inverse
@@ -27,15 +27,9 @@ CONDITION_AIM = 33.0
 CONDITION_WEIGHT = 400.0
 RIDGE = 1e-8
 # A descent aims a little inside what the room asks for, so that its end needs no shrinking
-TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "point speed": 0.86, "power": 0.6}
-# s after a stop began, looked at besides its end where the look is fine
-INSIDE = (0.25, 0.45)
-# s before and after a sample, between which a point's speed is taken
-AROUND = 0.01
+TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "power": 0.6}
 # Hz: samples of a filtered log that count as independent
 INDEPENDENT = 25.0
-# 3 cm too near count like a limit that is passed by its own size
-PER_METRE = 1000.0
 
 
 class Objective:
@@ -57,13 +51,14 @@ class Objective:
         stop: DeviceStop | None = None,
         slope: np.ndarray | float | None = None,
         fine: bool = False,
+        about: np.ndarray | None = None,
     ) -> None:
         self.room, self.model, self.capped = room, model, capped
-        self.stop, self._beside = stop or DeviceStop(), Beside(room)
         self.start, n = start, model.arm.n
         # as if there were SAMPLES samples, so that a search may begin with fewer and end with more
         share = SAMPLES / samples
         self.inverse_variance, self.weight = share / sigma**2, weight * share
+        self.geometry = Geometry(room, stop or DeviceStop(), start, samples, self.weight, fine, about)
         t = np.arange(samples) * (start.basis.period / samples)
         self._basis = [start.basis.matrix(t, order) for order in range(4)]
         arm = model.arm
@@ -75,7 +70,7 @@ class Objective:
         self._delta, self._friction = delta, known
         self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
         self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
-        self._slope, self.fine = slope, fine
+        self._slope = slope
         self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
         self.prior = np.zeros((self.p, self.p))
         if (model.arm.model_path.parent / FILE).is_file():
@@ -108,10 +103,10 @@ class Objective:
             over = np.maximum(np.abs(quantity) / limit - 1, 0.0)
             value += self.weight * float(np.sum(over**2))
             grads[k] = grads[k] + 2 * self.weight * over * np.sign(quantity) / limit
-        geometry_value, by_q, by_dq = self._geometry(q, dq)
-        grads[0], grads[1] = grads[0] + by_q, grads[1] + by_dq
-        gradient = sum((g.T @ b for g, b in zip(grads, self._basis, strict=True)), np.zeros_like(x))
-        return value + geometry_value, gradient
+        more, gradient = self.geometry(x)
+        for own, basis in zip(grads, self._basis, strict=True):
+            gradient = gradient + own.T @ basis
+        return value + more, gradient
 
     def _full(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         return self.model.body.full_regressor(q, dq, ddq)
@@ -207,33 +202,3 @@ class Objective:
         slopes[2] += np.abs(w) * self._friction.inertia_doubt * np.sign(ddq)
         slopes[0] += z[:, j, candidates + j]
         return slopes
-
-    def _geometry(self, q: np.ndarray, dq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Penalty of capsules too near on the path or in a stop, and of points too fast; its slopes (K, n) by q and dq."""
-        room = self.room
-        stops = [stopping(q, dq, self.stop, t) for t in (*INSIDE[: self.fine * len(INSIDE)], np.inf)]
-        # one call for all: the path's own postures first, for the speeds those just before and after it last
-        every = np.concatenate((q, *(posture for posture, _ in stops), q + AROUND * dq, q - AROUND * dq))
-        rotation, origin = room.frames(every)
-        ends, radius = room.segments_at(rotation, origin)
-        count, share = len(q), self.weight * PER_METRE
-        near = len(every) - 2 * count
-        value, slope = room.nearness(ends[:near], SLACK)
-        more, exact = self._beside.exact(every[:near], ends[:near])
-        step = (ends[near : near + count] - ends[near + count :]) / (2 * AROUND)
-        along = np.linalg.norm(step, axis=-1)
-        axes, omega = room.turning(rotation[:count], dq)
-        rate = np.linalg.norm(omega, axis=-1) @ room.on_link
-        limit = TIGHTER["point speed"] * MARGIN["point speed"] * room.cell.table.motion.point_speed_max
-        over = np.maximum((along + (radius * rate)[..., None]) / limit - 1, 0.0)
-        weighted = 2 * self.weight * over / limit
-        by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
-        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / (2 * AROUND)
-        pulled = room.onto_joints(np.concatenate((share * slope, pull, -pull)), ends, rotation, origin)
-        pulled[:near] += share * exact
-        pulled = pulled.reshape(-1, *q.shape)
-        by_q += pulled.sum(axis=0)
-        by_dq += AROUND * (pulled[-2] - pulled[-1])
-        for own, (_, by_speed) in zip(pulled[1:-2], stops, strict=True):
-            by_dq += np.einsum("kj,kji->ki", own, by_speed)
-        return share * (value + more) + self.weight * float(np.sum(over**2)), by_q, by_dq

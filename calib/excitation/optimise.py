@@ -32,8 +32,10 @@ TRIES = 10
 Stage = tuple[float, int, int]
 SCOUT: tuple[Stage, ...] = ((30.0, 150, 60),)
 FURTHER: tuple[Stage, ...] = ((30.0, 300, 60),)
-TO_THE_END: tuple[Stage, ...] = ((300.0, 200, 90), (3e3, 150, 120), (3e4, 120, 120))
+TO_THE_END: tuple[Stage, ...] = ((300.0, 200, 60), (3e3, 150, 90), (3e4, 100, 120))
 LEFT = 2
+# up to this weight a descent passes limits a little anyway: it looks at them only at its samples
+COARSE = 1e3
 # ascents towards the motion that adds most to those found
 ASCENT: tuple[Stage, ...] = ((30.0, 150, 60), (300.0, 80, 60))
 ASCENTS, ROUNDS = 2, 3
@@ -121,7 +123,11 @@ def descended(task: tuple[Site, Fourier, np.ndarray, tuple[Stage, ...]]) -> Star
     information = Information(model, noise_of(model))
     value = gain = np.inf
     for weight, iterations, samples in stages:
-        objective = Objective(room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=weight > 100)
+        fine = weight > COARSE
+        about = x if fine else None
+        objective = Objective(
+            room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=fine, about=about
+        )
         x, value, gain = lowest(objective, x, iterations)
     ended = fitted_to_room(room, Fourier(start.basis, start.home, x), grow=False)
     # a start that passes limits, or that safety.clear would refuse, may well be worth more: it does not compete

@@ -35,7 +35,7 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
-SHARES = (1.0, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
+SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 POSTURES = 1000
 LOOKED_AT = 15
 

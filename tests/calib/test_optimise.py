@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.excitation.beside import Beside, stopping
+from calib.excitation.beside import Beside, slowed, stopping
 from calib.excitation.capsules import capsules, from_box
 from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier, random_fourier
@@ -103,6 +103,20 @@ def test_where_a_stop_is_has_the_slopes_of_its_way(proportional: bool, t: float)
         moved = 1e-6 * np.eye(6)[k]
         slope = (stopping(q, dq + moved, stop, t)[0] - stopping(q, dq - moved, stop, t)[0]) / 2e-6
         assert by_speed[:, :, k] == pytest.approx(slope, abs=1e-8)
+
+
+@pytest.mark.parametrize("proportional", [False, True])
+def test_what_a_stop_leaves_of_a_speed_is_the_slope_of_its_way(proportional: bool) -> None:
+    stop = DeviceStop(0.1, 4.0, proportional)
+    q, dq = np.random.default_rng(0).standard_normal((2, 5, 6))
+    for t in (0.05, 0.2, 0.3):
+        left, by_speed = slowed(dq, stop, t)
+        way = (stopping(q, dq, stop, t + 1e-6)[0] - stopping(q, dq, stop, t - 1e-6)[0]) / 2e-6
+        assert left == pytest.approx(way, abs=1e-5)
+        for k in range(6):
+            moved = 1e-6 * np.eye(6)[k]
+            slope = (slowed(dq + moved, stop, t)[0] - slowed(dq - moved, stop, t)[0]) / 2e-6
+            assert by_speed[:, :, k] == pytest.approx(slope, abs=1e-8)
 
 
 def test_shapes_whose_capsules_never_part_push_too() -> None:

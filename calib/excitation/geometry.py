@@ -1,0 +1,162 @@
+"""Penalty of what a motion does in space: capsules too near on its path or in a stop, points too fast, stops that end out of range.
+
+Squares of what is beyond its limit, as `safety.clear` will ask for it: point speeds with a following error e rad on every joint,
+  |J dq| + r |w| + e sum_jk S_jk |dq_j|  (S of `safety.loads`),
+on the path and where the device's stop begins to brake. Slopes go through the Jacobians of the capsules' ends, and are exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.excitation.beside import SLACK, Beside, slowed, stopping
+from calib.excitation.capsules import capsules
+from calib.excitation.fourier import Fourier
+from calib.excitation.room import MARGIN, Room
+from drivers.driver import DeviceStop
+from safety.loads import swept
+
+# 3 cm too near count like a limit that is passed by its own size
+PER_METRE = 1000.0
+# s before and after a sample, between which a point's speed is taken
+AROUND = 0.01
+# a fine look: s after a stop began, besides its end, for distances; s after the device's braking began, for speeds, which grow where
+# only one of two joints that move against each other still moves; instants a sample; m and share of the speed that count as near
+INSIDE = (0.1, 0.2, 0.3, 0.4, 0.55)
+BRAKED = (0.0, 0.08, 0.16)
+FINER = 2
+BAND, FAST = 0.03, 0.85
+# shares of what the room and the proof allow that a descent aims at; rad that a box of a stop's proof is wide, as much as the error more
+ROOM_SPEED, PROVED_SPEED, RANGE = 0.99, 0.97, 0.99
+BOX = 0.0065
+
+
+class Geometry:
+    """Value and gradient in the coefficients x (n, f) of motions about one home posture.
+
+    At every sample; `fine`, at FINER times as many instants and more of every stop; with `about` x0 (n, f) only where that motion comes
+    near a limit.
+    """
+
+    def __init__(
+        self, room: Room, stop: DeviceStop, start: Fourier, samples: int, weight: float, fine: bool = False, about: np.ndarray | None = None
+    ) -> None:  # fmt: skip
+        self.room, self.stop, self.home = room, stop, start.home
+        self._beside, (_, self._radius) = Beside(room), room.segments(start.home[None])
+        count = FINER * samples if fine else samples
+        self._weight = weight * samples / count
+        t = np.arange(count) * (start.basis.period / count)
+        self._basis = [start.basis.matrix(t, order) for order in range(2)]
+        motion = room.cell.table.motion
+        self._error, self._limit = motion.following_error, motion.point_speed_max
+        self._sure = self._error + BOX
+        shapes = [shape for shape in room.arm.tree.shapes for _ in capsules(shape)]
+        n = room.arm.n
+        # (capsules, n): what a point of it becomes faster by, a rad of error on every joint and rad/s of each
+        self._beyond = np.array([swept(room.arm, s).sum(axis=1) if s.link >= 0 else np.zeros(n) for s in shapes])
+        self._middle = (room.arm.q_max + room.arm.q_min) / 2
+        self._half = RANGE * ((room.arm.q_max - room.arm.q_min) / 2 - self._error)
+        every = np.arange(count)
+        self._near = [(t, every) for t in (0.0, *(INSIDE if fine else ()), np.inf)]
+        self._fast = [(t, every) for t in (0.0, *((stop.reaction + t for t in BRAKED) if fine else ()))]
+        if about is not None:
+            self._choose(*self._path(about))
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient (n, f)."""
+        room, (q, dq) = self.room, self._path(x)
+        looks = [(t, rows, *stopping(q[rows], dq[rows], self.stop, t)) for t, rows in (*self._near, *self._fast)]
+        near, fast = looks[: len(self._near)], looks[len(self._near) :]
+        there = np.concatenate([at for *_, at, _ in fast])
+        left = [slowed(dq[rows], self.stop, t) for t, rows, *_ in fast]
+        speed = np.concatenate([v for v, _ in left])
+        postures = np.concatenate([*(at for *_, at, _ in near), there + AROUND * speed, there - AROUND * speed, there])
+        rotation, origin = room.frames(postures)
+        ends, _ = room.segments_at(rotation, origin)
+        count = len(there)
+        first, last = len(postures) - 3 * count, len(postures) - count
+        value, slope = room.nearness(ends[:first], SLACK)
+        more, exact = self._beside.exact(postures[:first], ends[:first])
+        value, share = PER_METRE * (value + more), PER_METRE * self._weight
+        step = (ends[first : first + count] - ends[first + count : last]) / (2 * AROUND)
+        on_path = len(fast[0][1])
+        too_fast, pull, by_there, by_speed = self._speeds(step, rotation[last:], speed, on_path)
+        pulled = room.onto_joints(np.concatenate((share * slope, pull, -pull)), ends[:last], rotation[:last], origin[:last])
+        pulled[:first] += share * exact
+        forth, back = pulled[first : first + count], pulled[first + count :]
+        by_there, by_speed = by_there + forth + back, by_speed + AROUND * (forth - back)
+        by_q, by_dq = np.zeros_like(q), np.zeros_like(q)
+        at = 0
+        for t, rows, posture, way in near:
+            own = pulled[at : at + len(rows)]
+            at += len(rows)
+            if np.isinf(t):
+                beyond = np.maximum(np.abs(posture - self._middle) / self._half - 1, 0.0)
+                value += float(np.sum(beyond**2))
+                own = own + 2 * self._weight * beyond * np.sign(posture - self._middle) / self._half
+            _onto(by_q, by_dq, rows, own, way)
+        at = 0
+        for (_, rows, _, way), (_, slower) in zip(fast, left, strict=True):
+            part = slice(at, at + len(rows))
+            at += len(rows)
+            _onto(by_q, by_dq, rows, by_there[part], way)
+            by_dq[rows] += np.einsum("kj,kji->ki", by_speed[part], slower)
+        return self._weight * (value + too_fast), by_q.T @ self._basis[0] + by_dq.T @ self._basis[1]
+
+    def _path(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._basis[0] @ x.T + self.home, self._basis[1] @ x.T
+
+    def _speeds(
+        self, step: np.ndarray, rotation: np.ndarray, dq: np.ndarray, on_path: int
+    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Squares of speeds beyond their limits, and slopes by the ends, by the postures through the turning, and by the speeds.
+
+        step (K, capsules, 2, 3) m/s of the ends at postures of these frames; the first `on_path` are on the path itself.
+        """
+        room, radius = self.room, self._radius
+        along = np.linalg.norm(step, axis=-1)
+        axes, omega = room.turning(rotation, dq)
+        points = along + (radius * (np.linalg.norm(omega, axis=-1) @ room.on_link))[..., None]
+        proved = points + (self._sure * np.abs(dq) @ self._beyond.T)[..., None]
+        limit, planned = PROVED_SPEED * self._limit, ROOM_SPEED * MARGIN["point speed"] * self._limit
+        over = np.maximum(proved / limit - 1, 0.0)
+        own = np.maximum(points / planned - 1, 0.0)
+        own[on_path:] = 0.0
+        by_proved = 2 * self._weight * over / limit
+        weighted = by_proved + 2 * self._weight * own / planned
+        by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
+        by_dq = by_dq + self._sure * np.sign(dq) * (by_proved.sum(axis=-1) @ self._beyond)
+        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / (2 * AROUND)
+        return float(np.sum(over**2) + np.sum(own**2)), pull, by_q, by_dq
+
+    def _choose(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Keep the instants at which the motion is near a limit."""
+        room = self.room
+        near = []
+        for t, rows in self._near:
+            at, _ = stopping(q, dq, self.stop, t)
+            ends, _ = room.segments(at)
+            spare = room.clearances_of(ends)[0] - SLACK
+            # a pair that never parts by more than BAND is near where it is nearer than usual
+            close = (spare < np.clip(np.median(spare, axis=0) / 2, 0.0, BAND)).any(axis=1)
+            close |= self._beside.near(ends, BAND).any(axis=1)
+            if np.isinf(t):
+                close |= (np.abs(at - self._middle) > FAST * self._half).any(axis=1)
+            near.append((t, rows[close]))
+        fast = []
+        for t, rows in self._fast:
+            at, _ = stopping(q, dq, self.stop, t)
+            v, _ = slowed(dq, self.stop, t)
+            there, back = (room.segments(at + side * AROUND * v)[0] for side in (1, -1))
+            _, omega = room.turning(room.frames(at)[0], v)
+            points = np.linalg.norm((there - back) / (2 * AROUND), axis=-1).max(axis=2)
+            points += self._radius * (np.linalg.norm(omega, axis=-1) @ room.on_link)
+            points += self._sure * np.abs(v) @ self._beyond.T
+            fast.append((t, rows[points.max(axis=1) > FAST * self._limit]))
+        self._near, self._fast = near, fast
+
+
+def _onto(by_q: np.ndarray, by_dq: np.ndarray, rows: np.ndarray, slope: np.ndarray, way: np.ndarray) -> None:
+    """Add slopes (K, n) by postures whose slopes by the speeds are way (K, n, n)."""
+    by_q[rows] += slope
+    by_dq[rows] += np.einsum("kj,kji->ki", slope, way)
