@@ -45,16 +45,11 @@ ONE_STEP = 0.002
 # rad/s above which a joint slides; its reversals leave out the fraction of a milliradian in which the truth's dry friction turns, because
 # the peers' sign(dq) cannot follow it
 SLIDING, TURNED = 0.05, 0.99
-OURS = "calib identify"
+OURS, RIDGE = "calib identify", "ridge around the nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
-HANGS_ON = (
-    "calib/identification",
-    "calib/preprocessing.py",
-    "calib/filtering.py",
-    "sim",
-    "benchmarks/peers",
-    "benchmarks/known_truth.py",
-)
+# what the logs and the peers' answers hang on, and what ours does besides
+LOGS = ("calib/preprocessing.py", "calib/filtering.py", "sim", "benchmarks/peers", "benchmarks/known_truth.py")
+HANGS_ON = ("calib/identification", "calib/friction_fit.py")
 KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": "rotor_inertia"}
 SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 
@@ -62,13 +57,21 @@ SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
     """A slice of the cases, then the rows of all that were tried so far; where the peers are not installed, a row that says so."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "peers.jsonl", " ".join([*map(digest, HANGS_ON), str(PYTHON.is_file())]))
-    for seconds in lengths:
-        for seed in range(seeds):
-            if f"{seconds:g} {seed}" not in kept.found and time.monotonic() < end:
-                kept.keep(f"{seconds:g} {seed}", case(seed, seconds))
-    found = {s: [kept.found[name] for k in range(seeds) if (name := f"{s:g} {k}") in kept.found] for s in lengths}
+    ours = Kept(FOLDER / "peers.jsonl", " ".join(map(digest, (*LOGS, *HANGS_ON))))
+    peers = Kept(FOLDER / "peers.jsonl", " ".join([*map(digest, LOGS), str(PYTHON.is_file())]))
+    every = {s: [f"{s:g} {seed}" for seed in range(seeds)] for s in lengths}
+    for seconds, names in every.items():
+        for seed, name in enumerate(names):
+            for kept, work in ((ours, our_case), (peers, peer_case)):
+                if name not in kept.found and time.monotonic() < end:
+                    kept.keep(name, work(Case(seed, seconds)))
+    found = {
+        s: [_joined(ours.found[name], peers.found[name]) for name in names if name in ours.found and name in peers.found]
+        for s, names in every.items()
+    }
     rows = [row for seconds, cases in found.items() if cases for row in accuracy(seconds, cases, seeds)]
+    if not rows:
+        return [_row("logs", "none so far", note="give more --minutes; the next run goes on")]
     rows += times(found[lengths[0]])
     if not PYTHON.is_file():
         rows.append(_row("peers", "not installed", note="`make peers` installs figaroh and mujoco.sysid into .venv-peers"))
@@ -115,30 +118,53 @@ def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def case(seed: int, seconds: float) -> dict[str, Any]:
-    """One arm, one log of it, and two motions that nobody saw: errors of each tool in %, CPU seconds of each."""
-    nominal = load_arm("ur10e")
-    truth = without_offsets(varied(nominal, 7 + seed))
-    log = recorded_on_mock(truth, nominal, fitting_motion(nominal, 3 + seed, seconds), 1 + seed, timestep=ONE_STEP)
-    new = [fourier_motion(nominal, 40 + 2 * seed + k, 10.0) for k in range(2)]
-    exact = [predict(truth, motion) for motion in new]
+class Case:
+    """One arm, one log of it, and two motions that nobody saw."""
+
+    def __init__(self, seed: int, seconds: float) -> None:
+        self.seed, self.nominal = seed, load_arm("ur10e")
+        truth = without_offsets(varied(self.nominal, 7 + seed))
+        motion = fitting_motion(self.nominal, 3 + seed, seconds)
+        self.log = recorded_on_mock(truth, self.nominal, motion, 1 + seed, timestep=ONE_STEP)
+        self.new = [fourier_motion(self.nominal, 40 + 2 * seed + k, 10.0) for k in range(2)]
+        self.exact = [predict(truth, motion) for motion in self.new]
+
+    def found(self, predictions: dict[str, list[np.ndarray]], seconds: dict[str, float]) -> dict[str, Any]:
+        """Errors of each tool in %, CPU seconds of each."""
+        errors = {
+            tool: {kind: _error(taus, self.exact, self.new, kind == "sliding") for kind in ("sliding", "reversals")}
+            for tool, taus in predictions.items()
+        }
+        return {"seconds": seconds, "errors": errors}
+
+
+def our_case(case: Case) -> dict[str, Any]:
+    """What we and the ridge make of a log."""
+    nominal, log, new = case.nominal, case.log, case.new
     m = prepare(log, nominal)
     found, ours = _timed(lambda: identify(nominal, [log]))
     baseline, ridged = _timed(lambda: ridge(nominal, m, new))
     predictions = {
         "nominal arm": [predict(nominal, motion) for motion in new],
         OURS: [predict(found.arm, motion) for motion in new],
-        "ridge around the nominal arm": baseline,
+        RIDGE: baseline,
     }
-    out: dict[str, Any] = {"seconds": {OURS: ours, "ridge around the nominal arm": ridged}}
+    return case.found(predictions, {OURS: ours, RIDGE: ridged})
+
+
+def peer_case(case: Case) -> dict[str, Any]:
+    """What the peers make of it; nothing where they are not installed."""
+    out: dict[str, Any] = {"seconds": {}}
+    predictions: dict[str, list[np.ndarray]] = {}
     if PYTHON.is_file():
         with tempfile.TemporaryDirectory() as place:
-            predictions |= _peers(Path(place), nominal, log, m, new, out, first=seed == 0)
-    out["errors"] = {
-        tool: {kind: _error(taus, exact, new, kind == "sliding") for kind in ("sliding", "reversals")}
-        for tool, taus in predictions.items()
-    }
-    return out
+            m = prepare(case.log, case.nominal)
+            predictions = _peers(Path(place), case.nominal, case.log, m, case.new, out, first=case.seed == 0)
+    return out | case.found(predictions, out["seconds"])
+
+
+def _joined(ours: dict[str, Any], peers: dict[str, Any]) -> dict[str, Any]:
+    return {**peers, "seconds": ours["seconds"] | peers["seconds"], "errors": ours["errors"] | peers["errors"]}
 
 
 def _peers(
