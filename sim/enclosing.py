@@ -1,12 +1,14 @@
-"""Capsules that together hold a mesh: one collision model for planning and for proving, tight enough that an arm can move.
+"""Convex pieces that together hold a mesh: one collision model for planning and for proving, tight enough that an arm can move.
 
-The triangles are cut into groups; a capsule that holds the corners of a group's triangles holds the triangles, because it is
-convex. So every point of the surface lies in some capsule, however the groups are chosen. They are chosen so that the capsules' volumes
-add up to little: the group whose cut saves most is cut next, in two or three slices.
+The triangles are cut into groups; a convex piece that holds the corners of a group's triangles holds the triangles. So every point of
+the surface lies in some piece, however the groups are chosen. They are chosen so that the pieces' volumes add up to little: the group
+whose cut saves most is cut next, in two or three slices. A piece is a capsule where that is hardly larger than the convex hull, which
+it is for a rod, else the hull.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,12 +18,16 @@ from scipy.spatial.transform import Rotation
 from sim.tree import KinematicTree, Shape
 
 MOST = 6
+# a capsule, which costs less to look at, stands for a hull that has this share of its volume
+ROUND = 0.85
 # a cut must save this share of the volume
 WORTH = 0.12
 # cuts are compared on a sample of so many triangles; what a cut leaves is held whole
 SAMPLE = 500
 MOST_DIVIDED = 20_000
 CUTS = ((0.2,), (0.35,), (0.5,), (0.65,), (0.8,), (0.33, 0.67), (0.2, 0.8))
+# a capsule somewhat wider than it must be may end so much earlier that it is smaller
+WIDER = (1.0, 1.05, 1.1, 1.2, 1.35)
 # a triangle longer than this share of the mesh is divided, so that a cut can pass through it
 EDGE = 0.2
 
@@ -40,14 +46,19 @@ class Capsule:
         return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
 
 
-def with_capsules(tree: KinematicTree) -> KinematicTree:
-    """The tree with every mesh shape replaced by capsules that hold it; other shapes stay as they are."""
+def with_pieces(tree: KinematicTree) -> KinematicTree:
+    """The tree with every mesh shape replaced by convex pieces that hold it; other shapes stay as they are."""
     shapes: list[Shape] = []
     for shape in tree.shapes:
         if shape.vertices is None or shape.faces is None:
             shapes.append(shape)
             continue
-        for k, capsule in enumerate(enclosing_capsules(shape.vertices, shape.faces)):
+        for k, corners in enumerate(_groups(shape.vertices, shape.faces, _hull_volume, MOST)):
+            capsule, hull = _held(corners), _hull(corners.reshape(-1, 3))
+            if hull is not None and hull.volume < ROUND * capsule.volume:
+                vertices = hull.points[hull.vertices]
+                shapes.append(replace(shape, name=f"{shape.name}_{k}", vertices=vertices, faces=None))
+                continue
             along = capsule.ends[1] - capsule.ends[0]
             length = float(np.linalg.norm(along))
             turn = Rotation.align_vectors([along], [[0.0, 0.0, 1.0]])[0].as_matrix() if length > 1e-9 else np.eye(3)
@@ -62,18 +73,43 @@ def with_capsules(tree: KinematicTree) -> KinematicTree:
 
 def enclosing_capsules(vertices: np.ndarray, faces: np.ndarray, most: int = MOST) -> list[Capsule]:
     """At most `most` capsules whose union holds every triangle of a mesh: vertices (V, 3) m, faces (F, 3)."""
+    return [_held(corners) for corners in _groups(vertices, faces, _capsule_volume, most)]
+
+
+def _groups(vertices: np.ndarray, faces: np.ndarray, volume: Callable[[np.ndarray], float], most: int) -> list[np.ndarray]:
+    """At most `most` groups of the triangles, each (T, 3, 3) m, whose pieces' volumes add up to little."""
     corners = _divided(np.asarray(vertices, dtype=float)[faces])
-    whole = _capsule(corners.reshape(-1, 3))
-    groups = [(whole, _cut(corners, whole))]
+    groups = [(volume(corners.reshape(-1, 3)), corners, *_cut(corners, volume))]
     while len(groups) < most:
-        total = sum(c.volume for c, _ in groups)
-        k = max(range(len(groups)), key=lambda i: groups[i][1][0])
-        saved, parts = groups[k][1]
-        if saved < WORTH * total:
+        k = max(range(len(groups)), key=lambda i: groups[i][0] - groups[i][2])
+        whole, _, less, parts = groups[k]
+        if whole - less < WORTH * sum(g[0] for g in groups):
             break
-        groups[k : k + 1] = [(c, _cut(group, c)) for group, c in parts]
-    # rounding of the fit and of what a model file holds
-    return [Capsule(c.ends, c.radius + 1e-6) for c, _ in groups]
+        groups[k : k + 1] = [(volume(part.reshape(-1, 3)), part, *_cut(part, volume)) for part in parts]
+    return [g[1] for g in groups]
+
+
+def _held(corners: np.ndarray) -> Capsule:
+    """A capsule of a group of triangles, with room for the rounding of the fit and of what a model file holds."""
+    found = _capsule(corners.reshape(-1, 3))
+    return Capsule(found.ends, found.radius + 1e-6)
+
+
+def _capsule_volume(points: np.ndarray) -> float:
+    return _capsule(points, quick=True).volume
+
+
+def _hull(points: np.ndarray) -> ConvexHull | None:
+    """The convex hull of points (P, 3); None where they lie in a plane."""
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
+
+
+def _hull_volume(points: np.ndarray) -> float:
+    hull = _hull(points)
+    return _capsule_volume(points) if hull is None else float(hull.volume)
 
 
 def _divided(corners: np.ndarray) -> np.ndarray:
@@ -95,8 +131,8 @@ def _divided(corners: np.ndarray) -> np.ndarray:
     return np.concatenate(done)
 
 
-def _cut(corners: np.ndarray, capsule: Capsule) -> tuple[float, list[tuple[np.ndarray, Capsule]]]:
-    """The volume that the best cut in two or three slices saves, and the slices."""
+def _cut(corners: np.ndarray, volume: Callable[[np.ndarray], float]) -> tuple[float, list[np.ndarray]]:
+    """The volume that the best cut in two or three slices leaves, inf where there is none, and the slices."""
     centres = corners.mean(axis=1)
     axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=False)[2] if len(centres) > 1 else np.eye(3)
     few = np.random.default_rng(0).permutation(len(corners))[:SAMPLE]
@@ -107,14 +143,13 @@ def _cut(corners: np.ndarray, capsule: Capsule) -> tuple[float, list[tuple[np.nd
             slices = np.searchsorted(along.min() + np.array(shares) * np.ptp(along), along)
             if len(np.unique(slices[few])) < 2:
                 continue
-            groups = [corners[few][slices[few] == k] for k in np.unique(slices[few])]
-            volume = sum(_capsule(group.reshape(-1, 3), quick=True).volume for group in groups)
-            if volume < least:
-                least, best = volume, slices
+            left = sum(volume(corners[few][slices[few] == k].reshape(-1, 3)) for k in np.unique(slices[few]))
+            if left < least:
+                least, best = left, slices
     if best is None:
-        return 0.0, []
-    parts = [(group, _capsule(group.reshape(-1, 3))) for group in (corners[best == k] for k in np.unique(best))]
-    return capsule.volume - sum(c.volume for _, c in parts), parts
+        return np.inf, []
+    parts = [corners[best == k] for k in np.unique(best)]
+    return sum(volume(part.reshape(-1, 3)) for part in parts), parts
 
 
 def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:
@@ -145,12 +180,18 @@ def _along(points: np.ndarray, axis: np.ndarray, rounds: int = 40) -> Capsule:
     plane = np.stack([side, np.cross(axis, side)], axis=1)
     seen, along = points @ plane, points @ axis
     middle, radius = _circle(seen, rounds)
-    room = np.sqrt(np.maximum(radius**2 - np.sum((seen - middle) ** 2, axis=1), 0.0))
-    low, high = float((along + room).min()), float((along - room).max())
-    if low > high:
-        low = high = (low + high) / 2
-    ends = plane @ middle + np.array([[low], [high]]) * axis
-    return Capsule(ends, float(radius))
+    away = np.sum((seen - middle) ** 2, axis=1)
+    found = []
+    for wide in WIDER:
+        room = np.sqrt(np.maximum((wide * radius) ** 2 - away, 0.0))
+        low, high = float((along + room).min()), float((along - room).max())
+        if low > high:
+            low = high = (low + high) / 2
+            reach = float(np.sqrt(np.max(away + (along - low) ** 2)))
+        else:
+            reach = wide * radius
+        found.append(Capsule(plane @ middle + np.array([[low], [high]]) * axis, max(reach, radius)))
+    return min(found, key=lambda c: c.volume)
 
 
 def _circle(points: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:

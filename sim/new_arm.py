@@ -14,7 +14,7 @@ import numpy as np
 from sim.arm import Arm, load_arm
 from sim.arm_table import LimitsTable, Numbers
 from sim.bench_drive import bench_drive
-from sim.enclosing import with_capsules
+from sim.enclosing import with_pieces
 from sim.errors import ConfigError
 from sim.locked import locked
 from sim.mjcf_tree import tree_text
@@ -88,7 +88,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         notes.append("masses and inertias are unknown: those in the model only stand for the arm's size")
     if whole is None or kept is not whole.tree:
         meshes = sum(s.kind == "mesh" for s in kept.shapes)
-        kept = with_capsules(kept)
+        kept = with_pieces(kept)
         if meshes:
             notes.append(f"{meshes} collision meshes are held by capsules; the arm has {len(kept.shapes)} shapes")
         staged = staging / "model.xml"

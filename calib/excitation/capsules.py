@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -55,7 +56,14 @@ def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
     if len(points) <= 2:
         return [(np.stack([points[0], points[-1]]), radius)]
     faces = ConvexHull(points).simplices if shape.faces is None else shape.faces
-    return [(c.ends, c.radius) for c in enclosing_capsules(points, faces)]
+    return _enclosing(np.asarray(points, dtype=float).tobytes(), np.asarray(faces, dtype=np.int64).tobytes())
+
+
+@lru_cache(maxsize=1000)
+def _enclosing(points: bytes, faces: bytes) -> list[tuple[np.ndarray, float]]:
+    """The capsules of a mesh, found once: a plan asks for them of every start."""
+    corners, triangles = np.frombuffer(points).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3)
+    return [(c.ends, c.radius) for c in enclosing_capsules(corners, triangles)]
 
 
 def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:

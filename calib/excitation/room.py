@@ -28,6 +28,9 @@ from sim.trajectory import Trajectory
 MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.9}
 # m beyond what a proof asks for at a posture: what lies between samples, and what it cannot decide within a stop
 CLEARANCE_MARGIN = 0.004
+# share of random postures in which capsules that only stand for bodies are too near: more, and a descent measures the bodies themselves
+IN_THE_WAY = 0.3
+AHEAD = 100
 
 
 @dataclass(frozen=True)
@@ -69,21 +72,18 @@ class Room:
         self._needed = dict(zip(self.clearance.pairs, needed.tolist(), strict=True))
         of = {name: [k for k, own in enumerate(self._names) if own == name] for name in self._names}
         own = [pair for pair, mine in zip(self.clearance.pairs, self.clearance.of_self, strict=True) if mine]
-        self.pairs = [(i, j) for a, b in own for i in of[a] for j in of[b]]
-        self.pairs = self._parting({s.name for s in arm.tree.shapes if s.kind in ("capsule", "sphere")})
+        self._all_pairs = self.pairs = [(i, j) for a, b in own for i in of[a] for j in of[b]]
+        self.pairs = self._parting()
 
-    def _parting(self, exact: set[str]) -> list[tuple[int, int]]:
-        """The pairs of capsules that can part: those around a body that is none hold more than it does, which safety.clear proves."""
-        if not self.pairs:
+    def _parting(self) -> list[tuple[int, int]]:
+        """The pairs of capsules that a descent can part: a capsule around a body that is none holds more than the body does."""
+        if not self._all_pairs:
             return []
-        a, b, needed = self._pair_arrays
-        ends, radius = self.segments(postures(self.arm))
-        farthest = (pair_distances(ends, a, b) - radius[a] - radius[b] - needed).max(axis=0)
-        del self._pair_arrays
-        return [
-            (i, j) for (i, j), most in zip(self.pairs, farthest, strict=True)
-            if most >= CLEARANCE_MARGIN or {self._names[i], self._names[j]} <= exact
-        ]  # fmt: skip
+        _, _, _, body = self._pair_arrays
+        q = postures(self.arm)
+        apart = self._by_capsules(self.segments(q)[0])
+        often = (apart < CLEARANCE_MARGIN).mean(axis=0) > IN_THE_WAY
+        return [pair for pair, blocked in zip(self._all_pairs, often & (body >= 0), strict=True) if not blocked]
 
     def clear(self, motion: Trajectory) -> ClearedTrajectory:
         """`safety.clear` of a motion in this cell, with room for this stop; SafetyStop where it is refused."""
@@ -171,7 +171,7 @@ class Room:
         pull = np.zeros_like(ends)
         value = 0.0
         if self.pairs:
-            a, b, margin = self._pair_arrays
+            a, b, margin = (x[self._parted] for x in self._pair_arrays[:3])
             distance, s, t, apart = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
             lack = np.maximum(wanted - (distance - self._radius[a] - self._radius[b] - margin), 0.0)
             value += float(np.sum(lack**2))
@@ -209,10 +209,60 @@ class Room:
         return np.array([r for _, r in self._ends])
 
     @cached_property
-    def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Indices of both capsules of every pair, and the distance that a proof asks for, m."""
-        a, b = (np.array(x) for x in zip(*self.pairs, strict=True))
-        return a, b, np.array([self._needed[self._names[i], self._names[j]] for i, j in self.pairs])
+    def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of all pairs: indices of both capsules, the distance that a proof asks for, m, and the pair of bodies, -1 where these are the capsules."""
+        a, b = np.array(self._all_pairs, dtype=int).T
+        names = [(self._names[i], self._names[j]) for i, j in self._all_pairs]
+        number = {pair: k for k, pair in enumerate(self.clearance.pairs)}
+        exact = {s.name for s in self.arm.tree.shapes if s.kind in ("capsule", "sphere")}
+        body = np.array([-1 if set(pair) <= exact else number[pair] for pair in names])
+        return a, b, np.array([self._needed[pair] for pair in names]), body
+
+    @property
+    def _parted(self) -> list[int]:
+        chosen = set(self.pairs)
+        return [k for k, pair in enumerate(self._all_pairs) if pair in chosen]
+
+    def _by_capsules(self, ends: np.ndarray) -> np.ndarray:
+        """(N, all pairs) m between capsules beyond what a proof asks for."""
+        a, b, needed, _ = self._pair_arrays
+        return np.asarray(pair_distances(ends, a, b) - self._radius[a] - self._radius[b] - needed)
+
+    def _apart(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> np.ndarray:
+        """`_by_capsules`, with the distance of the bodies themselves where the capsules around them are too near.
+
+        worst: a posture that is not free decides; what is too near only by its capsules is not measured beside it, and stands as free.
+        """
+        found = self._by_capsules(ends)
+        _, _, _, body = self._pair_arrays
+        unsure = (found < CLEARANCE_MARGIN) & (body >= 0)
+        if worst and (found[:, body < 0] < CLEARANCE_MARGIN).any():
+            return np.where(unsure, np.inf, found)
+        for pair in np.unique(body[unsure.any(axis=0)]).tolist():
+            columns = np.flatnonzero(body == pair)
+            rows = np.flatnonzero(unsure[:, columns].any(axis=1))
+            apart = self._measured(q[rows], pair, worst)
+            found[np.ix_(rows, columns)] = np.where(unsure[np.ix_(rows, columns)], apart[:, None], found[np.ix_(rows, columns)])
+            unsure[:, columns] = False
+            if worst and (apart < CLEARANCE_MARGIN).any():
+                return np.where(unsure, np.inf, found)
+        return found
+
+    def _measured(self, q: np.ndarray, pair: int, worst: bool) -> np.ndarray:
+        """(N,) m that two bodies are apart beyond what a proof asks for; with `worst` a lower bound where the posture before leaves enough."""
+        out = np.full(len(q), np.inf)
+        needed, reach = self._needed[self.clearance.pairs[pair]], self.clearance.reach[pair]
+        k = 0
+        while k < len(q):
+            out[k] = float(self.clearance.distances(q[k], [pair])[0]) - needed
+            far = CLEARANCE_MARGIN if worst else np.inf
+            if worst and out[k] < far:
+                break
+            least = out[k] - np.abs(q[k + 1 : k + 1 + AHEAD] - q[k]) @ reach
+            enough = int(np.argmin(np.append(least >= far, False)))
+            out[k + 1 : k + 1 + enough] = least[:enough]
+            k += 1 + enough
+        return out
 
     def _near(self, obstacle: str) -> tuple[list[int], np.ndarray]:
         """Capsules that can come near an obstacle, and how far their middle lines must be from it, m."""
@@ -228,16 +278,16 @@ class Room:
 
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
         """(N, pairs) m between bodies beyond what a proof asks for, self and obstacles; boxes by the distance of points along the capsule."""
-        ends, _ = self.segments(q)
-        return self.clearances_of(ends)
+        return self._clearances(q, self.segments(q)[0], worst=False)
 
-    def clearances_of(self, ends: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
-        """`clearances` from the ends of the capsules (N, shapes, 2, 3) that are known."""
+    def nearest(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, tuple[str, str]]:
+        """The least of `clearances`, and its pair, where the ends of the capsules (N, shapes, 2, 3) are known: one that is too near, if any is."""
+        distance, names = self._clearances(q, ends, worst=True)
+        where = np.unravel_index(int(np.argmin(distance)), distance.shape)
+        return float(distance[where]), names[int(where[1])]
+
+    def _clearances(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> tuple[np.ndarray, list[tuple[str, str]]]:
         columns, names = [np.full((len(ends), 1), np.inf)], [("", "")]
-        if self.pairs:
-            a, b, margin = self._pair_arrays
-            columns.append(pair_distances(ends, a, b) - self._radius[a] - self._radius[b] - margin)
-            names += [(self._names[i], self._names[j]) for i, j in self.pairs]
         for obstacle in self.cell.table.obstacles:
             position = np.array(obstacle.position)
             which, needed = self._near(obstacle.name)
@@ -250,6 +300,9 @@ class Room:
             else:
                 continue
             names += [(self._names[k], obstacle.name) for k in which]
+        if self._all_pairs and not (worst and min(c.min(initial=np.inf) for c in columns) < CLEARANCE_MARGIN):
+            columns.append(self._apart(q, ends, worst))
+            names += [(self._names[i], self._names[j]) for i, j in self._all_pairs]
         return np.concatenate(columns, axis=1), names
 
     def use(self, motion: Trajectory) -> Use:
@@ -273,9 +326,7 @@ class Room:
             "torque": torque.most.max(axis=0) / torque.limit,
             "point speed": np.array([speed.max(initial=0.0) / self.cell.table.motion.point_speed_max]),
         }
-        distance, names = self.clearances_of(ends)
-        worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
-        found = Use(shares, float(distance[worst]), names[int(worst[1])])
+        found = Use(shares, *self.nearest(motion.q, ends))
         return self._stopped(motion, found) if found.fits else found
 
     def _stopped(self, motion: Trajectory, path: Use) -> Use:
@@ -286,8 +337,7 @@ class Room:
         reached = MARGIN["q"] * np.abs(q - middle).max(axis=0) / half
         shares = path.shares | {"q": np.maximum(path.shares["q"], reached)}
         shares["torque"] = np.maximum(shares["torque"], MARGIN["torque"] * torque)
-        distance, names = self.clearances(q)
-        worst = np.unravel_index(int(np.argmin(distance)), distance.shape)
-        if distance[worst] >= path.clearance:
+        distance, pair = self.nearest(q, self.segments(q)[0])
+        if distance >= path.clearance:
             return Use(shares, path.clearance, path.pair)
-        return Use(shares, float(distance[worst]), names[int(worst[1])])
+        return Use(shares, distance, pair)

@@ -28,7 +28,7 @@ from safety.latency import stop_to_plan_for
 from safety.plan import Motion
 from safety.reach import spine
 from sim.arm import Arm
-from sim.cell import Cell, CellTable
+from sim.cell import Cell, CellTable, MotionTable
 from sim.errors import AnswerIsNo, ConfigError, SafetyStop
 from sim.trajectory import Trajectory
 
@@ -147,12 +147,21 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
 
 
 def open_cell(arm: Arm) -> Cell:
-    """The cell of an arm of which nothing else is known: it stands on a plane, below all shapes that stand still.
+    """The cell of an arm of which nothing else is known: it stands on a plane, below all shapes that keep their height.
 
-    At least 50 mm below its base's origin, to leave room for a flange.
+    These are the shapes that stand still, and those that only a joint with a vertical axis turns, which need their clearance besides. At
+    least 50 mm below its base's origin, to leave room for a flange.
     """
-    standing = [points[:, 2].min() - radius for points, radius in (spine(s) for s in arm.tree.shapes if s.link < 0)]
-    height = float(np.floor(min([-0.05, *standing]) * 1e3) / 1e3)
+    heights, tree = [-0.05], arm.tree
+    upright = not tree.prismatic[0] and np.allclose(np.abs((tree.rotation[0] @ tree.axis[0])[2]), 1.0)
+    for shape in tree.shapes:
+        points, radius = spine(shape)
+        if shape.link < 0:
+            heights.append(float(points[:, 2].min()) - radius)
+        elif shape.link == 0 and upright:
+            lowest = points @ tree.rotation[0][2] + tree.position[0][2] - radius
+            heights.append(float(lowest.min()) - MotionTable().clearance_obstacle - 2 * CLEARANCE_MARGIN)
+    height = float(np.floor(min(heights) * 1e3) / 1e3)
     table = CellTable.model_validate(
         {
             "schema": "cell/1", "name": "open", "arm": arm.name, "driver": "mock",
