@@ -26,6 +26,7 @@ from rich.table import Table
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import CODE, digest
+from sim.errors import AnswerIsNo
 
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
 TURN = ["--limit", "q_min=-6.28", "--limit", "q_max=6.28"]
@@ -54,9 +55,24 @@ ARMS: dict[str, tuple[str, list[str]]] = {
     "ur5_gripper": ("ur_description/urdf/ur5_gripper.urdf", []),
     "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot.urdf", []),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", []),
-    "pr2_right": ("pr2_description/urdf/pr2.urdf", ["--tool", "r_wrist_roll_link", "--numbers", "guessed"]),
+    "pr2_right": (
+        "pr2_description/urdf/pr2.urdf",
+        [
+            "--tool",
+            "r_wrist_roll_link",
+            "--lock",
+            "torso_lift_joint",
+            "--numbers",
+            "guessed",
+            # the fore-arm and the wrist turn without end
+            "--limit",
+            "q_min=-2.285,-0.523,-3.9,-2.321,-6.28,-2.094,-6.28",
+            "--limit",
+            "q_max=0.714,1.396,0.8,0,6.28,0,6.28",
+        ],
+    ),
     "romeo_right": ("romeo_description/urdf/romeo.urdf", ["--tool", "r_wrist"]),
-    "icub_right": ("icub_description/robots/icub.urdf", ["--tool", "r_hand"]),
+    "icub_right": ("icub_description/robots/icub.urdf", ["--tool", "r_hand", "--lock", "torso_*"]),
     "alex_left": ("alex_description/urdf/alex_nub_hands.urdf", ["--tool", "LeftGripperYawLink"]),
     "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand"]),
     "double_pendulum": (
@@ -110,7 +126,11 @@ def line(name: str, home: Path, only_new: bool = False) -> dict[str, object]:
             if made["missing"]:
                 row["ended"] = f"new: its file lacks {', '.join(made['missing'])}"
                 break
-            cell.write_text(_cell(name, arm), encoding="utf-8")
+            try:
+                cell.write_text(_cell(name, arm), encoding="utf-8")
+            except AnswerIsNo as answer:  # what `calib plan` would answer without a cell
+                row["ended"] = f"plan: {answer}"
+                break
     return row
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from safety.pairs import adjacent, never_part
+from safety.pairs import adjacent, always_apart, never_part
 from safety.reach import joint_reach
 from safety.shapes import TOOL, Obstacle, equipped, link_body, obstacle_body
 from safety.sheets import Sheet
@@ -40,9 +40,6 @@ HALVES = 400
 FEW_HALVES, FEW_ROWS = 48, 128
 # rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
 CALIBRATION = 1e-3
-# distances that a proof for every posture may take
-POSTURES = 1500
-TURN_DOUBT = 0.06
 # of the room that there is at a box's centre, the share that must be proved before the box is good enough
 SHARE = 0.5
 EXACT = 1e-9
@@ -132,7 +129,7 @@ class Clearance:
         self._leave_out({own[k] for k in stuck})
         # what the encoders and their zeros may be wrong by is kept free beside every path
         self._doubt = arm.sensors.encoder_resolution + CALIBRATION
-        apart = {k: known for k in self._all if (known := self._always_apart(k)) is not None}
+        apart = {k: known for k in self._all if (known := self._known_apart(k)) is not None}
         self.always_apart = {self.pairs[k]: known for k, known in apart.items()}
         self._leave_out(set(apart))
 
@@ -152,39 +149,8 @@ class Clearance:
             self._geometry.addCollisionPair(pair)
         self._set([self.pairs[k] for k in kept], self.reach[kept], self.margin[kept])
 
-    def _always_apart(self, k: int) -> str | None:
-        """Proof that a pair keeps its margin over the whole turn of the joints between: only of a pair that at most two joints move."""
-        moved = np.flatnonzero(self.reach[k])
-        if len(moved) == 0:
-            distance = float(self.distances(np.zeros(self.arm.n), [k])[0])
-            return f"always {distance * 1e3:.1f} mm apart" if distance >= self.margin[k] + GJK else None
-        if len(moved) > 2 or self.arm.tree.prismatic[moved].any():
-            return None
-        lo, hi = np.zeros(self.arm.n), np.zeros(self.arm.n)
-        lo[moved], hi[moved] = self.arm.q_min[moved] - TURN_DOUBT, self.arm.q_max[moved] + TURN_DOUBT
-        if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
-            return None
-        whole = hi - lo > 2 * np.pi
-        lo[whole], hi[whole] = -np.pi, np.pi
-        todo, least = [(lo, hi)], np.inf
-        for _ in range(POSTURES):
-            if not todo:
-                joints = " and ".join(self.arm.joint_names[j] for j in moved)
-                return f"at least {least * 1e3:.1f} mm apart in every posture of {joints}"
-            lo, hi = todo.pop()
-            distance = float(self.distances((lo + hi) / 2, [k])[0])
-            if not distance >= self.margin[k] + GJK:
-                return None
-            spare = distance - float(self.reach[k] @ (hi - lo)) / 2
-            if spare >= self.margin[k] + GJK:
-                least = min(least, spare)
-                continue
-            j = int(np.argmax(self.reach[k] * (hi - lo)))
-            middle = (lo[j] + hi[j]) / 2
-            below, above = hi.copy(), lo.copy()
-            below[j] = above[j] = middle
-            todo += [(lo, below), (above, hi)]
-        return None
+    def _known_apart(self, k: int) -> str | None:
+        return always_apart(self.arm, self.reach[k], float(self.margin[k]) + GJK, lambda q: float(self.distances(q, [k])[0]))
 
     def _chain(self, link: int) -> np.ndarray:
         """(n,) bool: the joints that move a link."""

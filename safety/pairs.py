@@ -1,4 +1,4 @@
-"""Which of an arm's own shapes are never checked against each other, and why: links that share a joint, and shapes that can never part."""
+"""Which shapes are never checked against each other, and why: of links that share a joint, those that can never part, those always apart."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from sim.arm import Arm
 POSTURES = 200
 # m beyond its margin that a pair must reach somewhere to count as one that can part: links two joints apart, and others
 KIN_EXTRA, EXTRA = 0.002, 0.006
+# distances that a proof for every posture may take
+LOOKS = 1500
+TURN_DOUBT = 0.06
 
 
 def adjacent(parent: np.ndarray, a: int, b: int) -> bool:
@@ -39,3 +42,40 @@ def never_part(arm: Arm, distances: Callable[[np.ndarray], np.ndarray], margin: 
         int(k): f"at most {farthest[k] * 1e3:.1f} mm apart in {POSTURES} postures over the whole range: they can never part"
         for k in np.flatnonzero(farthest < needed)
     }
+
+
+def always_apart(arm: Arm, reach: np.ndarray, needed: float, distance: Callable[[np.ndarray], float]) -> str | None:
+    """Proof that two bodies are `needed` m apart over the whole turn of the joints between, in words; only of a pair that at most two joints move.
+
+    distance(q) is theirs, m; reach (n,) m/rad bounds how fast each joint changes it. None where it is not proved.
+    """
+    moved = np.flatnonzero(reach)
+    if len(moved) == 0:
+        apart = distance(np.zeros(arm.n))
+        return f"always {apart * 1e3:.1f} mm apart" if apart >= needed else None
+    if len(moved) > 2 or arm.tree.prismatic[moved].any():
+        return None
+    lo, hi = np.zeros(arm.n), np.zeros(arm.n)
+    lo[moved], hi[moved] = arm.q_min[moved] - TURN_DOUBT, arm.q_max[moved] + TURN_DOUBT
+    if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
+        return None
+    whole = hi - lo > 2 * np.pi
+    lo[whole], hi[whole] = -np.pi, np.pi
+    todo, least = [(lo, hi)], np.inf
+    for _ in range(LOOKS):
+        if not todo:
+            joints = " and ".join(arm.joint_names[j] for j in moved)
+            return f"at least {least * 1e3:.1f} mm apart in every posture of {joints}"
+        lo, hi = todo.pop()
+        apart = distance((lo + hi) / 2)
+        if not apart >= needed:
+            return None
+        spare = apart - float(reach @ (hi - lo)) / 2
+        if spare >= needed:
+            least = min(least, spare)
+            continue
+        j = int(np.argmax(reach * (hi - lo)))
+        below, above = hi.copy(), lo.copy()
+        below[j] = above[j] = (lo[j] + hi[j]) / 2
+        todo += [(lo, below), (above, hi)]
+    return None

@@ -90,7 +90,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         meshes = sum(s.kind == "mesh" for s in kept.shapes)
         kept = with_pieces(kept)
         if meshes:
-            notes.append(f"{meshes} collision meshes are held by capsules; the arm has {len(kept.shapes)} shapes")
+            notes.append(f"{meshes} collision meshes are held by convex pieces; the arm has {len(kept.shapes)} shapes")
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name or file.stem), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)
@@ -124,7 +124,7 @@ def _held(
             continue
         held[joint] = multiplier * held.get(driver, 0.0) + offset
         notes.append(
-            f"joint {joint} follows {driver}: it is held still at {held[joint]:g}"
+            f"joint {joint} follows {driver}: it is held still at {held[joint]:g}, because the joints of an arm move independently here"
             + ("" if driver in held else f", also while {driver} moves; where that moves a large mass the model is wrong by it")
         )
     if len(held) == tree.n:

@@ -217,7 +217,13 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
     q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
     clearances, names = room.clearances(q)
-    free = clearances.min(axis=1)
+    free, held = clearances.min(axis=1), room.held(q)
+    if not held.any():
+        raise AnswerIsNo(
+            f"{arm.name}: in none of {POSTURES} postures do its torque limits hold it, with what nobody knows of its masses: correct tau_max "
+            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with --home"
+        )
+    free = np.where(held, free, -np.inf)
     roomy = q[np.argsort(-free)[:LOOKED_AT]]
     if free.max() < CLEARANCE_MARGIN:
         near = (clearances < CLEARANCE_MARGIN).mean(axis=0)

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial import ConvexHull
 
 from calib.main import main
 from safety.collision import Clearance
@@ -45,7 +46,7 @@ def test_a_ros_package_becomes_an_arm_folder(package, tmp_path, capsys, with_roo
     assert (arm.prior.numbers, arm.prior.unknown) == (None, ["coulomb", "viscous", "rotor", "offset"])
     assert (arm.name, arm.joint_names, arm.incomplete) == ("two", ("j",), ("sensors",))
     assert (arm.dq_max.tolist(), arm.tau_max.tolist(), arm.jerk_max.tolist()) == ([2.0], [5.0], [100.0])
-    assert {s.kind for s in arm.tree.shapes} <= {"capsule", "sphere"}
+    assert {s.kind for s in arm.tree.shapes} <= {"capsule", "sphere", "mesh"}
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     assert all(any(_holds(shape, corner) for shape in arm.tree.shapes) for corner in corners)
 
@@ -252,5 +253,8 @@ def _err(capsys):
 def _holds(shape, point):
     half = shape.size[1] if shape.kind == "capsule" else 0.0
     local = shape.rotation.T @ (point - shape.position)
+    if shape.kind == "mesh":
+        faces = ConvexHull(shape.vertices).equations
+        return bool((faces[:, :3] @ local + faces[:, 3] < 1e-6).all())
     local[2] -= np.clip(local[2], -half, half)
     return np.linalg.norm(local) <= shape.size[0]

@@ -60,7 +60,8 @@ TARGETS = {
     "sheets": (("_check_range", "finite"), ("test_sheets", "test_clear", "test_collision")),
     "loads": (("room",), ("test_tube",)),
     "tube": (("_range", "__init__"), ("test_tube",)),
-    "collision": (("distances", "certify", "_prove", "_always_apart"), ("test_collision", "test_certify")),
+    "collision": (("distances", "certify", "_prove"), ("test_collision", "test_certify")),
+    "pairs": (("always_apart",), ("test_collision", "test_pairs")),
     "shapes": (("_check_sizes",), ("test_collision",)),
     "stages": (("gate", "stages_due"), ("test_stages",)),
     "approval": (("check_approval",), ("test_plan",)),
@@ -172,11 +173,11 @@ def known_of(module: str, tests: tuple[str, ...]) -> Kept:
 
 # Nothing that can be observed changes:
 EQUIVALENT = {
-    # _always_apart: a limit that is not a number makes a posture that `distances` refuses; an endless one is a whole turn
+    # always_apart: a limit that is not a number makes a posture that `distances` refuses; an endless one is a whole turn
     "operator -> np.isfinite(lo).all() or np.isfinite(hi).all()",
     "call -> np.isfinite(lo).any()",
     "call -> np.isfinite(hi).any()",
-    # _always_apart: every posture of a hinge stands in a whole turn, and a longer range than that holds the same ones
+    # always_apart: every posture of a hinge stands in a whole turn, and a longer range than that holds the same ones
     "compare 0 -> hi - lo <= 2 * np.pi",
 }
 

@@ -73,7 +73,9 @@ def test_every_point_of_the_surface_is_in_a_convex_piece(name, ur10e_tree):
     pieces = with_pieces(replace(ur10e_tree, shapes=(link,))).shapes
     assert all(piece.link == 2 for piece in pieces)
     corners = mesh.vertices[mesh.faces]
-    points = np.einsum("stk,tkx->stx", np.random.default_rng(3).dirichlet((1, 1, 1), (20, len(corners))), corners).reshape(-1, 3)
+    points = np.einsum("stk,tkx->stx", np.random.default_rng(3).dirichlet((1, 1, 1), (20, len(corners))), corners).reshape(
+        -1, 3
+    )
     points = points @ turn.T + place
     assert np.any([_in(piece, points) for piece in pieces], axis=0).all()
     if name == "can":  # its flat ends are no half balls
