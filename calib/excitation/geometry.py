@@ -136,7 +136,7 @@ class Geometry:
         for t, rows in self._near:
             at, _ = stopping(q, dq, self.stop, t)
             ends, _ = room.segments(at)
-            spare = room.clearances_of(ends)[0] - SLACK
+            spare = room.clearances(at)[0] - SLACK
             # a pair that never parts by more than BAND is near where it is nearer than usual
             close = (spare < np.clip(np.median(spare, axis=0) / 2, 0.0, BAND)).any(axis=1)
             close |= self._beside.near(ends, BAND).any(axis=1)
