@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,8 @@ ARMS: dict[str, tuple[str, list[str]]] = {
         [*TURN, "--limit", "dq_max=6", "--limit", "tau_max=5"],
     ),
 }
+# m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
+FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
 # no model format has these
 SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100", "--numbers", "cad"]
 CELL = 'schema = "cell/1"\nname = "{name}"\narm = "{arm}"\ndriver = "mock"\nhome = {home}\n'
@@ -165,6 +168,9 @@ def _cell(name: str, arm: Path) -> str:
     model = load_arm(arm)
     cell = open_cell(model)
     plane = cell.table.obstacles[0]
+    if name in FLOOR:
+        plane = plane.model_copy(update={"position": (0.0, 0.0, FLOOR[name])})
+        cell = replace(cell, table=cell.table.model_copy(update={"obstacles": [plane]}))
     home = home_of(Room(model, cell), cell, None, np.random.default_rng(0))
     where = f'[[obstacles]]\nkind = "plane"\nname = "floor"\nposition = {list(plane.position)}\nnormal = [0.0, 0.0, 1.0]\n'
     return CELL.format(name=name, arm=arm, home=[round(float(x), 6) for x in home]) + where

@@ -38,6 +38,7 @@ ATTEMPTS = 8
 SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 POSTURES = 1000
 LOOKED_AT = 15
+PLANE = "mounting_plane"
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def open_cell(arm: Arm) -> Cell:
     table = CellTable.model_validate(
         {
             "schema": "cell/1", "name": "open", "arm": arm.name, "driver": "mock",
-            "obstacles": [{"kind": "plane", "name": "mounting_plane", "position": [0, 0, height], "normal": [0, 0, 1]}],
+            "obstacles": [{"kind": "plane", "name": PLANE, "position": [0, 0, height], "normal": [0, 0, 1]}],
         }
     )  # fmt: skip
     return Cell(table, Path("open"), "0" * 64)
@@ -231,6 +232,11 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         raise AnswerIsNo(
             f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
             f"near to each other in {near[worst]:.0%} of them: correct these two shapes or obstacles, or give a free posture with --home"
+            + (
+                f"; {PLANE} is assumed where no cell is given: say with --cell where the arm stands"
+                if PLANE in names[worst]
+                else ""
+            )
         )
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]

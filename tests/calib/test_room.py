@@ -84,3 +84,12 @@ def test_the_assumed_plane_is_below_what_turns_upright_on_the_base() -> None:
     assert open_cell(arm).table.obstacles[0].position[2] == -0.097  # its base's
     room = Room(lowered, open_cell(lowered))
     assert ("low", "mounting_plane") in room.clearance.always_apart
+
+
+def test_where_the_assumed_plane_leaves_no_posture_the_sentence_asks_for_the_cell() -> None:
+    arm = load_arm("ur10e")
+    ball = Shape(1, "ball", "sphere", (0.5, 0.0, 0.0), np.eye(3), np.zeros(3))
+    hanging = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, ball)))
+    room = Room(hanging, open_cell(hanging))
+    with pytest.raises(AnswerIsNo, match=r"ball and mounting_plane .*say with --cell where the arm stands"):
+        home_of(room, room.cell, None, np.random.default_rng(0))
