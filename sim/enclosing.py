@@ -46,15 +46,15 @@ class Capsule:
         return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
 
 
-def with_pieces(tree: KinematicTree) -> KinematicTree:
-    """The tree with every mesh shape replaced by convex pieces that hold it; other shapes stay as they are."""
+def with_pieces(tree: KinematicTree, hulls: bool = False) -> KinematicTree:
+    """The tree with every mesh shape replaced by capsules that hold it, with `hulls` by convex pieces; other shapes stay as they are."""
     shapes: list[Shape] = []
     for shape in tree.shapes:
         if shape.vertices is None or shape.faces is None:
             shapes.append(shape)
             continue
-        for k, corners in enumerate(_groups(shape.vertices, shape.faces, _hull_volume, MOST)):
-            capsule, hull = _held(corners), _hull(corners.reshape(-1, 3))
+        for k, corners in enumerate(_groups(shape.vertices, shape.faces, _hull_volume if hulls else _capsule_volume, MOST)):
+            capsule, hull = _held(corners), _hull(corners.reshape(-1, 3)) if hulls else None
             if hull is not None and hull.volume < ROUND * capsule.volume:
                 vertices = hull.points[hull.vertices]
                 shapes.append(replace(shape, name=f"{shape.name}_{k}", vertices=vertices, faces=None))

@@ -37,7 +37,7 @@ ROBOT = 300
 class Choice:
     """What of a model file is the arm: `joints` are names or patterns of those that move (all, if empty), `lock` of those that
     stand still and where (rad or m), `tool` a link: the joints between the base and it are the arm's. no_shapes waives shapes whose
-    mesh is not there."""
+    mesh is not there; hulls: meshes are held by convex pieces, else by capsules."""
 
     joints: Sequence[str] = ()
     lock: Mapping[str, float] = field(default_factory=dict)
@@ -45,6 +45,7 @@ class Choice:
     geometry_only: bool = False
     no_shapes: bool = False
     numbers: Numbers | None = None
+    hulls: bool = False
 
 
 def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choice | None = None) -> tuple[Arm, list[str]]:
@@ -88,9 +89,11 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         notes.append("masses and inertias are unknown: those in the model only stand for the arm's size")
     if whole is None or kept is not whole.tree:
         meshes = sum(s.kind == "mesh" for s in kept.shapes)
-        kept = with_pieces(kept)
+        kept = with_pieces(kept, choice.hulls)
         if meshes:
-            notes.append(f"{meshes} collision meshes are held by convex pieces; the arm has {len(kept.shapes)} shapes")
+            notes.append(
+                f"{meshes} collision meshes are held by {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
+            )
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name or file.stem), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)

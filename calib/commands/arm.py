@@ -104,6 +104,7 @@ def new(
 
         calib arm new my_robot.urdf --numbers cad --lock 'finger_*' --limit ddq_max=5 --limit jerk_max=100
     """
+    from calib.excitation.session import FREE, free_share
     from sim.new_arm import Choice, read_model, staging_folder
 
     person = sys.stdin.isatty() and not json
@@ -118,6 +119,11 @@ def new(
     )  # fmt: skip
     with staging_folder() as staging:
         arm, notes = read_model(file, Path(staging), root, choice)
+        if file.suffix.lower() == ".urdf" and "shapes" not in arm.incomplete and free_share(arm) < FREE:
+            hulls = Path(staging) / "hulls"
+            hulls.mkdir()
+            arm, notes = read_model(file, hulls, root, replace(choice, hulls=True))
+            notes.append("capsules leave it next to no free posture, so they are convex pieces, of which a proof takes longer")
         for note in notes:
             console.warn(note)
         if arm.prior.numbers is None:

@@ -24,7 +24,9 @@ from calib.excitation.room import CLEARANCE_MARGIN, Room
 from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
 from drivers import open_driver
+from safety.collision import Clearance
 from safety.latency import stop_to_plan_for
+from safety.pairs import postures
 from safety.plan import Motion
 from safety.reach import spine
 from sim.arm import Arm
@@ -38,6 +40,8 @@ ATTEMPTS = 8
 SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 POSTURES = 1000
 LOOKED_AT = 15
+# of random postures, the share that must be free for capsules to do
+FREE = 0.1
 PLANE = "mounting_plane"
 
 
@@ -170,6 +174,16 @@ def open_cell(arm: Arm) -> Cell:
         }
     )  # fmt: skip
     return Cell(table, Path("open"), "0" * 64)
+
+
+def free_share(arm: Arm) -> float:
+    """Share of random postures in which the arm keeps the clearances that a proof asks for, in its open cell; 1 where it has no moving shape."""
+    if all(shape.link < 0 for shape in arm.tree.shapes):
+        return 1.0
+    cell = open_cell(arm)
+    clearance = Clearance(arm, cell)
+    needed = clearance.needed(cell.table.motion.following_error) + CLEARANCE_MARGIN
+    return float(np.mean([np.all(clearance.distances(q) >= needed) for q in postures(arm)]))
 
 
 def posture(text: str, arm: Arm) -> np.ndarray:

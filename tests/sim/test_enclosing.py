@@ -70,7 +70,7 @@ def test_every_point_of_the_surface_is_in_a_convex_piece(name, ur10e_tree):
     mesh = MESHES[name]()
     turn, place = Rotation.from_rotvec([0.3, -0.4, 0.7]).as_matrix(), np.array([0.1, 0.2, 0.3])
     link = Shape(2, "link", "mesh", (0.0, 0.0, 0.0), turn, place, np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    pieces = with_pieces(replace(ur10e_tree, shapes=(link,))).shapes
+    pieces = with_pieces(replace(ur10e_tree, shapes=(link,)), hulls=True).shapes
     assert all(piece.link == 2 for piece in pieces)
     corners = mesh.vertices[mesh.faces]
     points = np.einsum("stk,tkx->stx", np.random.default_rng(3).dirichlet((1, 1, 1), (20, len(corners))), corners).reshape(
@@ -85,7 +85,7 @@ def test_every_point_of_the_surface_is_in_a_convex_piece(name, ur10e_tree):
 def test_a_bent_body_falls_into_convex_pieces_that_are_no_larger_than_it(ur10e_tree):
     mesh = _bent()
     link = Shape(2, "link", "mesh", (0.0, 0.0, 0.0), np.eye(3), np.zeros(3), np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    pieces = with_pieces(replace(ur10e_tree, shapes=(link,))).shapes
+    pieces = with_pieces(replace(ur10e_tree, shapes=(link,)), hulls=True).shapes
     assert len(pieces) > 1
     assert sum(ConvexHull(piece.vertices).volume for piece in pieces) < 0.5 * ConvexHull(mesh.vertices).volume
 
