@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
@@ -23,6 +24,7 @@ MOST_RIVALS = 2
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 MOST_SURE = 0.99  # the catalogue may not hold what the arm has
 NOTHING = 2.0  # standard deviations
+CHANCE = 0.01
 Key = tuple[str, str | None]
 
 
@@ -46,8 +48,12 @@ class Judged:
 
     @property
     def vetoed(self) -> bool:
-        """Whether motions that were not fitted speak against it; a contact happens in one log only."""
-        return self.effect.effect != CONTACT and (self.held_out < 0.0 or self.worse > 0.0)
+        """Whether motions that were not fitted speak against it; a contact happens in one log only.
+
+        Their likelihood may fall by what the uncertainty of its k parameters explains: chi-square with k degrees of freedom.
+        """
+        fall = chi2.isf(CHANCE, len(self.effect.parameters))
+        return self.effect.effect != CONTACT and bool(self.held_out < -fall or self.worse > 0.0)
 
     @property
     def refusal(self) -> str:
@@ -56,7 +62,7 @@ class Judged:
         why = (
             f"the torque error of the joints that it concerns rises by {self.worse:.0%}"
             if self.worse > 0.0
-            else "their likelihood falls"
+            else f"-2 log likelihood rises by {-self.held_out:.1f}"
         )
         return f"{self.effect.effect}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
 

@@ -53,10 +53,14 @@ def diagnose(
             judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
     progress("looking at what is left")
     odd = unexplained(found.baseline, found.best, apart)
-    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much.
+    # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much, and again apart.
     # An effect of the whole arm is one of them where most joints have such structure.
     left = {u.joint: u.share for u in odd} | {None: float(len(odd) > arm.n / 2)}
-    kept = [j for j in judged if not odd or (left.get(j.effect.joint, 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN)]
+    kept = [
+        j
+        for j in judged
+        if not odd or (left.get(j.effect.joint, 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN and j.held_out >= 0)
+    ]
     named = found.best
     while len(kept) < len(named.accepted):
         effects = tuple(j.effect for j in kept)
@@ -74,7 +78,10 @@ def diagnose(
     kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
     total = max(sum(j.lost for j in judged), 1e-9)
-    entries = [entry(arm, j.effect, stds[id(j.effect)], j.confidence, j.lost / total, j.rivals) for j in kept]
+    entries = []
+    for j in kept:
+        item = promotion.written(j.effect)
+        entries.append(entry(arm, item, stds[id(j.effect)] | dict(item.std), j.confidence, j.lost / total, j.rivals))
     entries.sort(key=lambda x: -x["gap_share"])
     entries += [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
     best = found.best

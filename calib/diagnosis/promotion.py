@@ -81,6 +81,11 @@ class Promotion:
     refused: tuple[Refusal, ...]
     motion: tuple[tuple[ForwardError, ForwardError], ...] = ()
 
+    def written(self, item: ArmEffect) -> ArmEffect:
+        """A named effect as the arm that is written has it."""
+        effects = self.change.effects if self.change else ()
+        return next((e for e in effects if (e.effect, e.joint) == (item.effect, item.joint)), item)
+
 
 def promoted(
     measurements: Sequence[Measurement],

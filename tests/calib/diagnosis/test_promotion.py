@@ -17,7 +17,7 @@ from calib.diagnosis.promotion import _Written, promoted
 from calib.diagnosis.selection import Scored, add, started
 from calib.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm, ArmEffect, load_arm
 from tests.calib.diagnosis.conftest import at, recording
 
 ELBOW = 2
@@ -49,6 +49,20 @@ def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
     # what was simulated is shown, and is no farther off
     assert [a.horizon.seconds for a, _ in promotion.motion] == [b.horizon.seconds for _, b in promotion.motion]
     assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
+
+
+def test_the_sizes_that_are_reported_are_those_of_the_arm_that_is_written(ur10e: Arm, tmp_path: Path) -> None:
+    found = diagnose(ur10e, [recording(ur10e, seed, SPRING) for seed in (1, 2)], [recording(ur10e, 3, SPRING)])
+    found.write(tmp_path, ur10e)
+    written = load_arm(tmp_path / "arm")
+    reported = json.loads((tmp_path / "diagnosis.json").read_text())["effects"]
+    assert [e["effect"] for e in reported] == ["joint_spring"]
+    for e in reported:
+        own = written.effect(e["effect"], e["joint"])
+        assert own is not None
+        for name, x in e["parameters"].items():
+            assert own.parameters[name] == pytest.approx(x["value"], rel=1e-9)
+            assert own.std[name] == pytest.approx(x["std"], rel=1e-9)
 
 
 def _with_spring(arm: Arm, fitted: list[Measurement]) -> tuple[Fit, Fit]:
