@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from calib.excitation.design import fitted_to_room
 from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.home import open_cell
 from calib.excitation.room import Room
-from calib.excitation.session import open_cell
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.plant import Plant

@@ -161,8 +161,8 @@ def _cell(name: str, arm: Path) -> str:
     """A mock cell of the arm, with the plane that `calib plan` assumes where there is no cell, and a home from which it can move."""
     import numpy as np
 
+    from calib.excitation.home import home_of, open_cell
     from calib.excitation.room import Room
-    from calib.excitation.session import home_of, open_cell
     from sim.arm import load_arm
 
     model = load_arm(arm)

@@ -6,7 +6,8 @@ import getpass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from calib.excitation.session import Session, design, open_cell
+from calib.excitation.home import open_cell
+from calib.excitation.session import Session, design
 from drivers import open_driver
 from safety.approval import approval_of, approve, check_approval
 from safety.confirmation import check_yes

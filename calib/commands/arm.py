@@ -104,7 +104,7 @@ def new(
 
         calib arm new my_robot.urdf --numbers cad --lock 'finger_*' --limit ddq_max=5 --limit jerk_max=100
     """
-    from calib.excitation.session import FREE, free_share
+    from calib.excitation.home import FREE, free_share
     from sim.new_arm import Choice, read_model, staging_folder
 
     person = sys.stdin.isatty() and not json

@@ -41,7 +41,7 @@ def command(
         calib init --host 192.168.1.10
     """
     from calib import first_cell
-    from calib.excitation.session import open_cell
+    from calib.excitation.home import open_cell
     from drivers import finding
     from sim.arm import load_arm
     from sim.files import is_name

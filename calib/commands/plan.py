@@ -52,7 +52,8 @@ def command(
     """
     from calib.claims import Claim, in_one_sentence
     from calib.excitation.discriminate import ENOUGH, pairs_of
-    from calib.excitation.session import QUICK, Session, design, open_cell, posture
+    from calib.excitation.home import open_cell, posture
+    from calib.excitation.session import QUICK, Session, design
     from calib.report import plan as page
     from safety.collision import Clearance
     from safety.plan import write_plan

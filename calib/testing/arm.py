@@ -96,8 +96,8 @@ def _holds(arm: Arm) -> str:
 def _planned(arm: Arm) -> str:
     from calib.excitation.design import fitted_to_room
     from calib.excitation.fourier import Basis, random_fourier
+    from calib.excitation.home import home_of, open_cell
     from calib.excitation.room import Room
-    from calib.excitation.session import home_of, open_cell
 
     cell = open_cell(arm)
     room, rng = Room(arm, cell), np.random.default_rng(0)

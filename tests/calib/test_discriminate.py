@@ -12,8 +12,8 @@ from benchmarks.known_truth import HOME, fourier_motion
 from calib.excitation.design import coarse
 from calib.excitation.discriminate import discriminating, pairs_of, separation
 from calib.excitation.fourier import Basis
+from calib.excitation.home import open_cell
 from calib.excitation.room import Room
-from calib.excitation.session import open_cell
 from sim.arm import Arm, ArmEffect
 from sim.errors import ConfigError
 

@@ -14,8 +14,9 @@ from calib import main as program
 from calib.excitation.capsules import segment_closest
 from calib.excitation.design import Information, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.fourier import Basis, random_fourier
+from calib.excitation.home import home_of, open_cell, posture
 from calib.excitation.room import Room
-from calib.excitation.session import QUICK, Session, design, home_of, open_cell, posture
+from calib.excitation.session import QUICK, Session, design
 from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
 from calib.identification.model import TorqueModel
 from safety.clear import clear

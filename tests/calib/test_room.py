@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.excitation.home import home_of, open_cell
 from calib.excitation.room import CLEARANCE_MARGIN, Room
-from calib.excitation.session import home_of, open_cell
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
 from sim.tree import Shape

@@ -1,0 +1,117 @@
+"""Where motions begin: the cell of an arm of which nothing else is known, and a posture in which motions have room."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calib.excitation.design import fitted_to_room
+from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.excitation.room import CLEARANCE_MARGIN, Room
+from safety.collision import Clearance
+from safety.pairs import postures
+from safety.reach import spine
+from sim.arm import Arm
+from sim.cell import Cell, CellTable, MotionTable
+from sim.errors import AnswerIsNo, ConfigError
+
+POSTURES = 1000
+LOOKED_AT = 15
+# of random postures, the share that must be free for capsules to do
+FREE = 0.1
+PLANE = "mounting_plane"
+
+
+def open_cell(arm: Arm) -> Cell:
+    """The cell of an arm of which nothing else is known: it stands on a plane, below all shapes that keep their height.
+
+    These are the shapes that stand still, and those that only a joint with a vertical axis turns, which need their clearance besides. At
+    least 50 mm below its base's origin, to leave room for a flange.
+    """
+    heights, tree = [-0.05], arm.tree
+    upright = not tree.prismatic[0] and np.allclose(np.abs((tree.rotation[0] @ tree.axis[0])[2]), 1.0)
+    for shape in tree.shapes:
+        points, radius = spine(shape)
+        if shape.link < 0:
+            heights.append(float(points[:, 2].min()) - radius)
+        elif shape.link == 0 and upright:
+            lowest = points @ tree.rotation[0][2] + tree.position[0][2] - radius
+            heights.append(float(lowest.min()) - MotionTable().clearance_obstacle - 2 * CLEARANCE_MARGIN)
+    height = float(np.floor(min(heights) * 1e3) / 1e3)
+    table = CellTable.model_validate(
+        {
+            "schema": "cell/1", "name": "open", "arm": arm.name, "driver": "mock",
+            "obstacles": [{"kind": "plane", "name": PLANE, "position": [0, 0, height], "normal": [0, 0, 1]}],
+        }
+    )  # fmt: skip
+    return Cell(table, Path("open"), "0" * 64)
+
+
+def free_share(arm: Arm) -> float:
+    """Share of random postures in which the arm keeps the clearances that a proof asks for, in its open cell; 1 where it has no moving shape."""
+    if all(shape.link < 0 for shape in arm.tree.shapes):
+        return 1.0
+    cell = open_cell(arm)
+    clearance = Clearance(arm, cell)
+    needed = clearance.needed(cell.table.motion.following_error) + CLEARANCE_MARGIN
+    return float(np.mean([np.all(clearance.distances(q) >= needed) for q in postures(arm)]))
+
+
+def posture(text: str, arm: Arm) -> np.ndarray:
+    """(n,) rad from numbers between commas."""
+    try:
+        found = np.array([float(x) for x in text.split(",")])
+    except ValueError:
+        found = np.zeros(0)
+    if found.shape != (arm.n,) or not np.all(np.isfinite(found)):
+        raise ConfigError(
+            f"--home {text!r}: {arm.name} needs {arm.n} numbers in rad between commas, such as 0,-1.4,1.3,-1.4,-1.2,0.3"
+        )
+    return found
+
+
+def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
+    """The posture where every motion begins and ends: as given, the cell's home, or of many random ones that where motions have most room."""
+    arm = room.arm
+    given = wanted if wanted is not None else None if cell.table.home is None else np.array(cell.table.home)
+    if given is not None:
+        if given.shape != (arm.n,) or not np.all((arm.q_min <= given) & (given <= arm.q_max)):
+            raise AnswerIsNo(
+                f"home {np.round(given, 3).tolist()} rad: {arm.name} has {arm.n} joints within {np.round(arm.q_min, 2).tolist()} to "
+                f"{np.round(arm.q_max, 2).tolist()} rad; give a posture inside them with --home"
+            )
+        return given
+    middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
+    q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
+    clearances, names = room.clearances(q)
+    free, held = clearances.min(axis=1), room.held(q)
+    if not held.any():
+        raise AnswerIsNo(
+            f"{arm.name}: in none of {POSTURES} postures do its torque limits hold it, with what nobody knows of its masses: correct tau_max "
+            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with --home"
+        )
+    free = np.where(held, free, -np.inf)
+    roomy = q[np.argsort(-free)[:LOOKED_AT]]
+    if free.max() < CLEARANCE_MARGIN:
+        near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
+        worst = int(np.argmax(near))
+        raise AnswerIsNo(
+            f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
+            f"near to each other in {near[worst]:.0%} of them: correct these two shapes or obstacles, or give a free posture with --home"
+            + (
+                f"; {PLANE} is assumed where no cell is given: say with --cell where the arm stands"
+                if PLANE in names[worst]
+                else ""
+            )
+        )
+    basis = Basis(4, 20.0)
+    trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
+    scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in roomy]
+    return np.round(roomy[int(np.argmax(scores))], 3)
+
+
+def _amplitude(room: Room, motion: Fourier) -> float:
+    """Sum over the joints of the speed that the motion has once it fits, as a share of the joint's own."""
+    found = fitted_to_room(room, motion)
+    return 0.0 if found is None else float((np.abs(found.sampled(4.0).dq).max(axis=0) / room.arm.dq_max).sum())
