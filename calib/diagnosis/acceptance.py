@@ -50,10 +50,17 @@ class Judged:
     def vetoed(self) -> bool:
         """Whether motions that were not fitted speak against it; a contact happens in one log only.
 
-        Their likelihood may fall by what the uncertainty of its k parameters explains: chi-square with k degrees of freedom.
+        Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with k degrees of freedom, where the
+        recordings that were fitted speak for it clearly.
         """
-        fall = chi2.isf(CHANCE, len(self.effect.parameters))
-        return self.effect.effect != CONTACT and bool(self.held_out < -fall or self.worse > 0.0)
+        by_chance = self.held_out >= -chi2.isf(CHANCE, len(self.effect.parameters)) and self.left >= APART
+        against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)
+        return self.effect.effect != CONTACT and bool(against)
+
+    @property
+    def left(self) -> float:
+        """Evidence of all recordings beyond the name's price."""
+        return self.lost + self.held_out - price(self.effect)
 
     @property
     def refusal(self) -> str:

@@ -72,9 +72,12 @@ def test_held_out_errors_speak_against_a_name_where_they_rise_significantly() ->
     assert replace(name, effect=ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0})).vetoed
 
 
-@pytest.mark.parametrize(("held_out", "vetoed"), [(5.0, False), (-5.0, False), (-7.0, True)])
-def test_a_held_out_likelihood_that_falls_by_chance_is_no_veto(held_out: float, vetoed: bool) -> None:
-    name = Judged(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), 50.0, (), held_out)
+@pytest.mark.parametrize(
+    ("lost", "held_out", "vetoed"),
+    [(50.0, 5.0, False), (50.0, -5.0, False), (50.0, -7.0, True), (22.0, 5.0, False), (22.0, -1.0, True)],
+)
+def test_a_held_out_likelihood_that_falls_by_chance_is_no_veto(lost: float, held_out: float, vetoed: bool) -> None:
+    name = Judged(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, (), held_out)
     assert name.vetoed == vetoed
 
 
