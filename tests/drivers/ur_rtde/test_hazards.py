@@ -23,7 +23,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import NORMAL, STOPPED, UNLOCK_AFTER
 from sim.errors import DeviceError
 from sim.joint_state import Status
-from tests.drivers.ur_rtde.conftest import Pair, rests, stream, wait_for
+from tests.drivers.ur_rtde.conftest import ZERO, Pair, rests, stream, wait_for
 
 
 @pytest.mark.parametrize("fault", ["close", "refuse"])
@@ -112,7 +112,10 @@ def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm,
         one.inject("protective_stop")
         with pytest.raises(DeviceError, match="protective stop"):
             stream(first, 30.0, until=lambda s: False)
-        assert stream(second, 0.1).status is Status.RUNNING
+        # at rest: two emulated controllers share one interpreter and may both be behind the clock, which a motion would not allow
+        state = second.read()
+        assert state.status is Status.RUNNING
+        assert second.send(state.q, ZERO, ZERO) == pytest.approx(state.q)
 
 
 def test_after_a_protective_stop_was_unlocked_a_new_connection_moves_at_once(pair: Pair) -> None:
