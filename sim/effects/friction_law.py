@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 
@@ -73,18 +75,15 @@ class FrictionLaw(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
         assert joint is not None
-        coefficients = np.array([p[name] for name in TERMS])
-        if not coefficients.any():
+        wanted = [name for name in TERMS if p[name] != 0.0]
+        if not wanted:
             return
-        q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
-        if state.memory is not None:
-            at_start = np.array([q[0], *(0.0 for _ in WIDTHS)])
-            memory = state.memory.setdefault((self.name, joint), at_start)
-            state.tau[:, joint] += _continued(q, dq, load, coefficients, memory)
-        elif len(q) > 1:
-            state.tau[:, joint] += _along(state.t, q, dq, load, coefficients)
-        else:
-            state.tau[:, joint] += self.terms(state, joint)[0] @ coefficients
+        if state.memory is None:
+            state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
+            return
+        q, dq, load = _path(state, joint)
+        memory = state.memory.setdefault((self.name, joint), np.array([q[0], *(0.0 for _ in WIDTHS)]))
+        state.tau[:, joint] += _continued(q, dq, load, np.array([p[name] for name in TERMS]), memory)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The slips of every width together, then the other terms one by one, each with its own doubt."""
@@ -117,48 +116,54 @@ class FrictionLaw(Effect):
         share = p["load"].magnitude + p["load_driving"].magnitude + by_square
         box.by_friction[:, joints] += (1 + unsure) * share * steep
 
-    def terms(self, state: PathState, joint: int, names: tuple[str, ...] | list[str] = TERMS) -> np.ndarray:
-        """(N, k) torque of each of these terms with a coefficient of one."""
-        dq, load = state.dq_motor[:, joint], state.load[:, joint]
-        speed = np.abs(dq)
-        widths = dict(zip(FAMILIES["slip"], WIDTHS, strict=True))
-        powers = dict(zip(FAMILIES["speed"], POWERS, strict=True))
-        scales = dict(zip(FAMILIES["stribeck"], SPEEDS, strict=True))
-        needed = {widths[name] for name in names if name in widths}
-        if any(name not in widths and name not in powers for name in names):
-            needed.add(TURNING)
-        slips = {width: self._slip(state, joint, width) for width in sorted(needed)}
-        turn = slips.get(TURNING, speed)
-        out = np.empty((len(speed), len(names)))
-        for k, name in enumerate(names):
-            if name in widths:
-                out[:, k] = slips[widths[name]]
-            elif name in powers:
-                out[:, k] = dq * (speed**2 + SLOW**2) ** ((powers[name] - 1) / 2)
-            elif name in scales:
-                out[:, k] = turn * np.exp(-speed / scales[name])
-            else:
-                out[:, k] = {
-                    "load": turn * np.abs(load),
-                    "load_2": turn * load**2,
-                    "load_driving": np.maximum(load * turn, 0.0) * turn,
-                }[name]
-        return out
-
-    def _slip(self, state: PathState, joint: int, width: float) -> np.ndarray:
-        """Slip direction over a width."""
-        q, dq = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor))
-        return np.zeros(1) if len(q) == 1 else np.asarray(slip_along(state.t, q, dq, np.full(len(q), width), 0.0))
+    def terms(self, state: PathState, joint: int, names: Sequence[str] = TERMS) -> np.ndarray:
+        """(N, k) torque of each of these terms with a coefficient of one, along a whole path."""
+        q, dq, load = _path(state, joint)
+        slips = np.zeros((len(q), len(WIDTHS)))
+        for i, (width, name) in enumerate(zip(WIDTHS, FAMILIES["slip"], strict=True)):
+            if len(q) > 1 and (name in names or width == TURNING):
+                slips[:, i] = slip_along(state.t, q, dq, np.full(len(q), width), 0.0)
+        return np.asarray(_terms(dq, load, slips)[:, [TERMS.index(name) for name in names]])
 
     def probes(self, own: Values | None) -> list[Probe]:
         """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
         return []
 
 
+def _path(state: PathState, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) each: angle and speed of the motor, and the load."""
+    q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
+    return q, dq, load
+
+
+# Numba's cache follows the changes of a file and not of those that it imports: these kernels call none of another file.
+@numba.njit(cache=True)
+def _fill(dq, load, slips, out):  # type: ignore[no-untyped-def]
+    """The terms at one instant, in the order of TERMS, from the slips of WIDTHS."""
+    speed, turn, k = abs(dq), slips[_TURNING], len(WIDTHS)
+    out[:k] = slips
+    for power in POWERS:
+        out[k] = dq * (speed**2 + SLOW**2) ** ((power - 1) / 2)
+        k += 1
+    for scale in SPEEDS:
+        out[k] = turn * np.exp(-speed / scale)
+        k += 1
+    out[k], out[k + 1], out[k + 2] = turn * abs(load), turn * load**2, max(load * turn, 0.0) * turn
+
+
+@numba.njit(cache=True)
+def _terms(dq, load, slips):  # type: ignore[no-untyped-def]
+    """(N, terms) at every instant."""
+    out = np.empty((len(dq), len(WIDTHS) + len(POWERS) + len(SPEEDS) + 3))
+    for k in range(len(dq)):
+        _fill(dq[k], load[k], slips[k], out[k])
+    return out
+
+
 @numba.njit(cache=True)
 def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-def]
     """(N,) torque of all terms; memory: the angle before the first sample and the slips of WIDTHS there, moved on in place."""
-    out = np.empty(len(q))
+    out, row = np.empty(len(q)), np.empty(len(coefficients))
     slips = memory[1:]
     for k in range(len(q)):
         step = q[k] - memory[0]
@@ -166,39 +171,6 @@ def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-de
         memory[0] = q[k]
         for i in range(len(WIDTHS)):
             slips[i] = way + (slips[i] - way) * np.exp(-abs(step) / WIDTHS[i])
-        out[k] = _sum(dq[k], load[k], slips, coefficients)
+        _fill(dq[k], load[k], slips, row)
+        out[k] = np.sum(coefficients * row)
     return out
-
-
-@numba.njit(cache=True)
-def _along(t, q, dq, load, coefficients):  # type: ignore[no-untyped-def]
-    """(N,) torque of all terms along a whole path."""
-    slips = np.zeros((len(q), len(WIDTHS)))
-    for i in range(len(WIDTHS)):
-        if coefficients[i] != 0.0 or i == _TURNING:
-            slips[:, i] = slip_along(t, q, dq, np.full(len(q), WIDTHS[i]), 0.0)
-    out = np.empty(len(q))
-    for k in range(len(q)):
-        out[k] = _sum(dq[k], load[k], slips[k], coefficients)
-    return out
-
-
-@numba.njit(cache=True)
-def _sum(dq, load, slips, coefficients):  # type: ignore[no-untyped-def]
-    """The torque at one instant: the coefficients, in the order of TERMS, times their terms."""
-    first, second = len(WIDTHS), len(WIDTHS) + len(POWERS)
-    third = second + len(SPEEDS)
-    total, level, speed = 0.0, 0.0, abs(dq)
-    for i in range(first):
-        total += coefficients[i] * slips[i]
-    for i in range(len(POWERS)):
-        if coefficients[first + i] != 0.0:
-            total += coefficients[first + i] * dq * (speed**2 + SLOW**2) ** ((POWERS[i] - 1) / 2)
-    for i in range(len(SPEEDS)):
-        if coefficients[second + i] != 0.0:
-            level += coefficients[second + i] * np.exp(-speed / SPEEDS[i])
-    turn = slips[_TURNING]
-    level += (
-        coefficients[third] * abs(load) + coefficients[third + 1] * load**2 + coefficients[third + 2] * max(load * turn, 0.0)
-    )
-    return total + turn * level
