@@ -14,8 +14,10 @@ import pytest
 from safety import cycle, looks, monitor
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
+from safety.monitor import Expected, Monitor
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
+from sim.joint_state import JointState
 from sim.trajectory import Trajectory
 from tests.safety.perfect import PerfectDriver, simulated
 
@@ -95,6 +97,8 @@ size = [0.2, 0.2, 1.0]
 """
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
+PERIOD = 0.002
+NO_TORQUE = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -170,3 +174,26 @@ def driver(arm: Arm, cell: Cell) -> PerfectDriver:
     made = simulated(cell, arm)
     made.connect()
     return made
+
+
+def state_at(k: int = 0, **changes: object) -> JointState:
+    t = k * PERIOD
+    known = {"q": HOME, "dq": np.zeros(6), "tau": np.zeros(6), "current": np.full(6, np.nan), "temperature": np.full(6, 30.0)}
+    return JointState(**({"t": t, "t_device": t} | known | changes))  # type: ignore[arg-type]
+
+
+@pytest.fixture(name="monitor")
+def a_monitor(arm: Arm, cell: Cell) -> Monitor:
+    return Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at())
+
+
+def ask(
+    monitor: Monitor,
+    state: JointState,
+    now: float | None = None,
+    tau_hat: np.ndarray | None = None,
+    q_cmd: np.ndarray = HOME,
+) -> str | None:
+    expected = None if tau_hat is None else Expected(tau_hat, np.zeros(6), np.zeros(6), 0.1)
+    trip = monitor.check(state, state.t if now is None else now, q_cmd, expected)
+    return None if trip is None else trip.quantity

@@ -10,38 +10,11 @@ import pytest
 from safety import cycle, looks
 from safety import monitor as rules
 from safety.collision import Clearance
-from safety.monitor import Expected, Monitor
-from safety.sudden import FAST
+from safety.monitor import Monitor
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.joint_state import JointState, Status
-from tests.safety.conftest import HOME
-
-PERIOD = 0.002
-NO_TORQUE = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
-
-
-def state_at(k: int = 0, **changes: object) -> JointState:
-    t = k * PERIOD
-    known = {"q": HOME, "dq": np.zeros(6), "tau": np.zeros(6), "current": np.full(6, np.nan), "temperature": np.full(6, 30.0)}
-    return JointState(**({"t": t, "t_device": t} | known | changes))  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def monitor(arm: Arm, cell: Cell) -> Monitor:
-    return Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at())
-
-
-def ask(
-    monitor: Monitor,
-    state: JointState,
-    now: float | None = None,
-    tau_hat: np.ndarray | None = None,
-    q_cmd: np.ndarray = HOME,
-) -> str | None:
-    expected = None if tau_hat is None else Expected(tau_hat, np.zeros(6), np.zeros(6), 0.1)
-    trip = monitor.check(state, state.t if now is None else now, q_cmd, expected)
-    return None if trip is None else trip.quantity
+from tests.safety.conftest import HOME, NO_TORQUE, PERIOD, ask, state_at
 
 
 def test_a_good_reading_passes(monitor: Monitor) -> None:
@@ -219,93 +192,6 @@ def test_sign_and_unit_of_the_speed(monitor: Monitor, reported: float, trips: st
     for k in range(1, 12):
         found = found or monitor.check(moved(k, 1.0, reported), k * PERIOD, HOME)
     assert (found.quantity if found else None) == trips
-
-
-def torque(value: float, joint: int = 1) -> np.ndarray:
-    tau = np.zeros(6)
-    tau[joint] = value
-    return tau
-
-
-@pytest.mark.parametrize(
-    ("share", "trips"), [(0.999, "sudden change of torque beside expectation"), (1.001, "torque beside expectation")]
-)
-def test_torque_beside_expectation(monitor: Monitor, arm: Arm, share: float, trips: str) -> None:
-    band = rules.RESIDUAL * arm.tau_max[1] + rules.SIGMAS * arm.sensors.torque_noise[1]
-    assert ask(monitor, state_at(1), tau_hat=np.zeros(6)) is None
-    assert ask(monitor, state_at(2, tau=torque(share * band)), tau_hat=np.zeros(6)) == trips
-
-
-SUDDEN = "sudden change of torque beside expectation"
-
-
-def step_of(arm: Arm) -> float:
-    return rules.RESIDUAL_STEP * arm.tau_max[1] + rules.TWO_READINGS * rules.SIGMAS * arm.sensors.torque_noise[1]
-
-
-@pytest.mark.parametrize(
-    ("shares", "trips"),
-    [
-        ((0.99, 0.99), [None, None]),
-        ((1.01, 0.5), [None, None]),
-        ((1.01, 0.5, 1.01), [None, None, None]),
-        ((1.01, 1.05), [None, SUDDEN]),
-        ((1.99,), [None]),
-        ((2.01,), [SUDDEN]),
-    ],
-)
-def test_a_sudden_change_of_torque(monitor: Monitor, arm: Arm, shares: tuple[float, ...], trips: list[str | None]) -> None:
-    ask(monitor, state_at(1), tau_hat=np.zeros(6))
-    slow, found = 0.0, []
-    for k, share in enumerate(shares):
-        value = slow + share * step_of(arm) / (1 - PERIOD / FAST)
-        slow += (value - slow) * PERIOD / FAST
-        found.append(ask(monitor, state_at(2 + k, tau=torque(value)), tau_hat=np.zeros(6)))
-    assert found == trips
-
-
-@pytest.mark.parametrize(("share", "trips"), [(0.99, None), (1.01, SUDDEN)])
-def test_two_joints_at_once_are_no_spike(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
-    ask(monitor, state_at(1), tau_hat=np.zeros(6))
-    value = share * step_of(arm) / (1 - PERIOD / FAST)
-    both = torque(value, 0) + torque(value, 1)
-    assert ask(monitor, state_at(2, tau=both), tau_hat=np.zeros(6)) == trips
-
-
-def test_a_spike_of_one_joint_and_then_of_another_is_none(monitor: Monitor, arm: Arm) -> None:
-    ask(monitor, state_at(1), tau_hat=np.zeros(6))
-    for k, joint in enumerate((1, 0, 1, 0)):
-        assert ask(monitor, state_at(2 + k, tau=torque(1.1 * step_of(arm), joint)), tau_hat=np.zeros(6)) is None
-
-
-@pytest.mark.parametrize(("share", "trips"), [(1.99, None), (2.01, SUDDEN)])
-def test_what_a_motion_may_change_by_itself_is_allowed_for(monitor: Monitor, arm: Arm, share: float, trips: str | None) -> None:
-    sudden = torque(20.0)
-    monitor.check(state_at(1), PERIOD, HOME, Expected(np.zeros(6), np.zeros(6), sudden, 0.1))
-    value = torque(share * (step_of(arm) + 20.0) / (1 - PERIOD / FAST))
-    found = monitor.check(state_at(2, tau=value), 2 * PERIOD, HOME, Expected(np.zeros(6), np.zeros(6), sudden, 0.1))
-    assert (found.quantity if found else None) == trips
-
-
-def test_a_pause_forgets_the_torque_of_the_motion_before(monitor: Monitor) -> None:
-    assert ask(monitor, state_at(1, tau=torque(80.0)), tau_hat=np.zeros(6)) is None
-    monitor.pause()
-    assert ask(monitor, state_at(2), tau_hat=np.zeros(6)) is None
-    assert ask(monitor, state_at(3, tau=torque(80.0)), tau_hat=np.zeros(6)) is not None
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_torque_that_stops_being_reported_trips(monitor: Monitor, bad: float) -> None:
-    assert ask(monitor, state_at(1, tau=torque(bad)), tau_hat=np.zeros(6)) == "torque beside expectation"
-
-
-def test_current_stands_for_torque_where_only_that_is_reported(arm: Arm, cell: Cell) -> None:
-    with_constant = replace(arm, torque_constant=np.full(6, 10.0))
-    nothing = np.full(6, np.nan)
-    only_current = Monitor(with_constant, cell, 500.0, Clearance(arm, cell), state_at(tau=nothing, current=np.zeros(6)))
-    found = only_current.check(state_at(1, tau=nothing, current=torque(30.0)), PERIOD, HOME, NO_TORQUE)
-    assert found is not None
-    assert found.value == pytest.approx(300.0)
 
 
 def test_the_arm_where_it_was_not_sent_is_seen_by_its_clearance(arm: Arm, cell: Cell) -> None:

@@ -15,8 +15,7 @@ from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.joint_state import JointState
-from tests.safety.conftest import HOME
-from tests.safety.test_monitor import state_at
+from tests.safety.conftest import HOME, state_at
 
 
 def monitor_of(arm: Arm, cell: Cell, **first: object) -> Monitor:

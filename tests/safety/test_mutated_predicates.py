@@ -29,7 +29,7 @@ SWAPS: dict[type[ast.AST], type[ast.AST]] = {
 CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
 # function -> the tests that have to notice; what is mutated is the predicate, not the message when it breaks
 TARGETS = {
-    "monitor": (("check", "_check_device", "_check_clearance"), ("test_monitor", "test_monitor_joints")),
+    "monitor": (("check", "_check_device", "_check_clearance"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "cycle": (
         (
             "finite",
@@ -50,9 +50,9 @@ TARGETS = {
             "clock",
             "cycle",
         ),
-        ("test_monitor", "test_monitor_joints", "test_readings"),
+        ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
     ),
-    "looks": (("to_look_at", "nearest"), ("test_monitor", "test_monitor_joints")),
+    "looks": (("to_look_at", "nearest"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
     "torque": (("check_torque", "suffices"), ("test_torque", "test_clear", "test_bounds")),
     "parameters": (("_rows",), ("test_torque", "test_clear")),

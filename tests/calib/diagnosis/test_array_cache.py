@@ -1,0 +1,53 @@
+"""Values kept by key, within a number of bytes: the least recently used is computed again, and nothing else."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from calib.diagnosis.array_cache import ArrayCache
+
+ARRAY = np.zeros(10)  # 80 bytes
+
+
+class Counted:
+    """A computation that counts how often it was asked for."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, int] = {}
+
+    def of(self, cache: ArrayCache, key: str) -> np.ndarray:
+        def compute() -> np.ndarray:
+            self.times[key] = self.times.get(key, 0) + 1
+            return np.full(10, float(ord(key)))
+
+        return cache.of(key, compute)
+
+
+def test_a_value_is_computed_once() -> None:
+    cache, counted = ArrayCache(1000), Counted()
+    assert counted.of(cache, "a") is counted.of(cache, "a")
+    assert counted.times == {"a": 1}
+
+
+def test_beyond_its_bytes_the_least_recently_used_goes() -> None:
+    cache, counted = ArrayCache(2 * ARRAY.nbytes), Counted()
+    for key in "abacab":  # c drops b, which was used longest ago; b then drops c
+        assert (counted.of(cache, key) == ord(key)).all()
+    assert counted.times == {"a": 1, "b": 2, "c": 1}
+
+
+def test_one_value_larger_than_all_bytes_is_kept_until_the_next() -> None:
+    cache, counted = ArrayCache(1), Counted()
+    for key in "aaba":
+        counted.of(cache, key)
+    assert counted.times == {"a": 2, "b": 1}
+
+
+def test_arrays_of_an_object_count() -> None:
+    cache, counted = ArrayCache(2.5 * ARRAY.nbytes), Counted()
+    counted.of(cache, "a")
+    cache.of("pair", lambda: SimpleNamespace(rows=ARRAY.copy(), gradient=ARRAY.copy(), name="x"))
+    counted.of(cache, "a")
+    assert counted.times == {"a": 2}
