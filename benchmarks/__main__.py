@@ -49,6 +49,8 @@ SLOW = (
     "clean_mock",
     "guided",
     "faults",
+    "gate",
+    "published",
     "wrong_commands",
     "hostile_commands",
     "public_arms",
@@ -56,13 +58,14 @@ SLOW = (
     "ur_load",
 )
 # in slices: a run goes on where the last one ended
-SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "public_arms", "peers")
+SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "published", "public_arms", "peers")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
     "kills": ("logs",),
     "reading": ("logs",),
     "wrong_commands": ("calib/gate", "calib/commands", "calib/fleet", "logs"),
+    "gate": ("calib/gate", "logs"),
     "clocks": ("logs",),
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),

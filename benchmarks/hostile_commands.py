@@ -28,13 +28,16 @@ from benchmarks.results import ROOT
 from calib.main import main as program
 from calib.unexpected import EXIT_CODE
 
-CHUNK = 20  # mutants of one process
+CHUNK = 40  # mutants of one process
+# of commands that compute for seconds on a mutant
 FEW = {
     "identify, csv": 4,
     "identify, readings": 6,
-    "diagnose, readings": 4,
-    "validate, readings": 10,
-}  # that compute for seconds each
+    "validate, readings": 8,
+    "diagnose, readings": 3,
+    "watch, readings": 6,
+    "fleet, readings": 6,
+}
 LONGEST = 120.0  # s that one call may take before it counts as hanging
 LEAKED = re.compile(r"Traceback|[A-Za-z]Warning\b")
 
@@ -75,9 +78,9 @@ def attacked(name: str, seed: int, count: int) -> dict[str, Any]:
     nothing = {"refused": 0, "count": count, "slowest": 0.0}
     try:
         done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL,
-                              timeout=LONGEST * 5)  # fmt: skip
+                              timeout=LONGEST * 8)  # fmt: skip
     except subprocess.TimeoutExpired:
-        return nothing | {"faults": [f"{name}: seed {seed}: not within {LONGEST * 5:g} s"]}
+        return nothing | {"faults": [f"{name}: seed {seed}: not within {LONGEST * 8:g} s"]}
     if done.returncode:
         return nothing | {"faults": [f"{name}: seed {seed}: ended with {done.returncode}: {done.stderr[-300:]}"]}
     *leaked, answer = done.stdout.splitlines()

@@ -1,15 +1,8 @@
-"""Recordings that are wrong in a known way: every corruption at every joint, and in combinations; all from seeds.
-
-python -m benchmarks.wrong_data            500 of them through the gate: how many pass as good, how many causes are named first
-python -m benchmarks.wrong_data --show 17  one of them
-"""
+"""Recordings that are wrong in a known way: every corruption at every joint, and in combinations; all from seeds."""
 
 from __future__ import annotations
 
 import itertools
-import sys
-import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -18,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.known_truth import fourier_motion, recorded, varied
-from calib.gate import Gate, gate
+from calib.gate import Gate
 from logs import read_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
@@ -55,10 +48,10 @@ def base(name: str) -> tuple[Arm, Log]:
         return arm("ur10e"), read_log(SAMPLES / "ur10e_ur_rtde.csv")
     kind, seed = name.split()
     truth = varied(arm(kind), int(seed), 0.08)
-    return arm(kind), recorded(truth, _within(truth, fourier_motion(truth, 100 + int(seed), 24.0, 100.0)), int(seed))
+    return arm(kind), recorded(truth, within(truth, fourier_motion(truth, 100 + int(seed), 24.0, 100.0)), int(seed))
 
 
-def _within(of: Arm, motion: Trajectory) -> Trajectory:
+def within(of: Arm, motion: Trajectory) -> Trajectory:
     """The motion about its own middle, made smaller where it leaves a joint's range."""
     middle = np.clip(0.5 * (motion.q.min(axis=0) + motion.q.max(axis=0)), -1.6, 1.6)
     most = np.maximum(np.abs(motion.q - motion.q.mean(axis=0)).max(axis=0), 1e-6)
@@ -182,7 +175,7 @@ def _case(name: str, chosen: tuple[str, ...], rng: np.random.Generator) -> Case:
 
 def _foreign(named: str, real: str, seed: int) -> Case:
     truth = varied(arm(real), seed, 0.05)
-    log = recorded(truth, _within(truth, fourier_motion(truth, 300 + seed, 24.0, 100.0)), seed)
+    log = recorded(truth, within(truth, fourier_motion(truth, 300 + seed, 24.0, 100.0)), seed)
     return Case(f"{named}: a recording of {real}", arm(named), (log,), ("another arm",), frozenset({real}))
 
 
@@ -211,35 +204,3 @@ def named_first(case: Case, found: Gate) -> bool:
     first = found.causes[0]
     texts = {first.sentence, *(c.word(case.arm.joint_names) for c in first.corrections[:1])}
     return any(word in text for text in texts for word in case.right)
-
-
-def main() -> None:
-    """The figures of the whole corpus."""
-    if "--show" in sys.argv:
-        case = cases()[int(sys.argv[sys.argv.index("--show") + 1])]
-        print(case.name, case.right, gate(case.arm, case.logs, family=family), sep="\n")
-        return
-    passed, misnamed, kinds, seconds = [], [], Counter(), []
-    everything = cases()
-    for k, case in enumerate(everything):
-        begun = time.process_time()
-        found = gate(case.arm, case.logs, family=family)
-        seconds.append(time.process_time() - begun)
-        if found.refusal is None:
-            passed.append((k, case.name))
-        elif not named_first(case, found):
-            misnamed.append((k, case.name, found.causes[0].sentence if found.causes else "no cause"))
-            kinds[case.done[0].split(",")[0]] += 1
-    for row in passed:
-        print("accepted as good:", *row)
-    for row in misnamed:
-        print("another cause first:", *row)
-    n = len(everything)
-    print(
-        f"{len(passed)} of {n} accepted as good; cause named first in {n - len(passed) - len(misnamed)} ({1 - (len(passed) + len(misnamed)) / n:.1%})"
-    )
-    print(f"processor time: median {np.median(seconds):.2f} s, most {max(seconds):.2f} s; {dict(kinds)}")
-
-
-if __name__ == "__main__":
-    main()

@@ -25,7 +25,7 @@ def chosen_map(
     if map_file is not None:
         found = read_map(map_file)
         return (replace(found, where={"episode_index": float(episode)}) if episode is not None else found), [], True
-    stated = dict(_option(option) for option in columns)
+    stated = dict(_option(option, (*table.columns, *table.words)) for option in columns)
     names = tuple(part.strip() for part in joints.split(",")) if joints else joint_names
     complete = "q" in stated and ("time" in stated or rate is not None)
     if complete:
@@ -75,17 +75,21 @@ def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) 
         raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept}")
 
 
-def _option(text: str) -> tuple[str, tuple[list[str], str | None]]:
-    """`q=a,b,c:deg` as channel, names and unit."""
+def _option(text: str, known: Sequence[str]) -> tuple[str, tuple[list[str], str | None]]:
+    """`q=a,b,c:deg` as channel, names and unit; `known` the file's columns, one of which may hold a colon."""
     channel, equals, rest = text.partition("=")
     if not equals or channel not in ("time", *CHANNELS):
         raise ConfigError(
             f"--column {text!r:.120}: write CHANNEL=NAME,NAME,...:UNIT; {nearest(channel[:40], ('time', *CHANNELS))}"
         )
     units = TIME if channel == "time" else UNITS[channel]
-    names, colon, unit = rest.rpartition(":")
-    if not colon or unit not in units:
-        names, unit = rest, ""
+    names, colon, given = rest.rpartition(":")
+    unit = next((u for u in units if u.replace(" ", "") == given.replace(" ", "")), "")  # Nm is N m
+    if not unit:
+        last = rest.split(",")[-1].strip()
+        if colon and last not in known and last.rpartition(":")[0].strip() in known:
+            raise ConfigError(f"--column {text!r:.120}: {given!r} is no unit of {channel}; {nearest(given, units)}")
+        names = rest
     parts = [name.strip() for name in names.split(",")]
     if channel == "time" and len(parts) != 1:
         raise ConfigError(f"--column {text!r:.120}: the time is one column")

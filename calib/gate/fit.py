@@ -10,6 +10,7 @@ the same data, never against an absolute bound: a bad model is bad either way.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,16 +63,7 @@ class Normal:
 
     def own(self, y: np.ndarray) -> np.ndarray:
         """(n,) what is left of every joint's own column of y (R, n)."""
-        n = len(self.x)
-        right, power = np.zeros((n, 4, 1)), np.full((n, 1), np.nan)
-        for j, (rows, x) in enumerate(self.x):
-            if len(rows):
-                part = y[rows, j] - y[rows, j].mean()
-                right[j, :, 0], power[j, 0] = x.T @ part, part @ part
-        right[~np.isfinite(right)] = 0.0
-        rest = nonnegative(self.gram, right, power)[1][:, 0]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.sqrt(rest / self.rows)
+        return own_of([(self, y)])[0]
 
 
 @dataclass(frozen=True)
@@ -100,8 +92,9 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
     n = s.n
     gram, norm, count = np.tile(np.eye(4), (n, 1, 1)), np.full((n, 4), np.inf), np.full(n, np.nan)
     parts = []
+    in_motion = moving(s)
     for j in range(n):
-        rows = np.flatnonzero(moving(s, j))
+        rows = np.flatnonzero(in_motion[:, j])
         if len(rows) < LEAST_ROWS:
             parts.append((rows[:0], np.zeros((0, 4))))
             continue
@@ -114,6 +107,22 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
         gram[j], norm[j], count[j] = x.T @ x, size, len(rows)
         parts.append((rows, x))
     return Normal(gram, norm, count, parts)
+
+
+def own_of(pairs: Sequence[tuple[Normal, np.ndarray]]) -> list[np.ndarray]:
+    """For each pair of equations and readings y (R, n): (n,) what is left of every joint's own column. All are solved at once."""
+    right, power = [], []
+    for equations, y in pairs:
+        for j, (rows, x) in enumerate(equations.x):
+            part = y[rows, j] - y[rows, j].mean() if len(rows) else y[:0, j]
+            right.append(x.T @ part)
+            power.append(part @ part if len(rows) else np.nan)
+    sides = np.array(right)[:, :, None]
+    sides[~np.isfinite(sides)] = 0.0
+    rest = nonnegative(np.concatenate([equations.gram for equations, _ in pairs]), sides, np.array(power)[:, None])[1][:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.sqrt(rest / np.concatenate([equations.rows for equations, _ in pairs]))
+    return list(left.reshape(len(pairs), -1))
 
 
 def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
@@ -147,8 +156,9 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) ->
         tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
         columns = np.concatenate([columns, np.stack(tilted, axis=2)], axis=2)
     x, y = [], []
+    in_motion = moving(s)
     for j in range(s.n):
-        rows = np.flatnonzero(moving(s, j))
+        rows = np.flatnonzero(in_motion[:, j])
         if len(rows) < LEAST_ROWS or not fit.left[j] > 0:
             continue
         v = s.dq[rows, j]
@@ -167,11 +177,12 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) ->
     return out
 
 
-def moving(s: Signals, j: int) -> np.ndarray:
-    """(R,) rows in which joint j moves."""
-    speed = np.abs(s.dq[:, j])
-    fastest = float(np.quantile(speed, 0.95)) if len(speed) else 0.0
-    return speed > max(MOVING * fastest, 0.5 * SLOW)
+def moving(s: Signals) -> np.ndarray:
+    """(R, n) rows in which each joint moves."""
+    speed = np.abs(s.dq)
+    fastest = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(s.n)
+    moves: np.ndarray = speed > np.maximum(MOVING * fastest, 0.5 * SLOW)
+    return moves
 
 
 def nonnegative(gram: np.ndarray, own: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

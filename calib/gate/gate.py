@@ -16,7 +16,7 @@ from calib.gate import motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque, mounting_torque
-from calib.gate.search import GainStep, ranked, steps
+from calib.gate.search import GainStep, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
 from sim.arm import Arm
@@ -128,10 +128,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
             Check("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
         ]
     before = s
-    found, s = steps(arm, s, SHIFTS)
+    found, rivals, s = steps(arm, s, SHIFTS)
     if found and _is_mounting(arm, before, found[0].gain):
         found, s = [], before
-    ties = [step for step in ranked(arm, before, SHIFTS)[:MOST_CAUSES] if step.gain > found[0].gain - TIE] if found else []
+    ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
     other = _other(arm, s, fit, sizes, family) if known else None
@@ -166,7 +166,7 @@ def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep]) -> C
         return Check("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
     whole = sum(step.gain for step in found)
-    shown = [*found, *(step for step in ties if step.correction != found[0].correction)]
+    shown = [*found, *ties]
     causes = tuple(Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown)
     detail = f"the torque (or current) does not match the motion; read another way, the residual is {1 - math.exp(-whole):.0%} smaller"
     return Check("torque", False, detail, causes, names)

@@ -207,8 +207,9 @@ def _same(a: Log, b: Log) -> bool:
 def ratios(s: Signals) -> np.ndarray:
     """(n, n) dq of column k over the derivative of q of joint j, where they go together; NaN where they do not or nothing moves."""
     out = np.full((s.n, s.n), np.nan)
+    in_motion = moving(s)
     for j in range(s.n):
-        rows = moving(s, j)
+        rows = in_motion[:, j]
         if rows.sum() < LEAST_ROWS:
             continue
         v = s.dq[rows, j]
@@ -223,7 +224,8 @@ def ratios(s: Signals) -> np.ndarray:
 
 def comparable(s: Signals) -> np.ndarray:
     """(n,) joints that move and have a speed reading."""
-    return np.array([moving(s, j).sum() >= LEAST_ROWS and np.isfinite(s.read[:, j]).all() for j in range(s.n)])
+    enough: np.ndarray = (moving(s).sum(axis=0) >= LEAST_ROWS) & np.isfinite(s.read).all(axis=0)
+    return enough
 
 
 def over_range(log: Log, arm: Arm) -> np.ndarray:

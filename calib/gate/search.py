@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.gate.correction import UNITS, Correction
-from calib.gate.fit import Normal, model_torque, normal
+from calib.gate.fit import Normal, model_torque, normal, own_of
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
@@ -63,13 +63,17 @@ def _each(s: Signals, part: str, change: Callable[[np.ndarray], np.ndarray]) -> 
     return replace(s, **out)
 
 
-def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep], Signals]:
-    """The corrections that make the model fit, one after the other, until none gains more; and the rows read with all of them."""
+def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep], list[GainStep], Signals]:
+    """The corrections that make the model fit, one after the other, until none gains more; the first one's rivals; and the rows read with
+    all of them."""
     out: list[GainStep] = []
+    rivals: list[GainStep] = []
     for _ in range(MOST_STEPS):
-        best = max(_candidates(arm, s, shifts), key=lambda step: step.gain, default=None)
-        if best is None or best.gain < LEAST_GAIN or not (best.gain > SURE_GAIN or _holds(arm, s, best.correction)):
+        ways = ranked(arm, s, shifts)
+        if not ways or not (ways[0].gain > SURE_GAIN or _holds(arm, s, ways[0].correction)):
             break
+        best = ways[0]
+        rivals = rivals if out else ways[1:]
         out.append(best)
         if best.correction.kind == "shift":
             k = list(shifts).index(best.correction.factor)
@@ -77,7 +81,7 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep]
             shifts = ()
         else:
             s = read_as(s, best.correction)
-    return out, s
+    return out, rivals, s
 
 
 def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[GainStep]:
@@ -122,18 +126,22 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
     for k, shift in enumerate(shifts):
         gain = _gain(base, table[at, (2 + k) * n + at])
         yield GainStep(Correction("shift", "tau", (), shift), gain if gain > LEAST_SHIFT_GAIN else 0.0)
+    ways: list[
+        tuple[Correction, np.ndarray]
+    ] = []  # of another motion, and the order of the joints whose own columns are compared
+    pairs: list[tuple[Normal, np.ndarray]] = []
     for j in range(n):
-        one = (j,)
-        turned = _of_motion(arm, s, Correction("sign", "motion", one))
-        yield GainStep(Correction("sign", "motion", one), _gain(size, turned.own(s.load)))
-        yield GainStep(Correction("sign", "all", one), _gain(size, turned.own(read_as(s, Correction("sign", "tau", one)).load)))
+        turned = _of_motion(arm, s, Correction("sign", "motion", (j,)))
+        ways += [(Correction("sign", part, (j,)), at) for part in ("motion", "all")]
+        pairs += [(turned, s.load), (turned, read_as(s, Correction("sign", "tau", (j,))).load)]
     for i, j in itertools.combinations(range(n), 2):
-        both = (i, j)
-        crossed = _of_motion(arm, s, Correction("swap", "motion", both))
+        crossed = _of_motion(arm, s, Correction("swap", "motion", (i, j)))
         order = at.copy()
         order[[i, j]] = order[[j, i]]
-        yield GainStep(Correction("swap", "motion", both), _gain(size, crossed.own(s.load)))
-        yield GainStep(Correction("swap", "all", both), _gain(size, crossed.own(s.load[:, order])[order]))
+        ways += [(Correction("swap", "motion", (i, j)), at), (Correction("swap", "all", (i, j)), order)]
+        pairs += [(crossed, s.load), (crossed, s.load[:, order])]
+    for (correction, order), left in zip(ways, own_of(pairs), strict=True):
+        yield GainStep(correction, _gain(size, left[order]))
 
 
 def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:

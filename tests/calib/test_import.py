@@ -117,7 +117,8 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
     assert not np.isfinite(log.tau).any()
     for wrong, words in (
         (["--column", "torque=tau1"], "write CHANNEL=NAME"),
-        (["--column", "q=pos_deg_1,pos_deg_2:grad"], "pos_deg_2:grad"),
+        (["--column", "q=pos_deg_1,pos_deg_2:grad"], "'grad' is no unit of q"),
+        (["--column", "tau=tau1,tau2:Nn"], "known: N m, mN m"),
         (["--rate", "0"], "greater than or equal to 0.1"),
         (["--joints", "a,b,c", "--yes"], "positions of 2 joints"),
     ):

@@ -105,14 +105,14 @@ def test_the_torque_constant_that_currents_tell_comes_with_its_interval() -> Non
 
 def test_a_payload_is_no_wrong_recording() -> None:
     from benchmarks.known_truth import fourier_motion, recorded
-    from benchmarks.wrong_data import _within
+    from benchmarks.wrong_data import within
     from sim.arm import ArmEffect
     from sim.effects import with_effect
 
     of = arm("ur10e")
     for mass in (2.0, 6.0):
         heavy = with_effect(of, ArmEffect("payload", None, {"mass": mass, "com_x": 0.02, "com_y": 0.05, "com_z": 0.08}))
-        log = recorded(heavy, _within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
+        log = recorded(heavy, within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
         assert gate(of, [log], family=family).refusal is None
 
 
@@ -130,14 +130,14 @@ def test_a_load_or_a_tilted_base_is_neither_another_arm_nor_another_column(
 ) -> None:
     """Asked against every arm that ships: a light arm with a load resembles a heavier one, a tilted base a reversed first joint."""
     from benchmarks.known_truth import fourier_motion, recorded, varied
-    from benchmarks.wrong_data import _within
+    from benchmarks.wrong_data import within
     from calib.gate.commands import family as shipped
     from sim.arm import ArmEffect
     from sim.effects import with_effect
 
     of = arm(name)
     truth = with_effect(varied(of, 0, 0.08), ArmEffect(effect, None, parameters))
-    log = recorded(truth, _within(of, fourier_motion(of, 90, 16.0, 100.0)), 0)
+    log = recorded(truth, within(of, fourier_motion(of, 90, 16.0, 100.0)), 0)
     assert gate(of, [log], family=lambda: shipped(None)).refusal is None
 
 
@@ -285,13 +285,13 @@ def test_friction_sweeps_are_no_wrong_columns() -> None:
 
 def test_a_joint_without_dry_friction_is_no_other_unit() -> None:
     from benchmarks.known_truth import fourier_motion, recorded
-    from benchmarks.wrong_data import _within
+    from benchmarks.wrong_data import within
     from sim.arm import ArmEffect
     from sim.effects import with_effect
 
     of = arm("ur5e")
     smooth = with_effect(of, ArmEffect("coulomb_friction", "wrist_3_joint", {"coulomb": 0.0}))
-    log = recorded(smooth, _within(of, fourier_motion(of, 31, 10.0, 100.0)), 3)
+    log = recorded(smooth, within(of, fourier_motion(of, 31, 10.0, 100.0)), 3)
     assert gate(of, [log], family=family).refusal is None
 
 

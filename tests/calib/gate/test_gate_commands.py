@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_commands import through
-from benchmarks.wrong_data import Case, _scaled, _within, base, changes
+from benchmarks.wrong_data import Case, _scaled, base, changes, within
 from calib.identification.identify import identify
 from calib.main import main
 from calib.validation import validate
@@ -74,7 +74,7 @@ def test_a_good_log_hides_no_bad_one(tmp_path: Path) -> None:
 
 
 def recorded_again(of: Arm) -> Log:
-    return recorded(of, _within(of, fourier_motion(of, 77, 12.0, 100.0)), 5)
+    return recorded(of, within(of, fourier_motion(of, 77, 12.0, 100.0)), 5)
 
 
 def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

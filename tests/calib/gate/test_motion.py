@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.known_truth import fourier_motion, recorded
-from benchmarks.wrong_data import _within
+from benchmarks.wrong_data import within
 from calib.gate import gate
 from calib.gate.motion import speed
 from calib.gate.signals import signals
@@ -23,7 +23,7 @@ def servo6() -> Arm:
 
 
 def log_of(arm: Arm, seed: int, seconds: float = 12.0) -> Log:
-    return recorded(arm, _within(arm, fourier_motion(arm, seed, seconds, 100.0)), seed)
+    return recorded(arm, within(arm, fourier_motion(arm, seed, seconds, 100.0)), seed)
 
 
 def words(arm: Arm, log: Log) -> list[str]:
