@@ -99,6 +99,23 @@ def fit_friction(
     return FrictionFit(theta, problem.covariance, coefficients, _rms(problem, errors[0]), _rms(problem, predicted))
 
 
+def left_out_error(parts: Sequence[Part], compared: Sequence[Part], mean: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(n,) N m: RMS error of every part of `compared`, predicted without any law from the other parts of `parts`: the same recordings
+    under another filter."""
+    if len(parts) == 1:
+        parts, compared = parts[0].cut(PARTS), compared[0].cut(PARTS)
+    n = len(parts[0].r)
+    fitted = _Problem(list(parts), mean, precision)
+    nothing = [np.zeros(fitted.k, dtype=bool)] * n
+    squares, rows = np.zeros(n), np.zeros(n)
+    for i, part in enumerate(compared):
+        theta, _ = fitted.solve(nothing, without=i)
+        squares += [float(np.sum((r - x @ theta) ** 2)) for x, r in zip(part.x, part.r, strict=True)]
+        rows += [len(r) for r in part.r]
+    error: np.ndarray = np.sqrt(squares / np.maximum(rows, 1))
+    return error
+
+
 def _rms(problem: _Problem, squares: np.ndarray) -> np.ndarray:
     return np.sqrt(squares.sum(axis=0) / np.maximum(problem.rows.sum(axis=0), 1))
 

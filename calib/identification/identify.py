@@ -21,7 +21,7 @@ from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
 from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.known import Known
-from calib.identification.law import Laws, fitted_laws, speed_reading, without_laws
+from calib.identification.law import Laws, fitted_laws, smoothing, speed_reading, without_laws
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, LogSums, context_of, digest_of, joined
@@ -31,7 +31,7 @@ from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
-from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
+from calib.preprocessing import CUTOFF_LEAST, Exclusion, Measurement, motion_cutoff, prepare
 from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm
@@ -45,7 +45,7 @@ LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torq
 
 @dataclass(frozen=True)
 class Options:
-    """How to identify. cutoff Hz of the common filter (None: from the motion); robust: downweight outliers such as reversals;
+    """How to identify. cutoff Hz of the common filter (None: from the motion, or lower where that predicts better); robust: downweight outliers such as reversals;
     masses_only: keep every link's inertia about its centre of mass; slip_width rad (None: from the data); gamma: weight of the
     nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit; laws: fit
     friction with memory where it predicts better; speed: choose between differences of the position and the reported speed, or take what
@@ -98,7 +98,8 @@ def identify(
     progress("checking", 0.0)
     require(arm, [*(logs[k] for k in survey(logs)), *holdout])
     if options.speed == "best":
-        arm = replace(arm, speed_from=_speed_reading(arm, [logs[k] for k in survey(logs)], options))
+        speed, cutoff = _reading(arm, [logs[k] for k in survey(logs)], options)
+        arm, options = replace(arm, speed_from=speed), replace(options, cutoff=cutoff)
     fit = fitted(arm, logs, options, progress, kept)
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
@@ -169,18 +170,26 @@ def identify(
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
 
 
-def _speed_reading(arm: Arm, logs: Sequence[Log], options: Options) -> SpeedFrom:
-    """The reading of the motion that goes better with the torque; the arm's own where a log reports no speed.
+def _reading(arm: Arm, logs: Sequence[Log], options: Options) -> tuple[SpeedFrom, float]:
+    """The reading of the motion that goes better with the torque, the arm's own where a log reports no speed; and the filter's cutoff, Hz.
 
     Where the commanded motion is recorded, instruments answer for the noise of the position.
     """
-    if not all(np.isfinite(log.dq).all() for log in logs) or any(np.isfinite(log.q_cmd).any() for log in logs):
-        return arm.speed_from
-    cutoff = options.cutoff or max(motion_cutoff(log) for log in logs)
+    cutoff, speed = options.cutoff or max(motion_cutoff(log) for log in logs), arm.speed_from
+    if any(np.isfinite(log.q_cmd).any() for log in logs):
+        return speed, cutoff
     model = TorqueModel.of_arm(arm)
-    readings: tuple[SpeedFrom, ...] = ("position", "measured")
-    measured = {key: [prepare(log, replace(arm, speed_from=key), cutoff) for log in logs] for key in readings}
-    return speed_reading(model, measured, nominal_prior(arm, model))
+    nominal = nominal_prior(arm, model)
+    if all(np.isfinite(log.dq).all() for log in logs):
+        readings: tuple[SpeedFrom, ...] = ("position", "measured")
+        speed = speed_reading(model, {key: _prepared(arm, logs, key, cutoff) for key in readings}, nominal)
+    if options.cutoff is None and cutoff > CUTOFF_LEAST:
+        cutoff = smoothing(model, {hz: _prepared(arm, logs, speed, hz) for hz in (cutoff, CUTOFF_LEAST)}, nominal)
+    return speed, cutoff
+
+
+def _prepared(arm: Arm, logs: Sequence[Log], speed: SpeedFrom, cutoff: float) -> list[Measurement]:
+    return [prepare(log, replace(arm, speed_from=speed), cutoff) for log in logs]
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:

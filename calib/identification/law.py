@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.friction_fit import FrictionFit, Part, fit_friction
+from calib.filtering import Decimator
+from calib.friction_fit import FrictionFit, Part, fit_friction, left_out_error
 from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
 from calib.preprocessing import Measurement
@@ -101,8 +102,27 @@ def _squares(samples: Sequence[Part], found: FrictionFit) -> np.ndarray:
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
     """Which reading gives speed and acceleration: the one with which parts of the recordings left out are predicted better."""
     error = {key: fitted_plain(model, few, nominal) for key, few in readings.items()}
-    ratio = np.exp(np.mean(np.log(np.maximum(error["measured"], 1e-12) / np.maximum(error["position"], 1e-12))))
-    return "measured" if ratio < 1 - CLEARLY else "position"
+    return "measured" if _ratio(error["measured"], error["position"]) < 1 - CLEARLY else "position"
+
+
+def smoothing(model: TorqueModel, measured: Mapping[float, Sequence[Measurement]], nominal: Prior) -> float:
+    """Which cutoff of the common filter, Hz: the highest, unless parts left out are predicted clearly better with a lower one.
+
+    All are compared below the lowest: noise that a higher one lets through counts for what it does to the parameters.
+    """
+    least, most = min(measured), max(measured)
+    error = {}
+    for cutoff, few in measured.items():
+        parts = [_part(model, m) for m in few]
+        compared = [_part(model, replace(m, decimator=Decimator.of_cutoff(m.rate, least))) for m in few]
+        error[cutoff] = left_out_error(parts, compared, nominal.mean, _free(model, parts, nominal))
+    best = min(error, key=lambda cutoff: _ratio(error[cutoff], error[most]))
+    return best if _ratio(error[best], error[most]) < 1 - CLEARLY else most
+
+
+def _ratio(a: np.ndarray, b: np.ndarray) -> float:
+    """Geometric mean over the joints."""
+    return float(np.exp(np.mean(np.log(np.maximum(a, 1e-12) / np.maximum(b, 1e-12)))))
 
 
 def fitted_plain(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> np.ndarray:

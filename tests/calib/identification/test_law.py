@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
-from calib.identification.law import fitted_laws, speed_reading
+from calib.identification.law import fitted_laws, smoothing, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
 from calib.preprocessing import prepare
@@ -70,6 +70,16 @@ def test_the_speed_reading_that_goes_with_the_torque(arm: Arm, better: str) -> N
         logs = [replace(log, dq=dq) for log, dq in zip(logs, late, strict=True)]
     readings = {key: [prepare(log, replace(arm, speed_from=key), CUTOFF) for log in logs] for key in ("position", "measured")}
     assert speed_reading(model, readings, nominal_prior(arm, model)) == better
+
+
+@pytest.mark.parametrize(("step", "best"), [(1e-6, 20.0), (4e-3, 8.0)])
+def test_the_cutoff_with_which_parts_left_out_are_predicted(arm: Arm, step: float, best: float) -> None:
+    """A coarse encoder's noise is differentiated twice: below 8 Hz there is least of it. A fine one's motion is taken as it is."""
+    model = TorqueModel.of_arm(arm)
+    logs = [recorded(varied(arm, 6, 0.03), fourier_motion(arm, 60 + k, seconds=4.0, rate=500.0), k) for k in range(2)]
+    logs = [replace(log, q=np.round(log.q / step) * step) for log in logs]
+    measured = {cutoff: [prepare(log, arm, cutoff) for log in logs] for cutoff in (20.0, 8.0)}
+    assert smoothing(model, measured, nominal_prior(arm, model)) == best
 
 
 def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
