@@ -101,7 +101,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
                 plant.command(tr.q[i], tr.dq[i], tau, stiffness, damping)
                 plant.advance(1 / m.rate)
                 if horizon.closed or i == k + steps - 1:
-                    errors.append(plant.read().q - tr.q[i + 1])
+                    errors.append(plant.encoder() - tr.q[i + 1])
                     at.append(i + 1)
             if not plant.stable:
                 endless = np.full(arm.n, np.inf)

@@ -127,7 +127,7 @@ class Plant:
         self._reported = self._nominal.gravity_torque(q[None])[0]
         self._line = (q, np.zeros(n), self._reported, q, np.zeros(n), self._reported)
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
-        self._encoder_before: tuple[float, np.ndarray] = (self.time, self._encoder())
+        self._encoder_before: tuple[float, np.ndarray] = (self.time, self.encoder())
 
     def _load_gears(self) -> None:
         """Twist soft gears until they carry the links, and put those with play against the stop that does; the links stay where they are."""
@@ -218,7 +218,7 @@ class Plant:
     def read(self, t: float | None = None) -> JointState:
         """What the drives report now; `t` is the host's clock and defaults to simulated time."""
         n, sensors = self.arm.n, self.arm.sensors
-        encoder = self._encoder()
+        encoder = self.encoder()
         before, last = self._encoder_before
         step = self.time - before
         true_speed = self.data.qvel[self._dof].copy()
@@ -235,7 +235,8 @@ class Plant:
         now = self.time
         return JointState(now if t is None else t, now, encoder, velocity, tau, current, AMBIENT + self._heat)
 
-    def _encoder(self) -> np.ndarray:
+    def encoder(self) -> np.ndarray:
+        """The angles (n,) rad that the encoders read now; nothing else changes, as it does with `read`."""
         angle = self.data.qpos[self._dof].copy()
         for j, dof in self._twist:
             angle[j] += self.data.qpos[dof]

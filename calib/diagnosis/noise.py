@@ -30,12 +30,12 @@ class Noise:
 
     def whiten(self, j: int, a: np.ndarray, joined: np.ndarray) -> np.ndarray:
         """Rows (R, ...) of joint j with unit, uncorrelated noise."""
-        phi = self.phi[j]
-        innovation = self.sigma[j] * np.sqrt(1 - phi**2)
-        shape = (-1,) + (1,) * (a.ndim - 1)
-        before = np.concatenate([np.zeros_like(a[:1]), a[:-1]])
-        link = joined.reshape(shape)
-        return np.where(link, (a - phi * before) / innovation, a / self.sigma[j])
+        phi, sigma, first = self.phi[j], self.sigma[j], np.flatnonzero(~joined)
+        out = np.array(a, dtype=float)
+        out[1:] -= phi * a[:-1]
+        out /= sigma * np.sqrt(1 - phi**2)
+        out[first] = a[first] / sigma
+        return out
 
 
 def noise_of(residuals: list[np.ndarray], joined: list[np.ndarray]) -> Noise:

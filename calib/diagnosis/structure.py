@@ -48,10 +48,11 @@ def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
     """Per joint, the strongest part."""
     kept = [LogModel(m, best.hypothesis) for m in apart]
     basis = AdditiveBasis([*best.models, *kept])
-    return [_strongest(best, kept, basis, j) for j in range(best.hypothesis.arm.n)]
+    left = best.solved.left()
+    return [_strongest(best, left, kept, basis, j) for j in range(best.hypothesis.arm.n)]
 
 
-def _strongest(best: Fit, kept: list[LogModel], basis: AdditiveBasis, j: int) -> Structure:
+def _strongest(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: AdditiveBasis, j: int) -> Structure:
     solved, count = best.solved, len(best.models)
     rows, noise = solved.rows, solved.noise
     other = ResidualRows(kept) if kept else None
@@ -66,7 +67,7 @@ def _strongest(best: Fit, kept: list[LogModel], basis: AdditiveBasis, j: int) ->
         size = np.sqrt((white**2).sum(axis=0))
         size = np.maximum(size, BARELY * size.max())
         white = white / size
-        fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1])
+        fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1], left=rest)
         held_out = np.nan
         if other is not None:
             nuisance = noise.whiten(j, other.x[j], other.joined[j])
