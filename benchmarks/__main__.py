@@ -39,7 +39,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "can": {"seconds": 10.0, "repeats": 3},
     "servo_scan": {"repeats": 3},
     "operator": {"seeds": (1,)},
-    "fleet": {"arms": 2, "seconds": 60.0, "minutes": (1.0, 3.0)},
+    "fleet": {"arms": 3, "seconds": 60.0},
     "watch": {"repeats": 1, "minutes": 1.0},
 }
 # minutes to half an hour each: run only when named

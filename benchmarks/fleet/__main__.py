@@ -32,7 +32,7 @@ def _names(minutes: Minutes = None, folder: Folder = None) -> None:
 
 @app.command("pace")
 def _pace(arms: int, seconds: float, folder: Folder = None, workers: int = 2, identify_only: IdentifyOnly = False) -> None:
-    """Arms a minute; with --folder a second call does only what is missing, and counts the calls together."""
+    """Arms a minute of `calib fleet`, killed with all its workers after a third of the arms, and called again."""
     _show(folder, lambda place: pace(place, arms, seconds, not identify_only, workers))
 
 
