@@ -117,12 +117,12 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
         for values in (log.t, log.q, log.dq, log.tau, log.current):
             digest.update(f"{values.shape}".encode() + np.ascontiguousarray(values).tobytes())
     key = id(arm), id(family), digest.digest()
-    if key not in _kept:
-        _kept[key] = arm, family, _physics(arm, logs, family)  # what the key tells apart by identity is kept with it
-        while len(_kept) > KEPT:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key][2]
+    known = _kept.pop(key, None)
+    # what the key tells apart by identity is kept with it
+    _kept[key] = known = known or (arm, family, _physics(arm, logs, family))
+    while len(_kept) > KEPT:
+        _kept.popitem(last=False)
+    return known[2]
 
 
 def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[Check]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +29,20 @@ def test_good_recordings_pass(name: str) -> None:
     assert found.refusal is None, found.refusal
     assert all(check.ok for check in found.checks)
     assert found.logs == (log,)
+
+
+def test_physics_is_asked_once_about_the_same_arm_and_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    module, asked = sys.modules["calib.gate.gate"], []
+    monkeypatch.setattr(module, "_kept", OrderedDict())
+    monkeypatch.setattr(module, "_physics", lambda arm, logs, family: asked.append(arm) or [])
+    of, log = base("servo6")
+    same = replace(log, q=log.q.copy(), findings=("read again",))
+    for arm_asked, read in ((of, log), (of, same), (replace(of), log), (of, replace(log, tau=-log.tau))):
+        gate(arm_asked, [read])
+    assert len(asked) == 3
+    for k in range(20):
+        gate(of, [replace(log, tau=log.tau + k)])
+    assert len(module._kept) == 16
 
 
 def test_wrong_recordings_do_not_and_the_cause_comes_first_in_nine_of_ten() -> None:
