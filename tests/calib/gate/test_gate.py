@@ -35,7 +35,7 @@ def test_physics_is_asked_once_about_the_same_arm_and_readings(monkeypatch: pyte
     module, asked = sys.modules["calib.gate.gate"], []
     monkeypatch.setattr(module, "_kept", OrderedDict())
     monkeypatch.setattr(module, "_physics", lambda arm, logs, family: asked.append(arm) or [])
-    of, log = base("servo6")
+    of, log = base(BASES[0])
     same = replace(log, q=log.q.copy(), findings=("read again",))
     for arm_asked, read in ((of, log), (of, same), (replace(of), log), (of, replace(log, tau=-log.tau))):
         gate(arm_asked, [read])
