@@ -198,6 +198,11 @@ def cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else printable(value)
 
 
+def share(x: float) -> str | None:
+    """As a percentage; None, which a table shows as nothing, where there is no number."""
+    return None if math.isnan(x) else f"{x:.1%}"
+
+
 def print_json(data: Any) -> None:
     """`data` as one strict JSON document: arrays as lists, NaN and infinities as null, paths as text."""
     text = json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False)

@@ -26,13 +26,18 @@ from logs.log import Log
 from sim.arm import Arm
 from sim.prediction import predict
 
+LEAST_MOTION, LEAST_TRAVEL = (
+    3.0,
+    0.01,
+)  # s in motion, and rad (m): less, and a joint's torque may be anything within its dry friction
 INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class LogCheck:
-    """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples.
+    """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples; NaN
+    where a joint was in motion for less than LEAST_MOTION or LEAST_TRAVEL.
 
     signal: standard deviation of the filtered torque; motion: the error of the simulated motion over each horizon, empty where it was not
     requested; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
@@ -164,7 +169,7 @@ def checked(
     progress("torque")
     m = prepare(log, arm, cutoff)
     tau_hat = predict(arm, m.trajectory)
-    usable = m.row_usable
+    usable = m.row_usable & _moved(m)
     rows, predicted = m.rows(m.tau), m.rows(tau_hat)
     motion: tuple[ForwardError, ...] = ()
     bound = None
@@ -174,9 +179,18 @@ def checked(
         if motion[0].starts:
             bound = forward_bound(arm, m, motion[0].starts, SHORT.steps(m), known)
     return LogCheck(
-        m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable), _std(rows, usable), usable.sum(axis=0),
+        m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable & _moved(m)), _std(rows, usable), usable.sum(axis=0),
         motion, m, tau_hat, bound,
     )  # fmt: skip
+
+
+def _moved(m: Measurement) -> np.ndarray:
+    """(n,) joints of which the torque can be compared."""
+    seconds = m.row_usable.sum(axis=0) / m.decimator.row_rate
+    q = np.where(m.usable, m.trajectory.q, np.nan)
+    travel = np.fmax.reduce(q, initial=-np.inf) - np.fmin.reduce(q, initial=np.inf)
+    moved: np.ndarray = (seconds >= LEAST_MOTION) & (travel >= LEAST_TRAVEL)
+    return moved
 
 
 def _rms(x: np.ndarray, usable: np.ndarray) -> np.ndarray:

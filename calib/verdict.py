@@ -2,7 +2,7 @@
 
 good       every joint at most GOOD_SHARE, or a residual of at most SMALL of its largest torque
 poor       some joint more
-wrong arm  at least half of the joints more than WRONG_SHARE: their mean torque alone would predict better
+wrong arm  at least half of the joints more than WRONG_SHARE, and than SMALL: their mean torque alone would predict better
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ class Verdict(enum.Enum):
 
 @dataclass(frozen=True)
 class Assessment:
-    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was required of every joint."""
+    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was required of every joint;
+    wrong (n,) of it, from which the arm or its model is another one."""
 
     joint_names: tuple[str, ...]
     left: np.ndarray
     limit: np.ndarray
     share: float
+    wrong: np.ndarray
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Of every joint."""
         return tuple(
-            Verdict.NOTHING if np.isnan(x) else Verdict.WRONG_ARM if x > WRONG_SHARE and x > limit
+            Verdict.NOTHING if np.isnan(x) else Verdict.WRONG_ARM if x > max(wrong, limit)
             else Verdict.POOR if x > limit else Verdict.GOOD
-            for x, limit in zip(self.left, self.limit, strict=True)
+            for x, limit, wrong in zip(self.left, self.limit, self.wrong, strict=True)
         )  # fmt: skip
 
     @property
@@ -102,4 +104,4 @@ def assess(
         small = SMALL * np.where(np.isfinite(tau_max), tau_max, 0.0) / np.where(signal > 0, signal, np.nan)
     share = GOOD_SHARE if most is None else most
     limit = np.full(len(left), share) if most is not None else np.fmax(share, small)
-    return Assessment(tuple(joint_names), left, limit, share)
+    return Assessment(tuple(joint_names), left, limit, share, np.fmax(WRONG_SHARE, small))

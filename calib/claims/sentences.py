@@ -19,12 +19,11 @@ def _some(names: Sequence[str]) -> str:
 
 def _residual(n: Numbers) -> str:
     if n["worst"] is None:
-        return f"nothing compared: no joint of {n['arm']} moves in {n['where']} with a torque that the arm can have"
+        return f"nothing compared: no joint of {n['arm']} moves long enough in {n['where']} with a torque that the arm can have"
     verdict = "wrong arm or wrong model" if n["verdict"] == "wrong arm" else n["verdict"]
-    limit = f"{n['limit']:.0%}" if n["limit"] >= 0.095 else f"{n['limit']:.2g}"
     sentence = (
         f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} is {n['left']:.1%} of the torque std in "
-        f"{n['where']} (limit {limit})"
+        f"{n['where']} (limit {100 * n['limit']:.3g}%)"
     )
     others = [joint for joint in n["beyond"] if joint != n["worst"]]
     return f"{sentence}; also above their limits: {_some(others)}" if others else sentence

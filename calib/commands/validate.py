@@ -72,7 +72,7 @@ def command(
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
-            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), f"{left:.1%}"]
+            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), console.share(left)]
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.short is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]
@@ -89,7 +89,7 @@ def command(
     joints = zip(subject.joint_names, found.assessment.left, found.assessment.limit, found.assessment.verdicts, strict=True)
     console.table(
         ["joint", "residual share", "limit", "verdict"],
-        [[j, f"{x:.1%}", f"{limit:.1%}", v.value] for j, x, limit, v in joints],
+        [[j, console.share(x), console.share(limit), v.value] for j, x, limit, v in joints],
         "verdict",
     )
     first, *more = [claim.sentence for claim in found.claims]

@@ -11,6 +11,7 @@ from pathlib import Path
 from calib.gate.check import Check
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
+from calib.gate.readings import name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
@@ -69,8 +70,9 @@ def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[
 
 
 def _message(refusal: str, log: Log | None = None) -> str:
-    name = "these recordings" if log is None else log.path or "log"
-    return f"{name}: {refusal}. To use it unchanged: --assume {AS_RECORDED}"
+    name = "these recordings" if log is None else str(log.path or "log")
+    own = "" if log is None else f"{name_of(log)}: "  # checks of readings alone begin with it
+    return f"{name}: {refusal.removeprefix(own)}. To use it unchanged: --assume {AS_RECORDED}"
 
 
 @cache

@@ -32,7 +32,7 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
             float(gap.before[j]),
             float(gap.after[j]),
             *[float(x[j]) for x in (gap.after if gap.sliding is None else gap.sliding, gap.signal)],
-            f"{left:.1%}",
+            None if np.isnan(left) else f"{left:.1%}",
         ]
         if gap.noise is not None:
             row.append(float(gap.noise[j]))

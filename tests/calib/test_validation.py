@@ -54,6 +54,17 @@ def test_sensor_effects_do_not_enter_the_simulation(ur5e: Arm) -> None:
     assert np.all(check.short.angle < 0.05 * check.short.travel + 1e-3)
 
 
+def test_a_joint_that_hardly_moves_is_not_compared(ur5e: Arm) -> None:
+    """Held joints give way by a thousandth of a radian, with any torque that their dry friction allows: they make no arm a wrong one."""
+    moved = fourier_motion(ur5e, 1, seconds=8.0)
+    only = np.where(np.arange(6) == 2, 1.0, 5e-3)
+    log = recorded(ur5e, replace(moved, q=moved.q[0] + only * (moved.q - moved.q[0]), dq=only * moved.dq, ddq=only * moved.ddq))
+    push = 20.0 * (1 + np.sin(3.0 * log.t[:, None])) * (only < 1)
+    found = validate(ur5e, [replace(log, tau=log.tau + push)], forward=False)
+    assert found.assessment.verdict.value == "good"
+    assert [v.value for v in found.assessment.verdicts].count("nothing compared") == 5
+
+
 def test_a_log_that_stands_still_compares_nothing(ur5e: Arm) -> None:
     motion = fourier_motion(ur5e, 1, seconds=4.0)
     log = recorded(ur5e, motion)
