@@ -33,6 +33,7 @@ WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an eff
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
+LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
 PIECES = 3  # that fewer recordings are each cut into
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
@@ -262,7 +263,8 @@ def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pie
     ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), refit.change)]
     rms, lawful = ways[-1].rms, refit
     bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
-    only: Sequence[int] = range(start.n)
+    slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
+    only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
     while only:
         refit = with_laws(f, only, limits, pieces)
         if not refit.laws:

@@ -59,7 +59,7 @@ def _strongest(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: A
     out: list[Structure] = []
     for name, columns in basis.groups(j).items():
         seen = rows.take(j, columns[:count])
-        varied = seen.std(axis=0) > 1e-9
+        varied = seen.std(axis=0) > 1e-9 if len(seen) else np.zeros(0, dtype=bool)
         if not varied.any():
             continue
         middle = seen.mean(axis=0)[varied]
@@ -78,4 +78,5 @@ def _strongest(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: A
         share = min(1.0, fitted / len(white))
         rms = float(noise.sigma[j] * np.sqrt(share))
         out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, share, rms))
-    return max(out, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)))
+    nothing = Structure(best.hypothesis.arm.joint_names[j], "", 0.0, np.nan, 0.0, 0.0)  # of a joint that never moved
+    return max(out, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)), default=nothing)
