@@ -71,7 +71,9 @@ def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> tuple[float,
 
 
 def scale_and_colour(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
-    """Robust RMS N m and lag-one correlation of a series (R,); a few reversals do not count."""
+    """Robust RMS N m and lag-one correlation of a series (R,), 0 where it has no rows; a few reversals do not count."""
+    if not len(e):
+        return 0.0, 0.0
     middle = 1.4826 * float(np.median(np.abs(e))) + 1e-12
     clipped = np.clip(e, -CLIP * middle, CLIP * middle)
     power = float(np.mean(clipped**2))
