@@ -82,6 +82,13 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "projected": _of_parameters("changed by more than the standard deviation to make the arm physically consistent"),
     "out_of_bounds": _of_parameters("the estimate is physically impossible; the value written is within bounds"),
     "condition": lambda n: f"condition number {n['condition']:.3g}",
+    "speed_reading": lambda n: (
+        "the reported speed was used and not the derivative of the position: parts of the recordings left out are predicted better with it"
+    ),
+    "cutoff": lambda n: (
+        f"the filter's cutoff is {n['cutoff_hz']:.3g} Hz, below the {n['motion_hz']:.3g} Hz of the motion: parts of the recordings left out "
+        "are predicted better with it"
+    ),
     "information_gap": lambda n: (
         f"another motion within the limits may have up to {n['nats']:.1f} nats more information (estimate)"
     ),

@@ -10,7 +10,7 @@ from sim.arm import Arm
 KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
 CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
 WORSE = 1.02
-ASIDE = ("projected", "out_of_bounds")  # stated among the findings
+ASIDE = ("projected", "out_of_bounds", "speed_reading", "cutoff")  # stated among the findings
 
 
 def shown(result: FitResult) -> tuple[Gap, str]:
@@ -51,6 +51,11 @@ def claims(result: FitResult, verdict: Assessment) -> tuple[Claim, ...]:
     outside = [e for e in result.estimates if e.out_of_bounds]
     if outside:
         out.append(Claim("out_of_bounds", {"parameters": [_row(e) | {"lower": e.lower} for e in outside]}))
+    settings = result.settings
+    if settings.get("speed_from") == "measured":
+        out.append(Claim("speed_reading", {"speed_from": "measured"}))
+    if settings.get("motion_hz") and settings["cutoff_hz"] < settings["motion_hz"]:
+        out.append(Claim("cutoff", {"cutoff_hz": float(settings["cutoff_hz"]), "motion_hz": float(settings["motion_hz"])}))
     return (*out, Claim("condition", {"condition": float(result.condition), "scaled": float(result.condition_scaled)}))
 
 

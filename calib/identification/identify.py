@@ -21,21 +21,21 @@ from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
 from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.known import Known
-from calib.identification.law import Laws, fitted_laws, smoothing, speed_reading, without_laws
+from calib.identification.law import Laws, fitted_laws, without_laws
 from calib.identification.least_squares import Solution, estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, LogSums, context_of, digest_of, joined
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
+from calib.identification.readings import chosen_reading
 from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
 from calib.periods import averaged
-from calib.preprocessing import CUTOFF_LEAST, Exclusion, Measurement, motion_cutoff, prepare
+from calib.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
 from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm
-from sim.arm_table import SpeedFrom
 from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
@@ -97,9 +97,9 @@ def identify(
     options = options or Options()
     progress("checking", 0.0)
     require(arm, [*(logs[k] for k in survey(logs)), *holdout])
-    if options.speed == "best":
-        speed, cutoff = _reading(arm, [logs[k] for k in survey(logs)], options)
-        arm, options = replace(arm, speed_from=speed), replace(options, cutoff=cutoff)
+    reading = chosen_reading(arm, [logs[k] for k in survey(logs)], options.cutoff) if options.speed == "best" else None
+    if reading is not None:
+        arm, options = replace(arm, speed_from=reading.speed), replace(options, cutoff=reading.cutoff)
     fit = fitted(arm, logs, options, progress, kept)
     held = [measure(log, arm, fit.cutoff) for log in holdout]
     model, solution, sums = fit.model, fit.solution, fit.sums
@@ -153,6 +153,7 @@ def identify(
         settings={
             "cutoff_hz": fit.cutoff, "robust": options.robust, "masses_only": options.masses_only, "gamma": options.gamma,
             "slip_width_rad": model.slip_width.tolist(), "rows_per_second": fit.measurements[0].decimator.row_rate,
+            "speed_from": arm.speed_from, "motion_hz": None if reading is None else reading.motion,
         },
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
@@ -168,28 +169,6 @@ def identify(
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
-
-
-def _reading(arm: Arm, logs: Sequence[Log], options: Options) -> tuple[SpeedFrom, float]:
-    """The reading of the motion that goes better with the torque, the arm's own where a log reports no speed; and the filter's cutoff, Hz.
-
-    Where the commanded motion is recorded, instruments answer for the noise of the position.
-    """
-    cutoff, speed = options.cutoff or max(motion_cutoff(log) for log in logs), arm.speed_from
-    if any(np.isfinite(log.q_cmd).any() for log in logs):
-        return speed, cutoff
-    model = TorqueModel.of_arm(arm)
-    nominal = nominal_prior(arm, model)
-    if all(np.isfinite(log.dq).all() for log in logs):
-        readings: tuple[SpeedFrom, ...] = ("position", "measured")
-        speed = speed_reading(model, {key: _prepared(arm, logs, key, cutoff) for key in readings}, nominal)
-    if options.cutoff is None and cutoff > CUTOFF_LEAST:
-        cutoff = smoothing(model, {hz: _prepared(arm, logs, speed, hz) for hz in (cutoff, CUTOFF_LEAST)}, nominal)
-    return speed, cutoff
-
-
-def _prepared(arm: Arm, logs: Sequence[Log], speed: SpeedFrom, cutoff: float) -> list[Measurement]:
-    return [prepare(log, replace(arm, speed_from=speed), cutoff) for log in logs]
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:

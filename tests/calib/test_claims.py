@@ -104,6 +104,31 @@ def _no_impossible_estimate(found: Identification, outside: set[str]) -> None:
                 assert cell.startswith(rounded(e.value, e.std))
 
 
+def test_which_reading_was_used_is_claimed_and_written(tmp_path: Path) -> None:
+    """A coarse encoder beside a fine speed: the arm that is written reads the speed, and the fit's filter is the one that is named."""
+    nominal = load_arm("ur5e")
+    log = recorded(varied(nominal, 6), fourier_motion(nominal, 60, seconds=8.0), 1)
+    coarse = replace(log, q=np.round(log.q / 4e-3) * 4e-3, q_cmd=np.full(log.q.shape, np.nan))
+    for given, stated in ((log, None), (coarse, None), (coarse, 12.0)):
+        found = identify(nominal, [given], options=Options(cutoff=stated))
+        table = json.loads(json.dumps(found.result.as_dict()))
+        claims = {c["claim"]: c for c in table["claims"]}
+        folder = tmp_path / f"{stated}{given is coarse}"
+        assert write_calibrated(folder, nominal, found.arm).speed_from == (
+            "measured" if "speed_reading" in claims else "position"
+        )
+        assert ("speed_reading" in claims) == (given is coarse)
+        settings = table["settings"]
+        assert ("cutoff" in claims) == (stated is None and settings["cutoff_hz"] < settings["motion_hz"])
+        assert stated is None or settings["cutoff_hz"] == stated
+        if "cutoff" in claims:
+            assert (claims["cutoff"]["cutoff_hz"], claims["cutoff"]["motion_hz"]) == (
+                settings["cutoff_hz"],
+                settings["motion_hz"],
+            )
+        assert all(c["sentence"] in "; ".join([table["outcome"], *table["findings"]]) for c in table["claims"])
+
+
 def test_an_estimate_that_no_arm_has_is_not_printed(tmp_path: Path) -> None:
     """A joint without friction in noise: the data alone put it below zero as often as above."""
     _, found = fits(1)

@@ -1,0 +1,49 @@
+"""Which reading of the motion a fit uses, and below which frequency: both by what predicts parts of the recordings left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.identification.law import smoothing, speed_reading
+from calib.identification.model import TorqueModel
+from calib.identification.prior import nominal_prior
+from calib.preprocessing import CUTOFF_LEAST, Measurement, motion_cutoff, prepare
+from logs.log import Log
+from sim.arm import Arm
+from sim.arm_table import SpeedFrom
+
+
+@dataclass(frozen=True)
+class Reading:
+    """speed: from differences of the position, or as reported; cutoff Hz of the common filter; motion Hz that the motion's spectrum asks
+    for, None where a cutoff was stated."""
+
+    speed: SpeedFrom
+    cutoff: float
+    motion: float | None
+
+
+def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> Reading:
+    """The reading that goes best with the torque; the arm's own speed where a log reports none. stated: a cutoff that is not chosen, Hz.
+
+    Where the commanded motion is recorded, instruments answer for the noise of the position, and nothing is chosen.
+    """
+    motion = None if stated else max(motion_cutoff(log) for log in logs)
+    cutoff, speed = stated or motion or CUTOFF_LEAST, arm.speed_from
+    if any(np.isfinite(log.q_cmd).any() for log in logs):
+        return Reading(speed, cutoff, motion)
+    model = TorqueModel.of_arm(arm)
+    nominal = nominal_prior(arm, model)
+    if all(np.isfinite(log.dq).all() for log in logs):
+        readings: tuple[SpeedFrom, ...] = ("position", "measured")
+        speed = speed_reading(model, {key: _prepared(arm, logs, key, cutoff) for key in readings}, nominal)
+    if motion is not None and motion > CUTOFF_LEAST:
+        cutoff = smoothing(model, {hz: _prepared(arm, logs, speed, hz) for hz in (motion, CUTOFF_LEAST)}, nominal)
+    return Reading(speed, cutoff, motion)
+
+
+def _prepared(arm: Arm, logs: Sequence[Log], speed: SpeedFrom, cutoff: float) -> list[Measurement]:
+    return [prepare(log, replace(arm, speed_from=speed), cutoff) for log in logs]
