@@ -31,41 +31,49 @@ def force_spread(arm: Arm) -> float:
 
 def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]:
     """(log, fall of chi2, effect) of every window tried."""
-    spread = force_spread(arm)
-    left = solved.left()
+    spread, left, noise = force_spread(arm), solved.left(), solved.noise
+    innovation = noise.sigma * np.sqrt(1 - noise.phi**2)
+    first = np.zeros(solved.rows.n, dtype=int)
     for which, model in enumerate(solved.rows.models):
+        mine = [index[which] for index in solved.rows.index]
+        parts = [slice(lo, lo + len(index)) for lo, index in zip(first, mine, strict=True)]
+        first = first + [len(index) for index in mine]
         if len(model.residual) < 8:
             continue
         at = model.link.t[model.measurement.row_samples]
-        force = force_rows(model)
-        parts = []
-        for j in range(solved.rows.n):
-            index = solved.rows.index[j][which]
-            first = sum(len(k) for k in solved.rows.index[j][:which])
-            here = slice(first, first + len(index))
-            parts.append((at[index], force[index, j], solved.rows.joined[j][here], solved.xw[j][here], left[j][here]))
+        # all joints on the rows of the recording, one after the other in each: what a joint cannot use is zero and has no neighbour
+        force = np.zeros((len(at) + 1, solved.rows.n, 3))
+        whitened = np.zeros((*force.shape[:2], solved.rows.p + 1))
+        carried, alone = np.zeros(force.shape[:2]), np.zeros(force.shape[:2])
+        for j, (index, part) in enumerate(zip(mine, parts, strict=True)):
+            joined = solved.rows.joined[j][part]
+            force[index, j] = force_rows(model)[index, j]
+            whitened[index, j, 0], whitened[index, j, 1:] = left[j][part], solved.xw[j][part]
+            alone[index, j] = np.where(joined, 1 / innovation[j], 1 / noise.sigma[j])
+            carried[index, j] = np.where(joined, noise.phi[j] / innovation[j], 0.0)
+        counted = np.concatenate([np.zeros((1, solved.rows.n)), np.cumsum(alone[:-1] > 0, axis=0)])
         for duration in DURATIONS:
             for start in np.arange(at[0], at[-1] - duration, STEP * duration):
-                g, ss, xs = np.zeros(3), np.eye(3) / spread**2, np.zeros((solved.rows.p, 3))
-                edges = [np.searchsorted(t, (start, start + duration)) for t, *_ in parts]
-                felt = [int(hi - lo) for lo, hi in edges]
-                if sum(count > 0.5 * max(felt) for count in felt) < LEAST_JOINTS:
+                lo, hi = np.searchsorted(at, (start, start + duration))
+                felt = counted[hi] - counted[lo]
+                if np.sum(felt > 0.5 * felt.max()) < LEAST_JOINTS:
                     continue
-                for j, ((lo, hi), (t, f, joined, xw, rest)) in enumerate(zip(edges, parts, strict=True)):
-                    if hi - lo < 2:
-                        continue
-                    near = slice(lo, min(hi + 1, len(t)))
-                    phase = (t[near] - start) / duration
-                    window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)
-                    s = solved.noise.whiten(j, window[:, None] * f[near], joined[near])
-                    g += s.T @ rest[near]
-                    ss += s.T @ s
-                    xs += xw[near].T @ s
-                own = ss - xs.T @ solved.inverse @ xs
+                here = slice(lo, hi + 1)
+                phase = (at[lo:hi] - start) / duration
+                push = force[here].copy()
+                push[:-1] *= np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)[:, None, None]
+                push[-1] = 0.0
+                push[:, felt < 2] = 0.0
+                s = alone[here, :, None] * push
+                s[1:] -= carried[here][1:, :, None] * push[:-1]
+                s = s.reshape(-1, 3)
+                products = s.T @ whitened[here].reshape(len(s), -1)
+                g, xs = products[:, 0], products[:, 1:].T
+                own = s.T @ s + np.eye(3) / spread**2 - xs.T @ solved.inverse @ xs
                 c = np.linalg.solve(own, g)
-                push = {"start": float(start), "duration": float(duration)}
-                push |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
-                yield which, float(g @ c), ArmEffect(CONTACT, None, push)
+                push_words = {"start": float(start), "duration": float(duration)}
+                push_words |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
+                yield which, float(g @ c), ArmEffect(CONTACT, None, push_words)
 
 
 def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:
