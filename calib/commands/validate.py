@@ -43,7 +43,7 @@ def command(
     from calib import evidence
     from calib.forward import SHORT
     from calib.prediction_log import write_predictions
-    from calib.recordings import arm_and_logs, read_logs
+    from calib.recordings import arm_and_logs, is_log, read_logs
     from calib.report import validation as page
     from calib.validation import validate
     from calib.verdict import Verdict
@@ -58,9 +58,10 @@ def command(
         page.write(folder / "report.html", found.as_dict(), [evidence.of_check(check) for check in found.checks], subject)
     conclude(found.outcome)
     verdict = found.assessment.verdict
-    then: list[str | Path] = ["export", arm] if verdict is Verdict.GOOD else ["diagnose", arm, *given]
+    name = subject.name if is_log(arm) else arm
+    then: list[str | Path] = ["export", name] if verdict is Verdict.GOOD else ["diagnose", arm, *(log or [])]
     if verdict is Verdict.NOTHING:
-        then = ["plan", arm]
+        then = ["plan", name]
     if as_json:
         console.print_json({**found.as_dict(), "next": console.command_line(then)})
         return verdict.exit_code

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import logs
 from calib.main import main
 from calib.recordings import arm_and_logs, read_logs, recorded_arm
 from logs import Recorder, State
@@ -18,6 +20,8 @@ from sim.errors import BadLog, ConfigError, EmptyLog
 from sim.joint_state import JointState
 from sim.resources import shipped_configs
 from sim.urdf import base_name
+
+SAMPLES = Path(logs.__file__).parent / "samples"
 
 
 @pytest.fixture
@@ -131,3 +135,12 @@ def test_a_recording_without_samples_is_left_out_and_reported(tmp_path: Path, ca
     assert "holds no sample" in capsys.readouterr().err
     with pytest.raises(EmptyLog):
         read_logs([tmp_path / "b.mcap"], arm)
+
+
+@pytest.mark.parametrize(("limit", "following"), [("0.1", "calib diagnose {}"), ("0.9", "calib export servo6")])
+def test_what_follows_a_validation_without_an_arms_name_can_be_typed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], limit: str, following: str
+) -> None:
+    file = shutil.copy(SAMPLES / "servo6_excitation.mcap", tmp_path / "a.mcap")
+    main(["validate", str(file), "--no-forward", "--max-error", limit, "--out", str(tmp_path / "out"), "--json"])
+    assert json.loads(capsys.readouterr().out)["next"] == following.format(file)
