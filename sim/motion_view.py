@@ -19,8 +19,8 @@ Combine = Callable[[np.ndarray], dict[str, float]]
 class MotionView(Protocol):
     """One recording under an arm's present parameters: the motion, the torque that they predict, and the filter of its rows.
 
-    n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor (N, n, 10 n) of the
-    links; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
+    n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor_rows (R, n, 10 n): filtered,
+    of the links; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
     """
 
     @property
@@ -34,7 +34,7 @@ class MotionView(Protocol):
     @property
     def reading(self) -> np.ndarray: ...
     @property
-    def regressor(self) -> np.ndarray: ...
+    def regressor_rows(self) -> np.ndarray: ...
     @property
     def tau_hat(self) -> np.ndarray: ...
     @property
@@ -42,9 +42,6 @@ class MotionView(Protocol):
 
     def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
         """The parameters with which the arm has an effect."""
-
-    def joint_key(self, j: int) -> Hashable:
-        """What the torque of joint j depends on, beside its link side."""
 
     def torque_with(self, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
         """tau (N,) N m of joint j if it had an effect behind the load with these parameters."""
@@ -56,7 +53,10 @@ class MotionView(Protocol):
         """Filtered rows (R, ...) of samples (N, ...)."""
 
     def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Rows that were computed before under this key, or now."""
+        """Rows that were computed before under this key from the same motion and load of all joints, or now."""
+
+    def kept_of(self, j: int, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
+        """Rows that were computed before under this key from the same torque of joint j, or now."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iter
                 base = view.tau_hat[:, j] if absent else view.torque_with(j, effect.name, probe.base)
                 return view.rows(np.stack([view.torque_with(j, effect.name, p) - base for p in probe.points], axis=1))
 
-            columns.append({j: view.kept((effect.name, i, view.joint_key(j)), rows)})
+            columns.append({j: view.kept_of(j, (effect.name, i), rows)})
         yield Columns(columns, probe.combine)
 
 

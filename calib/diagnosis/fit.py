@@ -212,14 +212,14 @@ def _slope(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, m
     if effect_named(item.effect).stage not in LATE or item.joint is None:
         return model.rows(_difference(model, hypothesis, log, item, moved)) / step
     j = model.arm.joint_index(item.joint)
-    key = ("slope", item.effect, tuple(moved.parameters.items()), model.joint_key(j))
+    key = ("slope", item.effect, tuple(moved.parameters.items()))
 
     def rows() -> np.ndarray:
         own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
         return np.asarray(model.rows(model.tail(j, own) - model.tau_hat[:, j]) / step)
 
     out = np.zeros_like(model.residual)
-    out[:, j] = model.kept(key, rows)
+    out[:, j] = model.kept_of(j, key, rows)
     return out
 
 

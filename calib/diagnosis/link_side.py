@@ -15,38 +15,69 @@ from sim.effects.friction_law import FrictionLaw
 from sim.prediction import Stages, link_side
 from sim.rigid_body import RigidBody, link_parameters
 
-# bytes of arrays that are kept for each sample of the recordings
-OF_COLUMNS, OF_PATHS, OF_WHITES = 4000.0, 1200.0, 2500.0
+# bytes of arrays that are kept for each sample of the recordings: of all joints together, and of each
+OF_ALL, OF_COLUMNS, OF_PATHS, OF_WHITES = 1500.0, 500.0, 300.0, 450.0
+AT_ONCE = 20_000  # samples of which the regressor is in memory before it is filtered
 FRICTION_LAW = FrictionLaw()
 # of a path, what stages behind the load fill
 FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
 
 
-class LinkSide:
-    """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
+class JointSide:
+    """Motion and load of one joint (N, 1), rows (R, 5 n) of the links' uncertain numbers, and what was computed from them so far.
 
-    Models whose links move alike share it. paths: joints with given effects; kept: candidate columns and what they are made of.
+    paths: its torque with given effects; columns: of candidates there; whites: rows of all recordings, of which this is the first.
     """
 
-    def __init__(self, measurement: Measurement, arm: Arm, stages: Stages) -> None:
-        self.measurement = measurement
-        self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
-        self.bodies = RigidBody(arm)
-        self.inertial = _inertial_rows(measurement, arm, self.regressor, self.bodies.parameters())
-        self.kept = ArrayCache(OF_COLUMNS * len(self.path.t))
-        self.paths = ArrayCache(OF_PATHS * len(self.path.t))
+    def __init__(self, path: PathState, inertial: np.ndarray, j: int) -> None:
+        self.motion = {k: np.ascontiguousarray(getattr(path, k)[:, j : j + 1]) for k in ("q", "dq", "ddq", "load")}
+        for x in self.motion.values():
+            x.flags.writeable = False
+        self.inertial = inertial
+        self.paths = ArrayCache(OF_PATHS * len(path.t))
+        self.columns = ArrayCache(OF_COLUMNS * len(path.t))
         self._whites: ArrayCache | None = None
-        self._motion: dict[int, dict[str, np.ndarray]] = {}
 
     def whites(self, samples: int) -> ArrayCache:
-        """Whitened rows of all recordings, of which this is the first, with so many samples together."""
+        """Whitened rows of all recordings, which have so many samples together."""
         self._whites = self._whites or ArrayCache(OF_WHITES * samples)
         return self._whites
 
-    @property
-    def regressor(self) -> np.ndarray:
-        """(N, n, 10 n) of the links; as large as all recordings together, so nobody keeps it."""
-        return self.bodies.regressor(self.path.q, self.path.dq, self.path.ddq)
+    def same(self, path: PathState, inertial: np.ndarray, j: int) -> bool:
+        """Whether joint j of that path moves and is loaded alike."""
+        return all(np.array_equal(x[:, 0], getattr(path, k)[:, j]) for k, x in self.motion.items()) and np.array_equal(
+            self.inertial, inertial
+        )
+
+
+class LinkSide:
+    """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
+
+    Models whose links move alike share it. like: of the same measurement; lends the regressor where the links move alike with other
+    masses, and the joints that other masses leave as they are. kept: columns that depend on all joints.
+    """
+
+    def __init__(self, measurement: Measurement, arm: Arm, stages: Stages, like: LinkSide | None = None) -> None:
+        self.measurement = measurement
+        self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
+        self.bodies = RigidBody(arm)
+        if like is not None and not (like.measurement is measurement and _move_alike(self, like)):
+            like = None
+        self.regressor_rows: np.ndarray = self._regressor_rows() if like is None else like.regressor_rows
+        rows = _inertial_rows(arm, self.regressor_rows, self.bodies.parameters())
+        self.joints = [self._joint(like, rows[:, j], j) for j in range(arm.n)]
+        self.kept = ArrayCache(OF_ALL * len(self.path.t))
+
+    def _regressor_rows(self) -> np.ndarray:
+        """(R, n, 10 n) filtered rows of the links' regressor."""
+        m, path = self.measurement, self.path
+        parts = [m.decimator.rows(self.bodies.regressor(path.q[b], path.dq[b], path.ddq[b])) for b in m.blocks(AT_ONCE)]
+        return np.concatenate(parts)
+
+    def _joint(self, like: LinkSide | None, inertial: np.ndarray, j: int) -> JointSide:
+        if like is not None and like.joints[j].same(self.path, inertial, j):
+            return like.joints[j]
+        return JointSide(self.path, np.ascontiguousarray(inertial), j)
 
     @cached_property
     def largest_load(self) -> np.ndarray:
@@ -55,12 +86,7 @@ class LinkSide:
 
     def joint(self, j: int) -> PathState:
         """The path of joint j alone: the motion shared and read-only, all that later stages change in arrays of its own."""
-        if j not in self._motion:
-            shared = {k: np.ascontiguousarray(getattr(self.path, k)[:, j : j + 1]) for k in ("q", "dq", "ddq", "load")}
-            for x in shared.values():
-                x.flags.writeable = False
-            self._motion[j] = shared
-        motion, path = self._motion[j], self.path
+        motion, path = self.joints[j].motion, self.path
         blank = {k: np.zeros_like(motion["q"]) for k in FILLED}
         own: dict[str, Any] = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
         return PathState(
@@ -76,7 +102,7 @@ class LinkSide:
             FRICTION_LAW.apply(state, 0, p)
             return state.tau
 
-        found: np.ndarray = self.kept.of(("law", j, tuple(p.values())), torque)
+        found: np.ndarray = self.joints[j].columns.of(("law", *p.values()), torque)
         return found
 
     def posture_slopes(self, j: int) -> np.ndarray:
@@ -106,17 +132,26 @@ def centre_size(arm: Arm, i: int) -> float:
     return size
 
 
-def _inertial_rows(measurement: Measurement, arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarray:
-    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link; a link moves no joint behind it."""
+def _move_alike(a: LinkSide, b: LinkSide) -> bool:
+    """Whether two sides of one measurement have the same regressor: the same joints along the same motion under the same gravity."""
+    frame = ("parent", "rotation", "position", "axis", "prismatic", "gravity")
+    trees, paths = (a.bodies.tree, b.bodies.tree), (a.path, b.path)
+    return all(np.array_equal(*(getattr(x, k) for x in trees)) for k in frame) and all(
+        np.array_equal(*(getattr(x, k) for x in paths)) for k in ("q", "dq", "ddq")
+    )
+
+
+def _inertial_rows(arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarray:
+    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link, from the regressor's rows; a link moves no joint behind it."""
     prior, tree, n = arm.prior, arm.tree, arm.n
-    out = np.zeros((len(measurement.row_samples), n, 5 * n))
+    out = np.zeros((len(regressor), n, 5 * n))
     for i in range(n):
         block = slice(10 * i, 10 * i + 10)
-        size, step = centre_size(arm, i), 1e-6
+        size, link = centre_size(arm, i), (tree.mass[i], tree.com[i], tree.inertia[i])
         moves = [prior.mass * pi[block]]
         for axis in np.eye(3):
-            moved = link_parameters(tree.mass[i], tree.com[i] + step * axis, tree.inertia[i])
-            moves.append(prior.com * size * (moved - pi[block]) / step)
-        moves.append(prior.inertia * link_parameters(0.0, tree.com[i], tree.inertia[i]))
-        out[:, : i + 1, 5 * i : 5 * i + 5] = measurement.rows(regressor[:, : i + 1, block] @ np.stack(moves, axis=1))
+            ahead, behind = (link_parameters(link[0], link[1] + way * axis, link[2]) for way in (1.0, -1.0))
+            moves.append(prior.com * size * (ahead - behind) / 2)  # exact: quadratic in the centre
+        moves.append(prior.inertia * link_parameters(0.0, *link[1:]))
+        out[:, : i + 1, 5 * i : 5 * i + 5] = regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
     return out

@@ -116,8 +116,10 @@ class LogModel:
         arm = self.arm = hypothesis.arm
         effects = arm.effects if event is None else (*arm.effects, event)
         self.stages: Stages = by_stage(effects, arm)
-        lent = like is not None and like.same_link(measurement, arm, self.stages)
-        self.side: LinkSide = like.side if lent and like is not None else LinkSide(measurement, arm, self.stages)
+        lender = None if like is None else like.side
+        if like is None or lender is None or not like.same_link(measurement, arm, self.stages):
+            lender = LinkSide(measurement, arm, self.stages, lender)
+        self.side: LinkSide = lender
         self.joints = [self._joint_path(j) for j in range(arm.n)]
         self.tau_hat = np.stack([x.tau_hat for x in self.joints], axis=1)
         self.residual = np.stack([x.residual for x in self.joints], axis=1)
@@ -149,9 +151,9 @@ class LogModel:
         return self.side.bodies
 
     @property
-    def regressor(self) -> np.ndarray:
-        """(N, n, 10 n) of the links."""
-        return self.side.regressor
+    def regressor_rows(self) -> np.ndarray:
+        """(R, n, 10 n) filtered rows of the links' regressor."""
+        return self.side.regressor_rows
 
     @property
     def rate_of_change(self) -> np.ndarray:
@@ -188,7 +190,7 @@ class LogModel:
         """(R, p) N m per prior standard deviation of every uncertain number, for joint j."""
         n, own = self.n, self.joints[j].nuisance
         out = np.zeros((len(own), len(self.names)))
-        out[:, : 5 * n] = self.side.inertial[:, j]
+        out[:, : 5 * n] = self.side.joints[j].inertial
         first = 5 * n + len(OWN) * j
         out[:, first : first + len(OWN)] = own[:, : len(OWN)]
         out[:, -2:] = own[:, len(OWN) :]
@@ -221,8 +223,12 @@ class LogModel:
         return [by_angle, own[1], own[0]]
 
     def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Columns that were computed before from the same path, or now."""
+        """Columns that were computed before from the same path of all joints, or now."""
         return np.asarray(self.side.kept.of(key, rows))
+
+    def kept_of(self, j: int, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
+        """Columns that were computed before from the same torque of joint j, or now."""
+        return np.asarray(self.side.joints[j].columns.of((key, self.joint_key(j)), rows))
 
     def joint_state(self, j: int) -> PathState:
         """The path of joint j alone under the hypothesis, arrays (N, 1)."""
@@ -236,7 +242,7 @@ class LogModel:
         """What the torque of joint j depends on, beside its link side."""
         h = self.hypothesis
         items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
-        return j, float(h.width[j]), float(h.lead[j]), h.delay, h.written, tuple(items)
+        return float(h.width[j]), float(h.lead[j]), h.delay, h.written, tuple(items)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows of samples."""
@@ -265,7 +271,7 @@ class LogModel:
 
     def _joint_path(self, j: int) -> JointPath:
         key = self.joint_key(j)
-        found: JointPath = self.side.paths.of(key, lambda: self._joint_path_now(j, key))
+        found: JointPath = self.side.joints[j].paths.of(key, lambda: self._joint_path_now(j, key))
         return found
 
     def _joint_path_now(self, j: int, key: Hashable) -> JointPath:

@@ -167,14 +167,15 @@ def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
         x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
         return White(x, r, x.T @ x, x.T @ r, ())
     first = rows.models[0]
-    key = ("white", first.joint_key(j), tuple(id(m.side) for m in rows.models), id(noise))
+    sides = [m.side.joints[j] for m in rows.models]
+    key = (first.joint_key(j), tuple(id(side) for side in sides), id(noise))
 
     def white() -> White:
         p = len(first.names)
         x, r = noise.whiten(j, rows.x[j][:, :p], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
-        return White(x, r, x.T @ x, x.T @ r, (noise, *[m.side for m in rows.models[1:]]))
+        return White(x, r, x.T @ x, x.T @ r, (noise, *sides[1:]))
 
-    found: White = first.side.whites(sum(len(m.link.t) for m in rows.models)).of(key, white)
+    found: White = sides[0].whites(sum(len(m.link.t) for m in rows.models)).of(key, white)
     if rows.x[j].shape[1] == found.x.shape[1]:
         return found
     more = noise.whiten(j, rows.x[j][:, found.x.shape[1] :], rows.joined[j])

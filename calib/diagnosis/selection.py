@@ -12,7 +12,7 @@ from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, pure_error
 from calib.diagnosis.rows import Products
 from calib.diagnosis.unstated import unstated_keys
@@ -76,13 +76,15 @@ class Bank:
     def piece(self, f: Fit, c: Candidate, number: int, j: int) -> Products:
         """Columns of candidate c (the number-th of the round) at joint j."""
         model, solved = f.models[0], f.solved
-        key = (c.key, number, j, model.joint_key(j), tuple(id(m.side) for m in f.models), id(solved.noise))
+        # a column behind the load depends on its joint alone
+        sides = [m.side.joints[j] if effect_named(c.effect).stage in LATE else m.side for m in f.models]
+        key = (c.key, number, j, model.joint_key(j), tuple(id(side) for side in sides), id(solved.noise))
         found = self._new.get(key) or self._old.get(key)
         if found is None:
             rows = solved.rows
             s = solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j])
             # what the key tells apart by identity is kept with it
-            found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *[m.side for m in f.models])
+            found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *sides)
         self._new[key] = found
         return found[0]
 

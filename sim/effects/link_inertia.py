@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.motion_view import Columns, MotionView, of_the_links
+from sim.motion_view import Columns, MotionView, by_joint
 from sim.tree import KinematicTree
 
 SPREAD = (5.0, 1.0, 1.0, 1.0)  # half the link's mass, or 0.1 m of its centre, in units of the columns
@@ -40,15 +39,13 @@ class LinkInertia(Effect):
         mass, com = tree.mass[joint], tree.com[joint]
         step = 0.1 * mass
 
-        def samples(view: MotionView) -> np.ndarray:
-            return step * view.regressor[:, :, 10 * joint : 10 * joint + 4]
-
         def combine(c: np.ndarray) -> dict[str, float]:
             new = mass * (1.0 + 0.1 * float(c[0]))
             centre = (mass * com + 0.1 * mass * c[1:4]) / new if new > 0 else com
             return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
 
-        yield Columns([of_the_links(v, (self.name, joint), partial(samples, v)) for v in views], combine, SPREAD)
+        block = slice(10 * joint, 10 * joint + 4)
+        yield Columns([by_joint(step * v.regressor_rows[:, :, block]) for v in views], combine, SPREAD)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with that link's mass and centre of mass replaced."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.motion_view import Columns, MotionView, of_the_links
+from sim.motion_view import Columns, MotionView, by_joint
 from sim.tree import KinematicTree, with_point_mass
 
 FARTHEST = 0.6  # m from the last joint
@@ -37,15 +36,12 @@ class Payload(Effect):
         last = 10 * (views[0].n - 1)
         scale = 0.01 * float(views[0].tree.mass.sum())
 
-        def samples(view: MotionView) -> np.ndarray:
-            return scale * view.regressor[:, :, last : last + 4]
-
         def combine(c: np.ndarray) -> dict[str, float]:
             mass = scale * float(c[0])
             com = scale * c[1:4] / mass if abs(mass) > 1e-9 else np.zeros(3)
             return {"mass": mass, "com_x": float(com[0]), "com_y": float(com[1]), "com_z": float(com[2])}
 
-        yield Columns([of_the_links(v, self.name, partial(samples, v)) for v in views], combine, SPREAD)
+        yield Columns([by_joint(scale * v.regressor_rows[:, :, last : last + 4]) for v in views], combine, SPREAD)
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """Its centre of mass is near the flange."""

@@ -44,9 +44,7 @@ class TimeDelay(Effect):
             return {"delay": before + late * float(c[0])}
 
         for late in DELAYS:
-            columns = [
-                {j: v.kept((self.name, late, v.joint_key(j)), partial(later, v, j, late)) for j in range(v.n)} for v in views
-            ]
+            columns = [{j: v.kept_of(j, (self.name, late), partial(later, v, j, late)) for j in range(v.n)} for v in views]
             yield Columns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:

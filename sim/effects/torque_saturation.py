@@ -42,7 +42,7 @@ class TorqueSaturation(Effect):
             return {"limit": limit if 0.6 < float(c[0]) < 1.6 else float("nan")}
 
         for limit in (fraction * most for fraction in LIMITS):
-            columns = [{joint: v.kept((self.name, limit, v.joint_key(joint)), partial(cut, v, limit))} for v in views]
+            columns = [{joint: v.kept_of(joint, (self.name, limit), partial(cut, v, limit))} for v in views]
             if limit > 0 and any(np.any(c[joint]) for c in columns):
                 yield Columns(columns, partial(combine, limit=limit))
 
