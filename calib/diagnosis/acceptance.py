@@ -101,7 +101,7 @@ def judge(
         share = PROMISE if lost < STRONG else PROMISE_STRONG
         near = beside(rest, best, i, share, bank)[:MOST_RIVALS] if ask_rivals else []
         rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + APART]
-        without_it = HeldOut.of(rest, apart)
+        without_it = HeldOut.of(rest, apart, with_all.models)
         joints = joints_of(item, best.hypothesis.arm)
         worse = with_all.rise(without_it, joints)
         nothing = is_nothing(item, stds[i])
@@ -123,18 +123,21 @@ class HeldOut:
 
     loss: float
     errors: list[np.ndarray]
+    models: list[LogModel]
 
     @staticmethod
-    def of(f: Fit, apart: Sequence[Measurement]) -> HeldOut:
-        """Of a fit on logs kept apart."""
+    def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
+        """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
         noise, loss = f.solved.noise, 0.0
         errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
-        for m in apart:
-            rows = ResidualRows([LogModel(m, f.hypothesis)])
+        pairs = zip(apart, like or (None,) * len(apart), strict=True)
+        models = [LogModel(m, f.hypothesis, like=lender) for m, lender in pairs]
+        for model in models:
+            rows = ResidualRows([model])
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.x[j] @ f.solved.theta)
                 loss += huber(noise.whiten(j, of_joint[-1], rows.joined[j]))
-        return HeldOut(loss, [np.concatenate(parts) for parts in errors])
+        return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
         """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""

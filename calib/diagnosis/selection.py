@@ -22,6 +22,8 @@ from sim.effects import effect_named
 from sim.effects.effect import Stage
 
 MOST_EFFECTS = 8
+# More names than these are structure that the catalogue has no name for, and none of them is worth exchanging.
+EXCHANGED = 3
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 # Columns over rows where the noise is measured. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
 FILLED = 0.12
@@ -173,7 +175,7 @@ def search(
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
     baseline = started(measurements, hypothesis)
     found, bank = SearchResult(baseline, baseline), Bank()
-    best = baseline
+    best, hopeless = baseline, set[Key]()
     while len(best.accepted) < MOST_EFFECTS:
         progress(f"looking for effect {len(best.accepted) + 1}")
         here = {(e.effect, e.joint) for e in best.accepted}
@@ -184,7 +186,9 @@ def search(
             break
         if cost(better) >= cost(best):
             break
-        best = exchanged(measurements, _pruned(measurements, better), bank)
+        best = _pruned(measurements, better)
+        if len(best.accepted) <= EXCHANGED:
+            best = exchanged(measurements, best, bank, hopeless)
     found.best = best
     return found
 
@@ -231,10 +235,11 @@ def without(measurements: Sequence[Measurement], f: Fit, i: int, rounds: int = 3
     return fit(measurements, f.hypothesis.with_effects(rest), rounds, f.solved.noise, f.models, touched)
 
 
-def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:
+def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless: set[Key]) -> Fit:
     """Each effect but the last exchanged for what comes near it beside the others, as long as that is better.
 
-    Only those are asked that share a joint with the last one: at another joint it changes nothing that their names rest on.
+    Only those are asked that share a joint with the last one: at another joint it changes nothing that their names rest on. What fits
+    worse than nothing in the place of one, whatever it promises, joins `hopeless` and is not asked again.
     """
     again = True
     while again and len(f.accepted) > 1:
@@ -243,8 +248,10 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank) -> Fit:
             if not _share_a_joint(f.accepted[i], f.accepted[-1]):
                 continue
             rest = without(measurements, f, i)
-            near = beside(rest, f, i, 0.7, bank)[:TRIED]
-            tried = [g for g in (add(measurements, rest, s) for s in near) if admissible(g)]
+            near = [s for s in beside(rest, f, i, 0.7, bank) if s.key not in hopeless][:TRIED]
+            tried = [add(measurements, rest, s) for s in near]
+            hopeless |= {s.key for s, g in zip(near, tried, strict=True) if g.objective > rest.objective}
+            tried = [g for g in tried if admissible(g)]
             if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
                 f, again = min(tried, key=cost), True
                 break
