@@ -9,6 +9,7 @@ from calib.quantity import rounded
 
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"
+SHORT = 60  # characters of a formula that can be read in a sentence; the page and diagnosis.json have longer ones
 LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
 VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration", "tau": "load", "t": "time"}
 
@@ -43,18 +44,22 @@ def changed(n: Numbers) -> str:
 
 
 def unexplained(n: Numbers) -> str:
-    parts = [
-        f"{u['joint']} has a residual RMS of {u['rms']:.3g} {unit(u['unit'])}{_depending(u['depends_on'])}" for u in n["joints"]
-    ]
-    beside = f". Also identified: {_found(n['effects'])}" if n["effects"] else ""
-    return f"There is a residual that no effect in the catalogue explains: {'; '.join(parts) or 'see below'}{beside}"
+    known = f"{missing(n)}. Beside that, a" if n["effects"] else "A"
+    text = f"{known} residual remains that no effect in the catalogue explains"
+    if not n["joints"]:
+        return text
+    largest, *others = sorted(n["joints"], key=lambda u: -u["rms"])
+    first = f"{largest['joint']} (RMS {_size(largest)}{_depending(largest['depends_on'])})"
+    smaller = [f"{u['joint']} ({_size(u)})" for u in others]
+    return f"{text}: {listed([first, *smaller])}"
 
 
 def law(n: Numbers) -> str:
     removed = 1 - n["rms_with"] / n["rms_without"]
+    formula = f" {n['formula']}" if len(n["formula"]) <= SHORT else ""
     return (
-        f"A friction law, fitted where no catalogue effect fits, at {n['joint']}: {n['formula']}. It removes {removed:.0%} of the "
-        "residual RMS on recordings left out of its fit"
+        f"A friction law{formula}, fitted where no catalogue effect fits, removes {removed:.0%} of the residual RMS at {n['joint']} "
+        "on recordings left out of its fit"
     )
 
 
@@ -126,6 +131,10 @@ def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else "nothing seen"
 
 
+def _size(u: Numbers) -> str:
+    return f"{u['rms']:.3g} {unit(u['unit'])}"
+
+
 def _touched(contacts: Sequence[Numbers]) -> str:
     when = [f"at {c['start']['value']:.2f} s for {c['duration']['value']:.2f} s" for c in (e["parameters"] for e in contacts)]
     return f"Something touched the arm {listed(when)}; that is an event, and no property of the arm"
@@ -133,11 +142,15 @@ def _touched(contacts: Sequence[Numbers]) -> str:
 
 def _found(effects: Sequence[Numbers]) -> str:
     if len(effects) != 1:
-        return listed([words(e["effect"], e.get("joint")) for e in effects])
+        joints: dict[str, list[str]] = {}
+        for e in effects:
+            joints.setdefault(e["effect"], []).extend([e["joint"]] if e.get("joint") else [])
+        found = [words(effect, listed(at) if at else None) for effect, at in joints.items()]
+        return "; ".join(found) if any(len(at) > 1 for at in joints.values()) else listed(found)
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
     return f"{words(e['effect'], e.get('joint'))} ({values}; {e['gap_share']:.0%} of the residual)"
 
 
 def _depending(variables: Sequence[str]) -> str:
-    return f" depending on {listed([variable(v) for v in variables])}" if variables else ""
+    return f", depending on {listed([variable(v) for v in variables])}" if variables else ""

@@ -216,6 +216,13 @@ def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, A
                 for u in diagnosis["unexplained"]
             ],
         )
+    laws = diagnosis.get("laws") or []
+    if laws:
+        page.section("Friction laws fitted where no catalogue effect fits").table(
+            ["joint", "torque [N m]", "RMS without it", "RMS with it", "unit"],
+            [[x["joint"], x["formula"], x["rms_without"], x["rms_with"], unit_of(x["unit"])] for x in laws],
+            "On recordings left out of its fit; z(w): dry friction that builds up over w rad",
+        )
 
 
 def _gap(page: Page, diagnosis: Mapping[str, Any]) -> None:

@@ -60,6 +60,7 @@ _XLINK = "{http://www.w3.org/1999/xlink}href"
 # coordinates in points: a hundredth is far below a pixel
 _LONG_NUMBER = re.compile(r"(?<![\w#.-])(-?\d+\.\d\d)\d+(?![\w.])")
 _count = itertools.count(1)
+GAP = 20.0  # steps between two samples that are no neighbours
 
 
 def axes(
@@ -128,9 +129,16 @@ def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
 
 
 def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 500, **style: Any) -> None:
-    """A line of at most 2 * `points` points that keeps the extremes of every stretch, so that no peak is lost on the page."""
+    """A line over ascending x of at most 2 * `points` points that keeps the extremes of every stretch, so that no peak is lost on the page.
+
+    Where x has a gap, the line has one.
+    """
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    steps = np.diff(x)
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=int)
+    x, y = np.insert(x, gaps, x[gaps]), np.insert(y, gaps, np.nan)
     kept = envelope(y, points)
-    ax.plot(np.asarray(x)[kept], np.asarray(y)[kept], **style)
+    ax.plot(x[kept], y[kept], **style)
 
 
 def envelope(y: np.ndarray, points: int) -> np.ndarray:

@@ -82,7 +82,7 @@ for (const [x, y, z, strength] of [[2, -3, 4, 2.2], [-3, 2, 2, 0.8]]) {
 
 const camera = new PerspectiveCamera(38, 1, 0.01, 100);
 camera.up.set(0, 0, 1);
-camera.position.set(1.0 * data.size, -1.35 * data.size, 0.95 * data.size);
+camera.position.set(1.25 * data.size, -1.7 * data.size, 1.2 * data.size);
 
 let renderer = null;
 let controls = null;
@@ -94,7 +94,7 @@ try {
 if (renderer) {
   view.append(renderer.domElement);
   controls = new OrbitControls(camera, renderer.domElement);
-  controls.target.set(0, 0, 0.25 * data.size);
+  controls.target.set(0, 0, 0.4 * data.size);
   controls.update();
   controls.addEventListener("change", draw);
 }

@@ -21,7 +21,7 @@ from tests.calib.report.browser import Visit
         ("no_missing_effect", "No effect is missing"),
         (
             "unexplained",
-            "elbow_joint has a residual RMS of 1.2 N m depending on position of elbow_joint and speed of wrist_1_joint",
+            "no effect in the catalogue explains: elbow_joint (RMS 1.2 N m, depending on position of elbow_joint and speed of wrist_1_joint)",
         ),
         ("bad_data", "The data cannot be used: time runs backwards at sample 812"),
     ],
@@ -83,7 +83,10 @@ def test_what_else_was_found_is_reported() -> None:
     gain, simulated, law_sentence, refused, moved = diagnosis.remarks(data)
     assert simulated.startswith("Simulated for 5 s under the measured torque (closed loop), the flange is off by 2 mm")
     assert gain.startswith("On validation.mcap the corrected arm has a residual RMS of ")
-    assert "wrist_1_joint: 3.1 z(0.003). It removes 25%" in law_sentence
+    assert law_sentence.startswith("A friction law 3.1 z(0.003), fitted")
+    assert "removes 25% of the residual RMS at wrist_1_joint" in law_sentence
+    (long,) = [x for x in diagnosis.remarks(data | {"laws": [law | {"formula": "0.1 z(0.01) + " * 9}]}) if "friction law" in x]
+    assert long.startswith("A friction law, fitted")
     assert refused == "Backlash at elbow_joint raises its residual from 1 to 2 N m."
     assert "mass at elbow_joint +0.31 kg (6 times its tolerance) and base tilt -0.02 rad (4 times" in moved
     assert "viscous" not in moved

@@ -96,3 +96,14 @@ def test_a_row_of_the_wrong_length_is_refused() -> None:
 
 def test_write_returns_the_path(tmp_path: Path) -> None:
     assert Page("a", "b").write(tmp_path / "p.html").read_text().startswith("<!doctype html>")
+
+
+def test_a_line_has_a_gap_where_time_has_one() -> None:
+    """Samples 2 s apart in a recording of 100 Hz are no neighbours."""
+    t = np.concatenate([np.arange(100) / 100, 3 + np.arange(100) / 100])
+    _, grid = axes()
+    draw_line(grid[0, 0], t, np.ones(len(t)))
+    (line,) = grid[0, 0].get_lines()
+    assert np.isnan(line.get_ydata()).sum() == 1
+    draw_line(grid[0, 0], t[:100], np.ones(100))
+    assert np.isfinite(grid[0, 0].get_lines()[1].get_ydata()).all()
