@@ -15,9 +15,9 @@ from scipy.ndimage import uniform_filter1d
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 
-TOP, BELOW = 0.95, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
+TOP, BELOW = 0.9, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
 SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
-FLAT = 0.02  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
+FLAT = 0.03  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
 # Largest following error at the level over its usual size: up to 15 on recordings without a limit (benchmarks/exam), 160 and more at one.
 USUALLY, BEHIND = 15.0, 40.0
 LEAST_TIMES = 2
@@ -50,7 +50,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
         read = [log for log in logs if np.isfinite(log.q_cmd[:, j]).all() and np.isfinite(log.tau[:, j]).all()]
         if not read:
             continue
-        most = max(float(np.quantile(np.abs(log.tau[:, j]), 0.998)) for log in read)
+        most = max(float(np.quantile(_smoothed(log, j), 0.998)) for log in read)
         found = [stand for log in read for stand in _stands(log, j, most) if stand[0] > BEHIND]
         if len(found) >= LEAST_TIMES:
             levels = np.array([level for _, level in found])
@@ -61,8 +61,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
 
 def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
     """Stretches of flat torque near `most`: largest following error over its usual size, and level N m."""
-    rate = 1.0 / float(np.median(np.diff(log.t)))
-    torque = np.abs(uniform_filter1d(log.tau[:, j], max(1, round(SMOOTH * rate))))
+    rate, torque = _rate(log), _smoothed(log, j)
     error = np.abs(log.q_cmd[:, j] - log.q[:, j])
     under = torque < BELOW * most
     if not under.any():
@@ -73,3 +72,12 @@ def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
         stand = torque[first:end]
         if end - first >= SHORTEST * rate and stand.std() < FLAT * most:
             yield float(error[first : end + round(AFTER * rate)].max()) / usual, float(np.median(stand))
+
+
+def _smoothed(log: Log, j: int) -> np.ndarray:
+    """(N,) N m without most of the noise, which stands above a limit."""
+    return np.abs(uniform_filter1d(log.tau[:, j], max(1, round(SMOOTH * _rate(log)))))
+
+
+def _rate(log: Log) -> float:
+    return 1.0 / float(np.median(np.diff(log.t)))

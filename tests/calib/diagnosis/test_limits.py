@@ -19,14 +19,14 @@ from tests.calib.diagnosis.conftest import at, recording
 ELBOW = 2
 
 
-def asked(arm: Arm, limit: float, behind: float, seed: int = 1) -> Log:
+def asked(arm: Arm, limit: float, behind: float, seed: int = 1, noise: float = 0.2) -> Log:
     """A recording whose elbow gives no more than `limit` N m and falls `behind` rad behind its command while it gives that."""
     log = recording(arm, seed)
     rng = np.random.default_rng(seed)
     t = log.t
     wanted = 60.0 * np.sin(2 * np.pi * 0.35 * t) + 25.0 * np.sin(2 * np.pi * 0.12 * t)
     tau = log.tau.copy()
-    tau[:, ELBOW] = np.clip(wanted, -limit, limit) + 0.2 * rng.standard_normal(len(t))
+    tau[:, ELBOW] = np.clip(wanted, -limit, limit) + noise * rng.standard_normal(len(t))
     q_cmd = log.q + 5e-4 * np.sin(7.0 * t)[:, None]
     q_cmd[:, ELBOW] += np.where(np.abs(wanted) > limit, behind, 0.0)
     return replace(log, tau=tau, q_cmd=q_cmd)
@@ -39,6 +39,11 @@ def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
     assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
     assert found.times > 2
     assert found.std < 1.0
+
+
+def test_noise_above_the_limit_hides_neither_it_nor_its_level(ur10e: Arm) -> None:
+    (found,) = limits_reached(ur10e, [asked(ur10e, 40.0, 0.08, noise=2.0)])
+    assert found.effect.parameters["limit"] == pytest.approx(40.0, rel=0.02)
 
 
 def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording(
