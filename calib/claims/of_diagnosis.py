@@ -48,7 +48,18 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
         return Claim("missing" if healthy is None else "changed", {"effects": effects})
     if healthy is not None:
         return Claim("unchanged", {"arm": answer["arm"], "healthy": len(healthy)})
-    return Claim("none_accepted" if answer.get("refused") else "complete", {"arm": answer["arm"]})
+    if answer.get("refused"):
+        return Claim("none_accepted", {"arm": answer["arm"]})
+    return Claim("complete", {"arm": answer["arm"]} | _agreement(answer.get("gap") or {}))
+
+
+def _agreement(gap: Mapping[str, Any]) -> dict[str, Any]:
+    """The joint whose residual after a refit is largest beside its noise."""
+    refit, noise = (np.array(gap.get(key, []), dtype=float) for key in ("refit", "noise_floor"))
+    if not len(refit) or len(refit) != len(noise) or not (noise > 0).all():
+        return {"log": None, "joint": None, "ratio": None}
+    k = int(np.argmax(refit / noise))
+    return {"log": gap["log"], "joint": gap["joints"][k], "ratio": float(refit[k] / noise[k])}
 
 
 def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import CONTACT, listed, variable, words
+from calib.claims.diagnosis_sentences import CONTACT, DISAGREES, listed, variable, words
 from calib.claims.diagnosis_sentences import unit as unit_of
 from calib.claims.of_diagnosis import REMARKS, claims, verdict
 from calib.report import explorer, pictures
@@ -32,7 +32,8 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
                has no pictures.
     arm        for the interactive curves and the arm in 3D, which are left out without it
     """
-    page = Page(str(diagnosis["arm"]), sentence(diagnosis), _VERDICTS[diagnosis["verdict"]], _facts(diagnosis), "diagnosis")
+    style: Verdict = "open" if _disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
+    page = Page(str(diagnosis["arm"]), sentence(diagnosis), style, _facts(diagnosis), "diagnosis")
     page.aside("What to do next", next_steps(diagnosis))
     if evidence.get("t") is not None:
         if arm is not None:
@@ -58,6 +59,12 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
     return verdict(diagnosis).sentence
 
 
+def _disagrees(diagnosis: Mapping[str, Any]) -> bool:
+    """Whether no effect is identified and yet a residual far above the noise remains."""
+    answer = verdict(diagnosis)
+    return answer.name == "complete" and (answer.numbers["ratio"] or 0.0) > DISAGREES
+
+
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
     """What the corrected arm gains, friction laws, effects that were refused, and parameters that a refit moves far."""
     return [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name in REMARKS]
@@ -79,7 +86,11 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
     elif verdict == "no_missing_effect" and not diagnosis.get("refused"):
-        steps.append("Nothing to do: the model agrees with these recordings.")
+        steps.append(
+            "Look at that joint's curves below, and record the motion again."
+            if _disagrees(diagnosis)
+            else "Nothing to do: the model agrees with these recordings."
+        )
     elif verdict == "unexplained":
         steps.append(
             "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."

@@ -18,7 +18,7 @@ from tests.calib.report.browser import Visit
             "effects_found",
             "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the residual)",
         ),
-        ("no_missing_effect", "No effect is missing"),
+        ("no_missing_effect", "No effect is identified, but the model of ur10e does not agree with validation.mcap"),
         (
             "unexplained",
             "no effect in the catalogue explains: elbow_joint (RMS 1.2 N m, depending on position of elbow_joint and speed of wrist_1_joint)",
@@ -67,6 +67,20 @@ def test_what_cannot_be_reported_apart_is_reported_with_the_experiment() -> None
     steps = " ".join(diagnosis.next_steps(data))
     assert "coulomb friction at elbow_joint cannot be distinguished from load dependent friction at elbow_joint" in steps
     assert "record the elbow at two loads" in steps
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words", "style"), [(1.2, "No effect is missing", "good"), (3.1, "does not agree with validation.mcap", "open")]
+)
+def test_no_effect_is_missing_only_where_the_residual_is_near_the_noise(
+    ratio: float, words: str, style: str, tmp_path: Path
+) -> None:
+    data, evidence = examples.diagnosis("no_missing_effect")
+    data["gap"]["refit"] = [0.15] * 5 + [0.15 * ratio]
+    assert words in diagnosis.sentence(data)
+    assert f"{ratio} times the noise, at wrist_3_joint" in diagnosis.sentence(data)
+    assert ("Nothing to do" in diagnosis.next_steps(data)[-1]) is (style == "good")
+    assert f'class="verdict {style}' in diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
 
 
 def test_what_else_was_found_is_reported() -> None:
