@@ -123,7 +123,7 @@ class HeldOut:
 
     loss: float
     errors: list[np.ndarray]
-    models: list[LogModel]
+    models: Sequence[LogModel] = ()
 
     @staticmethod
     def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:

@@ -89,7 +89,7 @@ def test_a_name_that_came_first_gives_way_to_the_right_one(ur10e: Arm) -> None:
     link = next(s for s in selection.scored(first) if s.key == ("link_inertia", "wrist_2_joint"))
     second = selection.add(logs, first, link)
     spring = next(s for s in selection.scored(second) if s.key == ("joint_spring", "elbow_joint"))
-    ended = selection.exchanged(logs, selection.add(logs, second, spring), selection.Bank())
+    ended = selection.exchanged(logs, selection.add(logs, second, spring), selection.Bank(), set())
     assert {(e.effect, e.joint) for e in ended.accepted} == {("payload", None), ("joint_spring", "elbow_joint")}
 
 
