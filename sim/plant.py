@@ -81,6 +81,7 @@ class Plant:
         self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
         self._encoders = [(e, j, item) for e, j, item in self._stages[Stage.ENCODER] if j is not None]
         self._level_varies = bool(self._each_step[Stage.FRICTION])
+        self._every_step = self._level_varies or any(self._each_step[stage] for stage in (Stage.FORCE, Stage.MOTOR))
         self._bodies = RigidBody(arm)
 
     def become(self, arm: Arm) -> None:
@@ -112,6 +113,7 @@ class Plant:
         self._acceleration, self._period = np.zeros(n), 0.0
         self._command_time = -np.inf
         self._gains: tuple[np.ndarray, np.ndarray] | None = None
+        self._torque_alone = False
         matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
         self._pushed = np.linalg.eigvals(np.linalg.solve(matrix, np.diag(np.diag(matrix)))).real.max() > PUSHED
         self._kp, self._kd = self._gain_matrices(q)
@@ -186,12 +188,14 @@ class Plant:
         """
         q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
         elapsed = self.time - self._command_time
-        q0, dq0, model0 = self._wanted()
+        servo = kp is not None and kd is not None
+        q0, dq0, model0 = self._target if servo else self._wanted()
         if elapsed > 0:  # a second command at one instant replaces the first
             self._period = elapsed if elapsed < 0.1 else 0.0
             self._acceleration = (dq - self._target[1]) / elapsed if self._period else np.zeros_like(q)
         self._target, self._command_time = (q, dq, tau), self.time
-        self._gains = None if kp is None or kd is None else (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float))
+        self._gains = (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float)) if servo else None
+        self._torque_alone = self._gains is not None and not any(x.any() for x in self._gains)
         if self._gains is None:
             # no jump at a command: a reading would show it half a period late
             ddq, period = self._acceleration, self._period
@@ -205,12 +209,14 @@ class Plant:
     def advance(self, dt: float) -> None:
         """Let dt seconds pass, to the nearest simulation step."""
         steps = max(1, round(dt / self.timestep))
-        torque_alone = self._gains is not None and not np.any(self._gains)
+        if self._torque_alone and not self._every_step:
+            mujoco.mj_step(self.model, self.data, steps)
+            steps = 0
         for _ in range(steps):
             self._apply_effects()
             mujoco.mj_step(self.model, self.data)
             # position k and the torque of step k belong together: q[k+1] - 2 q[k] + q[k-1] = h^2 ddq(tau[k])
-            if not torque_alone:
+            if not self._torque_alone:
                 self._control(self.timestep)
         friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
         self._heat += dt * (friction - self._heat * 2.0) / 200.0
@@ -324,9 +330,9 @@ class Plant:
         )  # fmt: skip
 
     def _apply_effects(self) -> None:
-        steps = self._each_step
-        if not (steps[Stage.FORCE] or self._level_varies or steps[Stage.MOTOR]):
+        if not self._every_step:
             return
+        steps = self._each_step
         state, data = self._instant(), self.data
         data.qfrc_applied[:] = 0.0
         if steps[Stage.FORCE]:

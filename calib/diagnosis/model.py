@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -177,7 +178,7 @@ class LogModel:
     @property
     def least(self) -> np.ndarray:
         """(p,) where friction and rotors have come down to nothing, in standard deviations of the prior."""
-        arm, of = self.arm, spreads(self.arm)
+        arm, of = self.arm, self._spreads
         out = np.full(len(self.names), -np.inf)
         for k, (effect, parameter, key) in enumerate(POSITIVE):
             for j, joint in enumerate(arm.joint_names):
@@ -185,6 +186,10 @@ class LogModel:
                 if size > 0:
                     out[5 * arm.n + len(OWN) * j + k] = -(own.parameters[parameter] if own else 0.0) / size
         return out
+
+    @cached_property
+    def _spreads(self) -> dict[str, np.ndarray]:
+        return spreads(self.arm)
 
     def nuisance(self, j: int) -> np.ndarray:
         """(R, p) N m per prior standard deviation of every uncertain number, for joint j."""
@@ -279,7 +284,7 @@ class LogModel:
         state = self._state(j, own)
         rate = self.gradient(state.tau[:, 0])
         tau_hat = state.tau[:, 0] - self.hypothesis.delay * rate
-        spread = {key: values[j] for key, values in spreads(self.arm).items()}
+        spread = {key: values[j] for key, values in self._spreads.items()}
         friction = state.warmth[:, 0] * state.slip[:, 0]
         viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
         rotor = sum((e.parameters["inertia"] for e in own if e.effect == "rotor_inertia"), 0.0)
