@@ -214,7 +214,7 @@ def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarr
         v, x = speed[:, j], moved[:, j]
         ok = np.isfinite(v)
         fast = ok & (np.abs(v) > 0.3 * np.quantile(np.abs(v[ok]), 0.95)) & (np.abs(v) > 0) if ok.any() else ok
-        if fast.sum() < LEAST_INFORMATIVE or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
+        if fast.sum() < LEAST_INFORMATIVE or not x.any() or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
             continue
         # of the two it is the difference of positions that is coarse: it is never what rows are chosen by, or divided by
         ratio = x[fast] / (v[fast] * steps[fast])

@@ -52,7 +52,9 @@ def command(
     joints: Annotated[
         str | None, typer.Option("--joints", metavar="NAMES", help="Names of a table's joints; the arm's if not given.")
     ] = None,
-    episode: Annotated[int | None, typer.Option("--episode", min=0, help="Which episode of a LeRobot data set.")] = None,
+    episode: Annotated[
+        int | None, typer.Option("--episode", min=0, max=1_000_000, help="Which episode of a LeRobot data set.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Accept the guess of what the columns mean without being asked.")] = False,
     assume: Annotated[
         list[str] | None,

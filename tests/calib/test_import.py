@@ -120,6 +120,7 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
         (["--column", "q=pos_deg_1,pos_deg_2:grad"], "'grad' is no unit of q"),
         (["--column", "tau=tau1,tau2:Nn"], "known: N m, mN m"),
         (["--rate", "0"], "greater than or equal to 0.1"),
+        (["--episode", "9" * 400], "less than or equal to 1000000"),
         (["--joints", "a,b,c", "--yes"], "positions of 2 joints"),
     ):
         assert main(["import", str(table_file), *wrong]) == 2

@@ -112,6 +112,17 @@ def test_a_standing_arm_repeats_nothing() -> None:
     assert any("cannot be determined" in sentence for sentence in found.findings)
 
 
+def test_a_joint_that_stands_beside_a_speed_reading_tells_nothing() -> None:
+    """A position channel that froze while the drive reports a speed."""
+    t = 0.002 * np.arange(2000)
+    _, q, dq = motion(t)
+    q, dq = q.copy(), dq.copy()
+    q[:, 0], dq[:, 0] = 0.3, 0.5
+    found = examine(t, q, dq)
+    assert np.isnan(found.dq_scale[0])
+    assert np.isfinite(found.dq_scale[1:]).all()
+
+
 def test_a_speed_that_is_no_derivative_is_named_and_not_used() -> None:
     t = 2e-3 * np.arange(3000)
     q, dq, _ = motion(t)
