@@ -38,7 +38,7 @@ kills: $(VENV)/ready  ## 300 kills of the recording and the control process, ten
 wrong: $(VENV)/ready  ## 500 wrong recordings through every command, ten minutes of them at a time; the next run goes on
 	$(BIN)/python -m benchmarks wrong_commands
 
-hostile: $(VENV)/ready  ## 10,000 mutated files through the commands that read them, ten minutes of them at a time; the next run goes on
+hostile: $(VENV)/ready  ## 10,000 mutated files, readings and arguments through every command, ten minutes of them at a time; the next run goes on
 	$(BIN)/python -m benchmarks hostile_commands
 
 soak: $(VENV)/ready  ## half an hour of motion of each of six rough arms, ten minutes of computing at a time
