@@ -29,15 +29,12 @@ from calib.main import main as program
 from calib.unexpected import EXIT_CODE
 
 CHUNK = 40  # mutants of one process
-# of commands that compute for seconds on a mutant
+# of pairs that compute for seconds on a mutant
 FEW = {
-    "identify, csv": 4,
-    "identify, readings": 6,
-    "validate, readings": 8,
-    "diagnose, readings": 3,
-    "watch, readings": 6,
-    "fleet, readings": 6,
-}
+    "identify, csv": 4, "identify, readings": 6, "validate, readings": 8, "diagnose, readings": 3, "watch, readings": 6, "fleet, readings": 6,
+    "identify, words": 12, "validate, csv": 12, "validate, words": 12, "diagnose, csv": 12, "diagnose, words": 20, "fleet, mcap": 12,
+    "fleet, words": 20, "plan, arm.toml": 8, "plan, words": 20,
+}  # fmt: skip
 LONGEST = 120.0  # s that one call may take before it counts as hanging
 LEAKED = re.compile(r"Traceback|[A-Za-z]Warning\b")
 
@@ -103,8 +100,9 @@ def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple
     faults = [fault for f in found.values() for fault in f["faults"]]
     tried = sum(f["count"] for f in found.values())
     slowest = max(found, key=lambda k: found[k]["slowest"], default="")
+    each = [sum(f["count"] for what, f in found.items() if what.rpartition(" ")[0] == name) for name in names]
     return [
-        {"what": "mutated inputs through commands", "value": tried, "bar": str(count), "note": f"{len(names)} pairs of command and input"},
+        {"what": "mutated inputs through commands", "value": tried, "bar": str(count), "note": f"{len(names)} pairs of command and input, {min(each)} to {max(each)} through each"},
         {"what": "tracebacks, crashes, hangs and warnings of libraries", "value": len(faults), "bar": "0", "note": "; ".join(faults[:3])},
         {"what": "refused in a sentence", "value": sum(f["refused"] for f in found.values()),
          "note": f"slowest call {found[slowest]['slowest']:.1f} s, {slowest}" if slowest else ""},
