@@ -205,7 +205,7 @@ def names_that_leave(count: int, seed: int = 0) -> tuple[int, int]:
 
 def run(count: int = 20_000, names: int = 1000) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
-    each = count // len(KINDS)
+    each = -(-count // len(KINDS))
     found = {kind: attacked(kind, 0, each) for kind in KINDS}
     faults = [fault for f in found.values() for fault in f["faults"]]
     slowest, peak = max(found, key=lambda k: found[k]["slowest"]), max(found, key=lambda k: found[k]["peak"])
