@@ -24,7 +24,7 @@ from sim.arm import Arm
 from sim.files import printable
 
 if TYPE_CHECKING:
-    from safety.execution import Progress
+    from safety.execution import RunProgress
 
 BAR = 9
 REDRAW = 0.1
@@ -173,7 +173,7 @@ class LiveView:
         self._console.print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 
-def show(view: LiveView, progress: Progress, folder: Path) -> None:
+def show(view: LiveView, progress: RunProgress, folder: Path) -> None:
     """Show what a run does that is recorded into `folder`."""
     cycle, p = progress.cycle, progress
     if cycle is None:

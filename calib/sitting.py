@@ -12,7 +12,7 @@ from drivers import open_driver
 from safety.approval import approval_of, approve, check_approval
 from safety.confirmation import check_yes
 from safety.control import drive
-from safety.execution import Recorded
+from safety.execution import RunResult
 from safety.plan import Plan, check_plan, write_plan
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, require_postures
@@ -30,7 +30,7 @@ def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, 
     return write_plan(Path(folder), arm, designed.motions, cell, designed.summary)
 
 
-def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", configs: Path | None = None) -> Recorded:
+def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", configs: Path | None = None) -> RunResult:
     """Drive the motions of a plan in a cell and record one log a motion in the new `folder`, slowly first.
 
     A simulated cell needs no person. For every other the plan must have been approved by one with `calib record`: SafetyStop where it

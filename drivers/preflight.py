@@ -191,7 +191,7 @@ def gravity(driver: Driver, cell: Cell, q: np.ndarray, tau: np.ndarray, friction
 
 
 @dataclass(frozen=True)
-class Fit:
+class RestMisfit:
     """How far torque at rest is beyond what an arm can explain, in its own doubt: up to 1 it fits; the pose and the joint that are worst."""
 
     miss: float
@@ -200,7 +200,7 @@ class Fit:
     expected: float
 
 
-def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> Fit:
+def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> RestMisfit:
     """max (|tau - g(q)| - friction - noise) / doubt over poses (K, n): friction, (n,) or (K, n), either way."""
     gravity = RigidBody(arm).gravity_torque(np.atleast_2d(q))
     noise = SIGMAS * np.array(arm.sensors.torque_noise)
@@ -208,7 +208,7 @@ def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> F
     miss = np.maximum(np.abs(np.atleast_2d(tau) - gravity) - friction - noise, 0.0) / doubt
     miss = np.where(np.isfinite(miss), miss, np.inf)
     k, j = (int(i) for i in np.unravel_index(int(np.argmax(miss)), miss.shape))
-    return Fit(float(miss[k, j]), k, j, float(gravity[k, j]))
+    return RestMisfit(float(miss[k, j]), k, j, float(gravity[k, j]))
 
 
 def with_payload(arm: Arm, payload: PayloadTable | None) -> Arm:

@@ -30,14 +30,14 @@ BLOCKS = 400
 
 
 @dataclass(frozen=True)
-class Clock:
+class DeviceClock:
     """Instants (N,) s, and the period of the device, s."""
 
     t: np.ndarray
     period: float
 
 
-def rebuilt_clock(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> Clock | None:
+def rebuilt_clock(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> DeviceClock | None:
     """Instants of N samples from their stamps (N,), the time between them (N - 1,) and its standard deviation, infinite where unknown.
 
     None where neither model agrees with the motion.
@@ -70,7 +70,7 @@ def _period(elapsed: np.ndarray) -> float | None:
     return float(elapsed.sum() / whole.sum())
 
 
-def _on_lattice(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float, period: float) -> Clock | None:
+def _on_lattice(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float, period: float) -> DeviceClock | None:
     known = np.isfinite(error)
     h = stamps - stamps[0]
     start = 0.0
@@ -86,7 +86,7 @@ def _on_lattice(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitt
     agreeing = np.abs(elapsed / period - np.diff(n))[known] < 0.3
     if agreeing.mean() < LEAST_AGREEING:
         return None
-    return Clock(stamps[0] + t, period)
+    return DeviceClock(stamps[0] + t, period)
 
 
 def _line(n: np.ndarray, h: np.ndarray) -> tuple[float, float]:
@@ -133,7 +133,7 @@ def _path(phase: np.ndarray, near: np.ndarray, elapsed: np.ndarray, sigma: np.nd
     return out
 
 
-def _smoothed(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> Clock | None:
+def _smoothed(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> DeviceClock | None:
     """Least squares of stamps and steps; a stamp beyond three deviations counts less (Huber)."""
     known = np.isfinite(error)
     step = np.where(known, elapsed, np.diff(stamps))
@@ -153,4 +153,4 @@ def _smoothed(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter
         t = solveh_banded(band, right)
     if not np.all(np.diff(t) > 0):
         return None
-    return Clock(t, float(np.median(np.diff(t))))
+    return DeviceClock(t, float(np.median(np.diff(t))))

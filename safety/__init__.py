@@ -1,10 +1,10 @@
 """The only way to move: limits, collision, ruckig motions, clearance, monitor, guard."""
 
 from safety.approval import approval_of, approve, check_approval
-from safety.clear import ClearedTrajectory, Verdict, clear
+from safety.clear import ClearedTrajectory, Proof, clear
 from safety.collision import Clearance, Witness
 from safety.control import drive
-from safety.execution import Recorded, execute
+from safety.execution import RunResult, execute
 from safety.joint_test import try_joints
 from safety.plan import Motion, Plan, check_plan, load_plan, write_plan
 from safety.trip import MotionStopped
@@ -15,8 +15,8 @@ __all__ = [
     "Motion",
     "MotionStopped",
     "Plan",
-    "Recorded",
-    "Verdict",
+    "RunResult",
+    "Proof",
     "Witness",
     "approval_of",
     "approve",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from safety.execution import Progress
+from safety.execution import RunProgress
 from safety.guard import Cycle
 from sim.joint_state import JointState
 
@@ -66,7 +66,7 @@ class Board:
     def may_let_go(self) -> bool:
         return bool(self._numbers[LET_GO_AT])
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: RunProgress) -> None:
         """Of a cycle only what changes in it, and its name at its beginning."""
         numbers, cycle, p = self._numbers, progress.cycle, progress
         if cycle is None or cycle.k == 0:
@@ -79,7 +79,7 @@ class Board:
             shown = [getattr(state, name) for name in SHOWN]
             numbers[ARRAYS:] = np.concatenate([*shown, cycle.q_cmd]).tolist()
 
-    def progress(self) -> Progress:
+    def progress(self) -> RunProgress:
         """What was shown last."""
         numbers = self._numbers
         q, dq, tau, current, temperature, q_cmd = np.array(numbers[ARRAYS:]).reshape(-1, self._n)
@@ -87,7 +87,7 @@ class Board:
         cycle = Cycle(int(numbers[K_AT]), int(numbers[COUNT_AT]), state, q_cmd) if numbers[COUNT_AT] else None
         stage, stages, speed, duration, left, frames, lost = numbers[RUN_AT:ARRAYS]
         run = (int(stage), int(stages), speed, duration, left, int(frames), int(lost))
-        return Progress(_read(self._what), numbers[SHARE_AT], cycle, *run)
+        return RunProgress(_read(self._what), numbers[SHARE_AT], cycle, *run)
 
 
 def _write(text: Any, sentence: str) -> None:

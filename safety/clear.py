@@ -27,7 +27,7 @@ _SEAL = object()
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Proof:
     """What was proved: the largest share of each limit that is used (1 is the limit) and the longest stop.
 
     near: the nearest approach to "the cell" and to "itself", where there is any; room rad: the least following error that is covered;
@@ -125,7 +125,7 @@ def clear(
     tube = tube_of(sent, arm, cell, clearance, stop, latency)
     braking = float((tube.braking / arm.ddq_max).min())
     near = clearance.nearest_on(sent.t, sent.q)
-    verdict = Verdict(used, near, tube.stop_time, tube.stop_angle, float(tube.room.min()), braking, tube.device_share)
+    verdict = Proof(used, near, tube.stop_time, tube.stop_angle, float(tube.room.min()), braking, tube.device_share)
     values: dict[str, Any] = {name: _frozen(getattr(sent, name)) for name in ("t", "q", "dq", "ddq")}
     values |= {"tau_hat": _frozen(torque.tau_hat), "doubt": _frozen(torque.doubt)}
     values |= {"room": _frozen(tube.monitored(float(rate))), "braking": _frozen(tube.braking)}

@@ -22,7 +22,7 @@ from drivers.driver import Driver
 from drivers.mock import MockOptions
 from safety import realtime
 from safety.board import Board
-from safety.execution import NEVER, Progress, Recorded, execute
+from safety.execution import NEVER, RunProgress, RunResult, execute
 from safety.plan import Plan, load_plan
 from safety.stop_sources import REASONS, StopSignals, first_reason
 from sim.arm import Arm, load_arm
@@ -68,9 +68,9 @@ def drive(
     stages: Sequence[float] | None = None,
     operator: str = "",
     stop_requested: Callable[[], str | None] = NEVER,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    watch: Callable[[RunProgress], None] = lambda progress: None,
     held: Callable[[str], None] = lambda sentence: None,
-) -> Recorded:
+) -> RunResult:
     """`execute` where it belongs: here for a simulated cell, in a control process of its own for every other.
 
     Where the driver goes on holding the arm after a failure, because torque off would drop it, `held` gets the reason, and this returns
@@ -142,7 +142,7 @@ def _beat(board: Board, over: threading.Event) -> None:
 
 
 def _watched(
-    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[Progress], None]
+    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None]
 ) -> tuple[str, Any]:
     """Show what the control process does until it answers; pass a wish to stop on to it."""
     while True:

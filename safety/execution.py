@@ -18,7 +18,7 @@ from logs.recorder_process import RecorderProcess
 from safety.approach import SHARES, Joined, joined, move
 from safety.approval import Approval, approval_of, check_approval
 from safety.audit import record, verify
-from safety.clear import ClearedTrajectory, Verdict, clear
+from safety.clear import ClearedTrajectory, Proof, clear
 from safety.collision import Clearance
 from safety.guard import Cycle, Guard, Window
 from safety.latency import latency_of
@@ -41,7 +41,7 @@ PAUSE = 0.3
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """What the run is doing: the motion in words, the share of it that is done, and the guard's cycle.
 
     stage of stages, driven at `speed`; duration s of the motion and left s of the whole run; readings so far and how many of them the
@@ -61,7 +61,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RunResult:
     """What a run left: the log of each motion at full speed, those of slower stages, and how closely the arm followed."""
 
     folder: Path
@@ -70,7 +70,7 @@ class Recorded:
     stages: tuple[StageResult, ...]
     latency: float
     approved_by: str
-    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    verdicts: dict[str, Proof] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,9 @@ def execute(
     stages: Sequence[float] | None = None,
     operator: str = "",
     stop_requested: Callable[[], str | None] = NEVER,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    watch: Callable[[RunProgress], None] = lambda progress: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
-) -> Recorded:
+) -> RunResult:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
     stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
@@ -165,18 +165,18 @@ class _Run:
 
     def __init__(
         self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
-        stop_requested: Callable[[], str | None], watch: Callable[[Progress], None],
+        stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
     ) -> None:  # fmt: skip
         self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
         self.operator, self.stop_requested, self.watch = operator, stop_requested, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
         self.clearance = Clearance(arm, cell)
         self.latency = latency_of(cell, driver)
-        self.verdicts: dict[str, Verdict] = {}
+        self.verdicts: dict[str, Proof] = {}
         self.frames = self.lost = 0
         self.last_device_time = float("nan")
 
-    def drive(self, speeds: Sequence[float], approved_by: str) -> Recorded:
+    def drive(self, speeds: Sequence[float], approved_by: str) -> RunResult:
         """Preflight, clear everything, then stage after stage; back to where the cell wants the arm at the end."""
         failed = [f"{c.name}: {c.detail} ({c.remedy})" for c in preflight(self.driver, self.cell) if c.ok is False]
         if failed:
@@ -198,7 +198,7 @@ class _Run:
             if i + 1 < len(speeds):
                 room = min(float(leg.cleared.room.min()) for leg in legs[speeds[i + 1]])
                 gate(result, speeds[i + 1], self.arm, self.cell, room)
-        return Recorded(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
+        return RunResult(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
 
     def _stage(self, legs: Sequence[_Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
         """All legs at one speed. Logs are opened before and closed after the arm is driven: neither may hold up the loop."""
@@ -238,7 +238,7 @@ class _Run:
             legs[speed] = []
             for motion in self.plan.motions:
                 what = f"{motion.name} at {speed:.0%}" if speed < 1 else motion.name
-                self.watch(Progress(f"proving {what}", done / total, None))
+                self.watch(RunProgress(f"proving {what}", done / total, None))
                 legs[speed] += self._to_and_through(q, motion.trajectory.scaled(speed), what, motion.name)
                 q = legs[speed][-1].cleared.q[-1]
                 done += 1
@@ -319,4 +319,4 @@ class _Run:
         duration = cycle.count / self.driver.rate
         share = (cycle.k + 1) / cycle.count
         left = self._left + (1.0 - share) * duration
-        self.watch(Progress(self._what, share, cycle, *self._stage_of, duration, left, self.frames, self.lost))
+        self.watch(RunProgress(self._what, share, cycle, *self._stage_of, duration, left, self.frames, self.lost))

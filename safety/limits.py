@@ -23,7 +23,7 @@ UNITS = {"q": "rad", "dq": "rad/s", "ddq": "rad/s^2", "jerk": "rad/s^3"}
 
 
 @dataclass(frozen=True)
-class Pieces:
+class BernsteinPieces:
     """Bernstein coefficients of every piece of a motion: q (N-1, 6, n), dq (N-1, 5, n), ddq (N-1, 4, n), jerk (N-1, 3, n)."""
 
     t: np.ndarray
@@ -33,7 +33,7 @@ class Pieces:
     jerk: np.ndarray
 
 
-def pieces(motion: Trajectory) -> Pieces:
+def pieces(motion: Trajectory) -> BernsteinPieces:
     """The quintic pieces of a motion and their three derivatives; end coefficients are the samples themselves, bit for bit."""
     h = np.diff(motion.t)[:, None]
     q0, q1 = motion.q[:-1], motion.q[1:]
@@ -48,7 +48,7 @@ def pieces(motion: Trajectory) -> Pieces:
     dq = np.stack((v0, v0 + h / 4 * a0, 5 * mean - 2 * (v0 + v1) - h / 4 * (a0 - a1), v1 - h / 4 * a1, v1), axis=1)
     ddq = np.stack((a0, 4 / h * (dq[:, 2] - dq[:, 1]), 4 / h * (dq[:, 3] - dq[:, 2]), a1), axis=1)
     jerk = 3 / h[:, None] * np.diff(ddq, axis=1)
-    return Pieces(motion.t, q, dq, ddq, jerk)
+    return BernsteinPieces(motion.t, q, dq, ddq, jerk)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class MotionView(Protocol):
 
 
 @dataclass(frozen=True)
-class Columns:
+class CandidateColumns:
     """An effect tried at one place and from one start of its nonlinear parameters.
 
     columns  per recording {joint index: (R, k) N m per unit of coefficient}
@@ -73,7 +73,7 @@ class Columns:
     spread: tuple[float, ...] | None = None
 
 
-def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[Columns]:
+def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[CandidateColumns]:
     """By the torque of joint j at each of the effect's probes."""
     own = views[0].own(effect.name, j)
     for i, probe in enumerate(effect.probes(own)):
@@ -89,10 +89,10 @@ def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iter
                 return view.rows(np.stack([view.torque_with(j, effect.name, p) - base for p in probe.points], axis=1))
 
             columns.append({j: view.kept_of(j, (effect.name, i), rows)})
-        yield Columns(columns, probe.combine)
+        yield CandidateColumns(columns, probe.combine)
 
 
-def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[Columns]:
+def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[CandidateColumns]:
     """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
     own = views[0].own(effect.name, j)
     drive = tuple(
@@ -116,7 +116,7 @@ def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Itera
 
             key = (effect.name, j, i, drive, None if own is None else tuple(own.items()))
             columns.append(by_joint(view.kept(key, rows)))
-        yield Columns(columns, probe.combine)
+        yield CandidateColumns(columns, probe.combine)
 
 
 def by_joint(rows: np.ndarray) -> dict[int, np.ndarray]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from calib.diagnosis.model import LogModel
 from sim.effects import EFFECTS
-from sim.motion_view import Columns
+from sim.motion_view import CandidateColumns
 
 
 @dataclass(frozen=True)
-class Candidate(Columns):
+class Candidate(CandidateColumns):
     """An effect at a joint (None: the whole arm) with its columns per recording."""
 
     effect: str = ""

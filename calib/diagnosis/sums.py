@@ -23,7 +23,7 @@ from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import price
-from calib.identification.information import Information
+from calib.identification.information import InformationMatrix
 from logs.log import Log
 from sim.arm import ArmEffect
 from sim.motion_view import Combine
@@ -77,12 +77,12 @@ class Other:
 class Factors:
     """What a piece, or several, said: per joint the factor of [X D r S]."""
 
-    factors: tuple[Information, ...]
+    factors: tuple[InformationMatrix, ...]
 
     @staticmethod
     def merged(parts: Sequence[Factors]) -> Factors:
         """All pieces as one; they share no row."""
-        return Factors(tuple(Information.merged(f) for f in zip(*(p.factors for p in parts), strict=True)))
+        return Factors(tuple(InformationMatrix.merged(f) for f in zip(*(p.factors for p in parts), strict=True)))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
@@ -92,7 +92,7 @@ class Factors:
     @staticmethod
     def of_arrays(arrays: dict[str, np.ndarray]) -> Factors:
         """The portion that `arrays` were made of."""
-        return Factors(tuple(Information(arrays[f"factor_{j}"], int(rows)) for j, rows in enumerate(arrays["rows"])))
+        return Factors(tuple(InformationMatrix(arrays[f"factor_{j}"], int(rows)) for j, rows in enumerate(arrays["rows"])))
 
 
 def portion(point: Point, log: Log, others: bool = True) -> Factors:
@@ -105,7 +105,7 @@ def portion(point: Point, log: Log, others: bool = True) -> Factors:
     for j in range(rows.n):
         parts = [rows.x[j], *(rows.take(j, [c[:, j : j + 1]]) for c in named), rows.r[j][:, None]]
         parts += [rows.take(j, [columns[j]]) for _, columns in beside if j in columns]
-        factors.append(Information.of(point.noise.whiten(j, np.concatenate(parts, axis=1), rows.joined[j])))
+        factors.append(InformationMatrix.of(point.noise.whiten(j, np.concatenate(parts, axis=1), rows.joined[j])))
     return Factors(tuple(factors))
 
 

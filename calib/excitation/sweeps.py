@@ -19,7 +19,7 @@ DWELL = 0.3
 
 
 @dataclass(frozen=True)
-class Stop:
+class Waypoint:
     """Go to q (n,) rad with at most speed (n,) rad/s, then stand still for `hold` s."""
 
     q: np.ndarray
@@ -27,7 +27,7 @@ class Stop:
     hold: float = DWELL
 
 
-def through(arm: Arm, start: np.ndarray, stops: Sequence[Stop], rate: float) -> Trajectory:
+def through(arm: Arm, start: np.ndarray, stops: Sequence[Waypoint], rate: float) -> Trajectory:
     """From rest at `start` (n,) through every stop, at rest at each, sampled at `rate` Hz; all joints arrive together.
 
     ConfigError where Ruckig finds no profile, which means that a stop lies outside the limits.
@@ -52,7 +52,7 @@ def through(arm: Arm, start: np.ndarray, stops: Sequence[Stop], rate: float) -> 
     return Trajectory(np.arange(len(positions)) / rate, positions, np.concatenate(dq), np.concatenate(ddq))
 
 
-def _leg(arm: Arm, here: np.ndarray, stop: Stop) -> RuckigPath | None:
+def _leg(arm: Arm, here: np.ndarray, stop: Waypoint) -> RuckigPath | None:
     if np.allclose(here, stop.q, atol=1e-12):
         return None
     task = InputParameter(arm.n)
@@ -85,8 +85,8 @@ def friction_sweeps(
             for end in (middle - reach / 2, middle + reach / 2, middle - reach / 2):
                 q = home.copy()
                 q[j] = end
-                stops.append(Stop(q, _only(arm, j, float(speed))))
-        stops.append(Stop(home, _only(arm, j, float(speeds[j].max()))))
+                stops.append(Waypoint(q, _only(arm, j, float(speed))))
+        stops.append(Waypoint(home, _only(arm, j, float(speeds[j].max()))))
     return through(arm, home, stops, rate)
 
 
@@ -98,7 +98,7 @@ def reversal_ladder(arm: Arm, home: np.ndarray, amplitudes: Sequence[float], rat
             for sign in (1.0, -1.0, 1.0, -1.0, 0.0):
                 q = home.copy()
                 q[j] += sign * amplitude
-                stops.append(Stop(q, _only(arm, j, max(0.02, 2.0 * amplitude)), 0.1))
+                stops.append(Waypoint(q, _only(arm, j, max(0.02, 2.0 * amplitude)), 0.1))
     return through(arm, home, stops, rate)
 
 
@@ -108,9 +108,9 @@ def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], app
     stops = []
     for posture in postures:
         for side in (-1.0, 1.0):
-            stops.append(Stop(posture + side * approach, fast, 0.1))
-            stops.append(Stop(posture, np.full(arm.n, 0.05), 1.0))
-    stops.append(Stop(home, fast))
+            stops.append(Waypoint(posture + side * approach, fast, 0.1))
+            stops.append(Waypoint(posture, np.full(arm.n, 0.05), 1.0))
+    stops.append(Waypoint(home, fast))
     return through(arm, home, stops, rate)
 
 

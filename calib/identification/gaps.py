@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.identification.information import Information
+from calib.identification.information import InformationMatrix
 from calib.identification.model import TorqueModel
 from calib.preprocessing import Measurement
 from calib.result import Gap
@@ -14,8 +14,8 @@ from calib.result import Gap
 
 def gap(
     model: TorqueModel,
-    rows: Sequence[Information],
-    apart: Sequence[Information],
+    rows: Sequence[InformationMatrix],
+    apart: Sequence[InformationMatrix],
     names: Sequence[str],
     after: np.ndarray,
     noise: np.ndarray | None = None,
@@ -24,13 +24,13 @@ def gap(
 
     rows: per joint those of [A_j b_j] that a fit would use; apart: those about reversals, which count for all but `sliding`.
     """
-    slid, rows = rows, [Information.merged(pair) for pair in zip(rows, apart, strict=True)]
+    slid, rows = rows, [InformationMatrix.merged(pair) for pair in zip(rows, apart, strict=True)]
     n = model.arm.n
     used = [model.used_by(j) for j in range(n)]
     count = np.array([r.rows for r in rows])
     safe = np.where(count > 0, count, np.nan)
 
-    def rms(theta: np.ndarray, of: Sequence[Information]) -> np.ndarray:
+    def rms(theta: np.ndarray, of: Sequence[InformationMatrix]) -> np.ndarray:
         squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
         return np.sqrt(squares / [x.rows or np.nan for x in of])
 

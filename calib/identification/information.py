@@ -14,33 +14,33 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Information:
+class InformationMatrix:
     """R (c, c), upper triangular with a diagonal that is not negative, and the number of rows that it stands for."""
 
     r: np.ndarray
     rows: int
 
     @staticmethod
-    def none(columns: int) -> Information:
+    def none(columns: int) -> InformationMatrix:
         """The information of no rows."""
-        return Information(np.zeros((columns, columns)), 0)
+        return InformationMatrix(np.zeros((columns, columns)), 0)
 
     @staticmethod
-    def of(x: np.ndarray) -> Information:
+    def of(x: np.ndarray) -> InformationMatrix:
         """The factor of rows x (N, c)."""
-        return Information(_triangle(x), len(x))
+        return InformationMatrix(_triangle(x), len(x))
 
     @staticmethod
-    def merged(parts: Iterable[Information]) -> Information:
+    def merged(parts: Iterable[InformationMatrix]) -> InformationMatrix:
         """All parts as one; they have the same columns and share no row."""
         parts = list(parts)
         if len(parts) == 1:
             return parts[0]
-        return Information(_triangle(np.concatenate([p.r for p in parts])), sum(p.rows for p in parts))
+        return InformationMatrix(_triangle(np.concatenate([p.r for p in parts])), sum(p.rows for p in parts))
 
-    def with_rows(self, x: np.ndarray) -> Information:
+    def with_rows(self, x: np.ndarray) -> InformationMatrix:
         """Joined by further rows x (N, c)."""
-        return Information(_triangle(np.concatenate([self.r, x])), self.rows + len(x)) if len(x) else self
+        return InformationMatrix(_triangle(np.concatenate([self.r, x])), self.rows + len(x)) if len(x) else self
 
     @property
     def gram(self) -> np.ndarray:

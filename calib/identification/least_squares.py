@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.identification.information import Information
+from calib.identification.information import InformationMatrix
 from calib.identification.model import TorqueModel
 from calib.identification.noise import AR_ORDER, colour, leverage, spread
 from calib.identification.rows import RegressorRows
@@ -120,11 +120,11 @@ def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: 
     raw, white = [plain(part) for part in parts], [weighted(part, weights)[0] for part in parts]
     left = np.zeros((2, model.arm.n))
     for k, unseen in enumerate(raw):
-        others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(raw) if i != k), strict=True)]
+        others = [InformationMatrix.merged(x) for x in zip(*(s for i, s in enumerate(raw) if i != k), strict=True)]
         if not _scaled_condition(_together(model, others).r[:, : model.p]) < RIDGE_ABOVE:
             continue
         for kind, (sums, scale) in enumerate(((raw, variance), (white, None))):
-            others = [Information.merged(x) for x in zip(*(s for i, s in enumerate(sums) if i != k), strict=True)]
+            others = [InformationMatrix.merged(x) for x in zip(*(s for i, s in enumerate(sums) if i != k), strict=True)]
             theta = _solution(_together(model, others, scale), prior)
             left[kind] += [own.squares(np.append(-theta[u], 1.0)) for own, u in zip(unseen, used, strict=True)]
     return np.asarray(left[1] > (1 + WORSE) ** 2 * left[0])
@@ -167,7 +167,7 @@ def ordinary(
     For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `solve` is for.
     """
     columns = model.joint_columns(q, dq, ddq)
-    sums = tuple(Information.of(np.column_stack([a, tau[:, j]])) for j, a in enumerate(columns))
+    sums = tuple(InformationMatrix.of(np.column_stack([a, tau[:, j]])) for j, a in enumerate(columns))
     prior, condition, _, _ = _regularised(model, sums, None, None)
     variance, used = np.ones(model.arm.n), [model.used_by(j) for j in range(model.arm.n)]
     for _ in range(3):
@@ -185,7 +185,7 @@ def combined(a: Prior, b: Prior) -> Prior:
 
 
 def _regularised(
-    model: TorqueModel, sums: Sequence[Information], prior: Prior | None, nominal: Prior | None
+    model: TorqueModel, sums: Sequence[InformationMatrix], prior: Prior | None, nominal: Prior | None
 ) -> tuple[Prior, float, float, bool]:
     """The prior to use, the condition numbers (base columns in SI; all columns scaled), and whether the nominal arm had to join."""
     p = model.p
@@ -214,20 +214,20 @@ def _condition(r: np.ndarray) -> float:
     return float(value[0] / value[-1]) if value[-1] > 1e-12 * value[0] else np.inf
 
 
-def _together(model: TorqueModel, sums: Sequence[Information], variance: np.ndarray | None = None) -> Information:
+def _together(model: TorqueModel, sums: Sequence[InformationMatrix], variance: np.ndarray | None = None) -> InformationMatrix:
     """All joints' rows in the model's columns and the torque, each joint's weighted by 1 / variance (n,)."""
     scale = np.ones(len(sums)) if variance is None else variance
-    return Information.merged([_spread(s, model.used_by(j), model.p, scale[j]) for j, s in enumerate(sums)])
+    return InformationMatrix.merged([_spread(s, model.used_by(j), model.p, scale[j]) for j, s in enumerate(sums)])
 
 
-def _spread(own: Information, used: np.ndarray, p: int, variance: float = 1.0) -> Information:
+def _spread(own: InformationMatrix, used: np.ndarray, p: int, variance: float = 1.0) -> InformationMatrix:
     """A joint's own columns in their places among all p and the torque, weighted by 1 / variance."""
     wide = np.zeros((len(own.r), p + 1))
     wide[:, used], wide[:, p] = own.r[:, :-1], own.r[:, -1]
-    return Information(wide / np.sqrt(variance), own.rows)
+    return InformationMatrix(wide / np.sqrt(variance), own.rows)
 
 
-def _residual_variance(sums: Sequence[Information], theta: np.ndarray, used: Sequence[np.ndarray]) -> np.ndarray:
+def _residual_variance(sums: Sequence[InformationMatrix], theta: np.ndarray, used: Sequence[np.ndarray]) -> np.ndarray:
     """(n,) of rows [A_j b_j] under theta."""
     out = []
     for own, u in zip(sums, used, strict=True):
@@ -236,7 +236,7 @@ def _residual_variance(sums: Sequence[Information], theta: np.ndarray, used: Seq
     return np.array(out)
 
 
-def _solution(white: Information, prior: Prior) -> np.ndarray:
+def _solution(white: InformationMatrix, prior: Prior) -> np.ndarray:
     """Least squares on the factor and the prior's own, columns scaled; what neither excites stays at zero."""
     p = white.r.shape[1] - 1
     value, vector = np.linalg.eigh(prior.precision)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.information import Information
+from calib.identification.information import InformationMatrix
 from calib.identification.rows import Block, RegressorRows
 
 MEMORY_SECONDS = 1.0
@@ -48,9 +48,9 @@ class Sums:
     touched  (n,) rows that get less weight as outliers; counts (n,) all whitened rows
     """
 
-    plain: tuple[Information, ...]
-    apart: tuple[Information, ...]
-    white: tuple[Information, ...]
+    plain: tuple[InformationMatrix, ...]
+    apart: tuple[InformationMatrix, ...]
+    white: tuple[InformationMatrix, ...]
     scores: np.ndarray
     touched: np.ndarray
     counts: np.ndarray
@@ -60,18 +60,18 @@ class Sums:
         """The sums over the rows of all parts, which share no row."""
         each = range(len(parts[0].plain))
         return Sums(
-            tuple(Information.merged([s.plain[j] for s in parts]) for j in each),
-            tuple(Information.merged([s.apart[j] for s in parts]) for j in each),
-            tuple(Information.merged([s.white[j] for s in parts]) for j in each),
+            tuple(InformationMatrix.merged([s.plain[j] for s in parts]) for j in each),
+            tuple(InformationMatrix.merged([s.apart[j] for s in parts]) for j in each),
+            tuple(InformationMatrix.merged([s.white[j] for s in parts]) for j in each),
             np.sum([s.scores for s in parts], axis=0),
             np.sum([s.touched for s in parts], axis=0),
             np.sum([s.counts for s in parts], axis=0),
         )
 
     @property
-    def usable(self) -> tuple[Information, ...]:
+    def usable(self) -> tuple[InformationMatrix, ...]:
         """Per joint every usable row, fitted or not."""
-        return tuple(Information.merged(pair) for pair in zip(self.plain, self.apart, strict=True))
+        return tuple(InformationMatrix.merged(pair) for pair in zip(self.plain, self.apart, strict=True))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
@@ -85,8 +85,8 @@ class Sums:
     def of_arrays(arrays: dict[str, np.ndarray]) -> Sums:
         """The sums that `arrays` were made of."""
 
-        def items(name: str) -> tuple[Information, ...]:
-            return tuple(Information(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
+        def items(name: str) -> tuple[InformationMatrix, ...]:
+            return tuple(InformationMatrix(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
 
         return Sums(items("plain"), items("apart"), items("white"), arrays["scores"], arrays["touched"], arrays["counts"])
 
@@ -97,9 +97,9 @@ def summed(rows: RegressorRows, weights: Reference) -> Sums:
     return Sums(plain(rows), plain(rows, apart=True), white, scores, touched, counts)
 
 
-def plain(rows: RegressorRows, apart: bool = False) -> tuple[Information, ...]:
+def plain(rows: RegressorRows, apart: bool = False) -> tuple[InformationMatrix, ...]:
     """Per joint the rows [A_j b_j] of the fit, or those usable ones that it leaves out."""
-    out = [Information.none(len(u) + 1) for u in rows.used]
+    out = [InformationMatrix.none(len(u) + 1) for u in rows.used]
     for block in rows:
         mask = block.apart if apart else block.usable
         for j in range(len(out)):
@@ -108,10 +108,12 @@ def plain(rows: RegressorRows, apart: bool = False) -> tuple[Information, ...]:
     return tuple(out)
 
 
-def weighted(rows: RegressorRows, weights: Reference) -> tuple[tuple[Information, ...], np.ndarray, np.ndarray, np.ndarray]:
+def weighted(
+    rows: RegressorRows, weights: Reference
+) -> tuple[tuple[InformationMatrix, ...], np.ndarray, np.ndarray, np.ndarray]:
     """Whitened and weighted rows per joint, products of scores, rows touched and rows in all."""
     n, p = rows.model.arm.n, rows.model.p
-    white, scores = [Information.none(len(u) + 1) for u in rows.used], np.zeros((p, p))
+    white, scores = [InformationMatrix.none(len(u) + 1) for u in rows.used], np.zeros((p, p))
     touched, counts = np.zeros(n), np.zeros(n)
     lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
     for block in rows:

@@ -33,7 +33,7 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ReadingFault:
     """What is wrong with the readings at t; `message` states it with values."""
 
     kind: Kind
@@ -59,7 +59,7 @@ class Intake:
         self._frozen = max(FROZEN_SECONDS, FROZEN_PERIODS * self.period)
         self._moving = max(MOVING, 4 * arm.sensors.encoder_resolution / self._frozen)
 
-    def add(self, state: JointState) -> tuple[list[Sample], Fault | None]:
+    def add(self, state: JointState) -> tuple[list[Sample], ReadingFault | None]:
         """One reading: the samples that count from now on, and what is wrong, where something is.
 
         After a Fault the samples before and after do not belong together.
@@ -82,7 +82,7 @@ class Intake:
             return [], fault
         return self._counting(last, sample)
 
-    def _counting(self, last: Sample, sample: Sample) -> tuple[list[Sample], Fault | None]:
+    def _counting(self, last: Sample, sample: Sample) -> tuple[list[Sample], ReadingFault | None]:
         """The sample, or none while its torque is in doubt, or the one that was in doubt and the sample."""
         before, waited = self._waiting, self._waiting is not None
         self._waiting = None
@@ -98,10 +98,10 @@ class Intake:
             return [last] if waited else [], None
         return [last, sample] if waited else [sample], None
 
-    def _single(self, state: JointState) -> tuple[Sample | None, Fault | None]:
+    def _single(self, state: JointState) -> tuple[Sample | None, ReadingFault | None]:
         names = self._arm.joint_names
         if state.n != self._arm.n:
-            return None, Fault(
+            return None, ReadingFault(
                 Kind.WRONG_ARM, state.t_device, f"a reading of {state.n} joints, {self._arm.name} has {self._arm.n}"
             )
         tau = state.tau
@@ -111,7 +111,7 @@ class Intake:
         if np.isnan(dq).all() and self._last is not None and state.t_device > self._last.t:
             dq = (state.q - self._last.q) / (state.t_device - self._last.t)
         if not np.isfinite(state.t_device):
-            return None, Fault(Kind.BAD_READING, self._last.t if self._last else 0.0, f"device time is {state.t_device}")
+            return None, ReadingFault(Kind.BAD_READING, self._last.t if self._last else 0.0, f"device time is {state.t_device}")
         for word, unit, value, most in (
             ("position", "rad", state.q, 1e3), ("speed", "rad/s", dq, self._dq_most), ("torque", "N m", tau, self._tau_most),
         ):  # fmt: skip
@@ -125,10 +125,12 @@ class Intake:
                     if not np.isfinite(value[j])
                     else f"no joint of this arm reaches {np.broadcast_to(most, bad.shape)[j]:.4g}"
                 )
-                return None, Fault(Kind.BAD_READING, state.t_device, f"{names[j]}: {word} is {value[j]:.4g} {unit}; {rule}")
+                return None, ReadingFault(
+                    Kind.BAD_READING, state.t_device, f"{names[j]}: {word} is {value[j]:.4g} {unit}; {rule}"
+                )
         return Sample(state.t_device, state.q, dq, tau, state.temperature), None
 
-    def _continuous(self, ready: Sample, after: Sample, step: float) -> Fault | None:
+    def _continuous(self, ready: Sample, after: Sample, step: float) -> ReadingFault | None:
         moved = np.abs(after.q - ready.q)
         allowed = self._dq_most * step + 0.02
         if not np.all(moved <= allowed):
@@ -146,6 +148,6 @@ class Intake:
                 return self._broken(Kind.FROZEN, after.t, f"the {word} have not changed for {1e3 * seconds:.0f} ms of motion")
         return None
 
-    def _broken(self, kind: Kind, t: float, message: str) -> Fault:
+    def _broken(self, kind: Kind, t: float, message: str) -> ReadingFault:
         self._waiting = None
-        return Fault(kind, t, message)
+        return ReadingFault(kind, t, message)

@@ -13,7 +13,7 @@ import numpy as np
 from calib.standing import Push, Standing
 from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
-from calib.watch.intake import Fault, Intake, Sample
+from calib.watch.intake import Intake, ReadingFault, Sample
 from calib.watch.load import LoadWatch
 from calib.watch.momentum import MomentumBalance, Row
 from calib.watch.validity import ValidityWatch
@@ -199,7 +199,7 @@ class Watcher:
         ended = WatchEvent(Kind.CONTACT_ENDED, t, (push.start, push.end), text, {"duration": seconds})
         return [ended] if self._push == push.start else [began, ended]
 
-    def _faulty(self, fault: Fault) -> list[WatchEvent]:
+    def _faulty(self, fault: ReadingFault) -> list[WatchEvent]:
         """A balance never reaches across a fault; the same kind of fault is reported at most every `AGAIN` seconds."""
         self._delay.clear()
         self._balance.forget()

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, SelfDescription, data_frame
+from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, SelfDescription, data_frame
 
 
 class CubeMars(Drive):
@@ -39,12 +39,12 @@ class CubeMars(Drive):
     def refresh(self) -> list[can.Message]:
         return [self.disable()]
 
-    def decode(self, message: can.Message) -> Reading | None:
+    def decode(self, message: can.Message) -> DriveReading | None:
         data, sign = bytes(message.data), self.direction
         q, dq, tau = frames.mit_state(data)
         full = message.dlc == 8
         code = data[7] if full else 0
-        return Reading(
+        return DriveReading(
             self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             float(data[6] - 40) if full else math.nan, on=None, error=f"error code {code} of its manual" if code else "",
         )  # fmt: skip
@@ -85,5 +85,5 @@ class CubeMars(Drive):
     def clear(self) -> can.Message:
         return self.disable()
 
-    def _reply(self, message: can.Message) -> Reading | None:
+    def _reply(self, message: can.Message) -> DriveReading | None:
         return self.decode(message) if self.key_of(message) == self.key else None

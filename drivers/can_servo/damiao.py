@@ -9,7 +9,7 @@ import can
 from pydantic import ValidationError
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, SelfDescription, answer_or_none, data_frame
+from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, NoAnswer, SelfDescription, answer_or_none, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -56,12 +56,12 @@ class Damiao(Drive):
             return [self.disable()]  # answered like any order, and off is what the drive is
         return [self._frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
-    def decode(self, message: can.Message) -> Reading | None:
+    def decode(self, message: can.Message) -> DriveReading | None:
         data = bytes(message.data)
         state, (q, dq, tau), sign = data[0] >> 4, frames.mit_state(data), self.direction
         if state not in (0, 1) and state not in ERRORS:
             return None
-        return Reading(
+        return DriveReading(
             self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             float(max(data[6], data[7])), on=state == 1, error=ERRORS.get(state, ""),
         )  # fmt: skip
@@ -115,7 +115,7 @@ class Damiao(Drive):
                 reading = ask(self.refresh()[0], lambda m: self.decode(m) if self.key_of(m) == self.key else None, self.name)
         except DeviceError as error:
             problems.append(str(error))
-        assert reading is None or isinstance(reading, Reading)
+        assert reading is None or isinstance(reading, DriveReading)
         return SelfDescription(
             "" if serial is None else str(serial), "unknown" if firmware is None else str(firmware),
             math.nan if timeout is None else timeout * TICK, ranges, reading.on if reading else None, reading.q if reading else math.nan,

@@ -26,7 +26,7 @@ Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], obj
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class DriveReading:
     """The contents of one feedback frame, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
 
     q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol
@@ -148,7 +148,7 @@ class Drive(ABC):
         """Frames that ask for a reading and change nothing; sent only while the drive is off. Empty for a drive that pushes."""
 
     @abstractmethod
-    def decode(self, message: can.Message) -> Reading | None:
+    def decode(self, message: can.Message) -> DriveReading | None:
         """The reading in a frame of this drive; None for another kind of frame, or one of the wrong length or content."""
 
     @abstractmethod

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, Reading, Senders
+from drivers.can_servo.drive import Drive, DriveReading, Senders
 from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
@@ -30,7 +30,7 @@ class Joints:
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float, ignore: Sequence[int]) -> None:
         self.drives, self.link, self.clock, self.period = drives, link, clock, 1.0 / rate
         self._sender = Senders(drives)
-        self.readings: list[Reading | None] = [None] * len(drives)
+        self.readings: list[DriveReading | None] = [None] * len(drives)
         self.fresh = [True] * len(drives)
         self.lost = 0
         self._waiting_since = [clock.now()] * len(drives)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, Reading, Senders
+from drivers.can_servo.drive import Drive, DriveReading, Senders
 from drivers.can_servo.link import Link
 from drivers.can_servo.speed import Differentiator, window_for
 from sim.can_wiring import CanOptions
@@ -33,7 +33,7 @@ class Listener:
         self._sender = Senders(drives)
         windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
         self._speed = [Differentiator(w, d.q_step) if w else None for w, d in zip(windows, drives, strict=True)]
-        self._round: dict[int, Reading] = {}
+        self._round: dict[int, DriveReading] = {}
         self._began = 0.0
 
     def read(self) -> JointState:

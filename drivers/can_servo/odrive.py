@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, Reading, SelfDescription, answer_or_none, data_frame
+from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, SelfDescription, answer_or_none, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -84,7 +84,7 @@ class ODrive(Drive):
     def refresh(self) -> list[can.Message]:
         return []
 
-    def decode(self, message: can.Message) -> Reading | None:
+    def decode(self, message: can.Message) -> DriveReading | None:
         command, data = message.arbitration_id & 0x1F, bytes(message.data)
         sign, gear = self.direction, self.servo.gear
         if command == HEARTBEAT:
@@ -102,7 +102,7 @@ class ODrive(Drive):
             tau, self._torque = self._torque, math.nan
             q, dq = self.joint_side(turns * TURN / gear), sign * speed * TURN / gear
             if math.isfinite(q) and math.isfinite(dq):
-                return Reading(q, dq, tau, self._temperature, on=self._on, error=self._error)
+                return DriveReading(q, dq, tau, self._temperature, on=self._on, error=self._error)
         return None
 
     def identify(self, ask: Ask) -> Identity:

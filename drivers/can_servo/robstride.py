@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, Identity, NoAnswer, Reading, SelfDescription, data_frame
+from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, NoAnswer, SelfDescription, data_frame
 from sim.errors import DeviceError
 
 HOST = 0xFD
@@ -58,13 +58,13 @@ class RobStride(Drive):
     def refresh(self) -> list[can.Message]:
         return [self.disable()]
 
-    def decode(self, message: can.Message) -> Reading | None:
+    def decode(self, message: can.Message) -> DriveReading | None:
         identifier, sign = message.arbitration_id, self.direction
         if identifier >> 24 != FEEDBACK:
             return None
         q, dq, tau, temperature = frames.unpack_four_words(bytes(message.data))
         faults = [name for bit, name in enumerate(FAULTS) if identifier >> 16 + bit & 1]
-        return Reading(
+        return DriveReading(
             self.angle(q), sign * self.dq_field.value(dq), sign * self.tau_field.value(tau),
             temperature / 10, on=identifier >> 22 & 3 == RUNNING, error=", ".join(faults),
         )  # fmt: skip
@@ -129,7 +129,7 @@ class RobStride(Drive):
     def _check_position_range(self, ask: Ask) -> None:
         """The float of parameter mechPos must be what the scaled field says, or the stated range is another model's."""
         scaled = ask(self.disable(), self._feedback, f"{self.name}: state")
-        assert isinstance(scaled, Reading)
+        assert isinstance(scaled, DriveReading)
         stated = self.joint_side(frames.as_float(self._read(ask, POSITION)))
         if not math.isclose(scaled.q, stated, abs_tol=0.01 + 0.002 * abs(stated)):
             raise DeviceError(
@@ -137,7 +137,7 @@ class RobStride(Drive):
                 f"ranges.q = {self.ranges.q} is not this drive's: take it from the manual of its model and firmware"
             )
 
-    def _feedback(self, message: can.Message) -> Reading | None:
+    def _feedback(self, message: can.Message) -> DriveReading | None:
         return self.decode(message) if self.key_of(message) == self.key else None
 
     def _timeout(self, ask: Ask) -> float:

@@ -11,7 +11,7 @@ from typing import Literal, Self
 import can
 
 from drivers.can_servo.bring_up import Enquiry, listen, make_drives
-from drivers.can_servo.drive import Drive, Identity, Reading
+from drivers.can_servo.drive import Drive, DriveReading, Identity
 from drivers.can_servo.link import Link
 from sim.arm import Arm
 from sim.can_wiring import CanOptions, can_options
@@ -30,7 +30,7 @@ class Look:
 
     joint: str
     identity: Identity
-    reading: Reading
+    reading: DriveReading
     serial_problem: str
 
 
@@ -70,7 +70,7 @@ class Service:
             problem = f"the cell file expects {wanted or 'nothing yet: write this number there'}"
         return Look(joint, identity, self._reading(drive), problem)
 
-    def do(self, joint: str, order: Order, supported: bool = False) -> Reading:
+    def do(self, joint: str, order: Order, supported: bool = False) -> DriveReading:
         """Carry out one order on one joint, and the reading afterwards; DeviceError where it would be unsafe or did not work.
 
         supported says that somebody or something carries the arm: torque off drops an arm without brakes.
@@ -102,7 +102,7 @@ class Service:
             )
         return after
 
-    def _require_still(self, drive: Drive, reading: Reading) -> None:
+    def _require_still(self, drive: Drive, reading: DriveReading) -> None:
         if reading.on:
             raise DeviceError(f"{drive.name}: its zero is not moved while it is on, the arm would jump; switch it off first")
         self.clock.sleep_until(self.clock.now() + 0.2)
@@ -113,8 +113,8 @@ class Service:
     def _drive(self, joint: str) -> Drive:
         return next(d for d in self.drives if d.servo.joint == joint)
 
-    def _reading(self, drive: Drive) -> Reading:
-        def reading(message: can.Message) -> Reading | None:
+    def _reading(self, drive: Drive) -> DriveReading:
+        def reading(message: can.Message) -> DriveReading | None:
             return drive.decode(message) if drive.key_of(message) == drive.key else None
 
         if drive.pushes:

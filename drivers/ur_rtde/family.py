@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from drivers.driver import Check
-from drivers.preflight import Fit, held_by, stated_friction, with_payload
+from drivers.preflight import RestMisfit, held_by, stated_friction, with_payload
 from sim.arm import Arm, load_arm
 from sim.cell import PayloadTable
 
@@ -61,7 +61,7 @@ def torque(arm: Arm, payload: PayloadTable | None, q: np.ndarray, tau: np.ndarra
     if own is None or not (np.all(np.isfinite(tau)) and np.all(np.isfinite(q))):
         return Check(title, None, "there is no torque at rest to compare with the arms of the family")
 
-    def of(stated: Arm) -> Fit:
+    def of(stated: Arm) -> RestMisfit:
         return held_by(with_payload(stated, payload), q, tau, stated_friction(stated) if friction is None else friction)
 
     mine, others = of(arm), {name: of(load_arm(name)).miss for name in FAMILY if name != own}

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.motion_view import Columns, MotionView, of_the_links
+from sim.motion_view import CandidateColumns, MotionView, of_the_links
 from sim.tree import KinematicTree
 
 PROBES: tuple[dict[str, float], ...] = ({"roll": 1e-3, "pitch": 0.0}, {"roll": 0.0, "pitch": 1e-3})
@@ -30,7 +30,7 @@ class BaseTilt(Effect):
         Parameter("pitch", "rad", "then about y", lower=-1.6, upper=1.6, grid=(0.01,)),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Linear in roll and pitch."""
 
         def samples(view: MotionView) -> np.ndarray:
@@ -40,7 +40,7 @@ class BaseTilt(Effect):
             return np.stack([10.0 * change for change in moved], axis=2)
 
         columns = [of_the_links(v, self.name, partial(samples, v)) for v in views]
-        yield Columns(columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
+        yield CandidateColumns(columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with gravity turned."""

@@ -25,7 +25,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from sim.motion_view import Columns, MotionView, behind_the_load, of_the_reading
+from sim.motion_view import CandidateColumns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
 
@@ -266,7 +266,7 @@ class Effect:
             probes.append(Probe(base, points, _added(base, [p.name for p in linear], steps)))
         return probes
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """How the effect would show in the torque of some recordings, from every start of its nonlinear parameters; none where it cannot.
 
         By default by its probes: those of an encoder through the posture, those behind the load through the torque of their joint.

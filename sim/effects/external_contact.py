@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 from sim.interval import Interval
-from sim.motion_view import Columns, MotionView
+from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 
 
@@ -31,7 +31,7 @@ class ExternalContact(Effect):
         Parameter("force_z", "N", "force on the last link", grid=(1.0,)),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """None: it is looked for in time (calib.diagnosis.contact)."""
         return iter(())
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.motion_view import Columns, MotionView, by_joint
+from sim.motion_view import CandidateColumns, MotionView, by_joint
 from sim.tree import KinematicTree
 
 SPREAD = (5.0, 1.0, 1.0, 1.0)  # half the link's mass, or 0.1 m of its centre, in units of the columns
@@ -31,7 +31,7 @@ class LinkInertia(Effect):
         Parameter("com_z", "m", "centre of mass in the link's frame", zero=None, lower=-3.0, upper=3.0),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Linear in the change of m and m c; the last link's cannot be told from a payload's."""
         tree = views[0].tree
         if joint is None or joint == views[0].n - 1:
@@ -45,7 +45,7 @@ class LinkInertia(Effect):
             return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
 
         block = slice(10 * joint, 10 * joint + 4)
-        yield Columns([by_joint(step * v.regressor_rows[:, :, block]) for v in views], combine, SPREAD)
+        yield CandidateColumns([by_joint(step * v.regressor_rows[:, :, block]) for v in views], combine, SPREAD)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with that link's mass and centre of mass replaced."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Stage, Values
-from sim.motion_view import Columns, MotionView, by_joint
+from sim.motion_view import CandidateColumns, MotionView, by_joint
 from sim.tree import KinematicTree, with_point_mass
 
 FARTHEST = 0.6  # m from the last joint
@@ -31,7 +31,7 @@ class Payload(Effect):
         Parameter("com_z", "m", "centre of mass in the last link's frame", zero=None, lower=-1.0, upper=1.0, grid=(0.0,)),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Linear in m and m c of a point mass; its own moments follow at second order and come with the exact fit."""
         last = 10 * (views[0].n - 1)
         scale = 0.01 * float(views[0].tree.mass.sum())
@@ -41,7 +41,7 @@ class Payload(Effect):
             com = scale * c[1:4] / mass if abs(mass) > 1e-9 else np.zeros(3)
             return {"mass": mass, "com_x": float(com[0]), "com_y": float(com[1]), "com_z": float(com[2])}
 
-        yield Columns([by_joint(scale * v.regressor_rows[:, :, last : last + 4]) for v in views], combine, SPREAD)
+        yield CandidateColumns([by_joint(scale * v.regressor_rows[:, :, last : last + 4]) for v in views], combine, SPREAD)
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """Its centre of mass is near the flange."""

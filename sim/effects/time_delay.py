@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
-from sim.motion_view import Columns, MotionView
+from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 
 # s: a drive's reading is up to 1 ms earlier or later than its motion, which the fit has as an ordinary parameter.
@@ -29,7 +29,7 @@ class TimeDelay(Effect):
     scope = "arm"
     parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, grid=(0.002,)),)
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """The predicted torque later by each of DELAYS, less the torque itself."""
         own = views[0].own(self.name, None)
         before = own["delay"] if own else 0.0
@@ -45,7 +45,7 @@ class TimeDelay(Effect):
 
         for late in DELAYS:
             columns = [{j: v.kept_of(j, (self.name, late), partial(later, v, j, late)) for j in range(v.n)} for v in views]
-            yield Columns(columns, partial(combine, late=late))
+            yield CandidateColumns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """It is later than a drive's reading ordinarily is."""

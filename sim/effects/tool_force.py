@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
-from sim.motion_view import Columns, MotionView, by_joint, force_rows
+from sim.motion_view import CandidateColumns, MotionView, by_joint, force_rows
 from sim.torque_box import Known, TorqueBox
 
 
@@ -27,11 +27,11 @@ class ToolForce(Effect):
         Parameter("force_z", "N", "force on the last link", grid=(1.0,)),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Linear in the force."""
         names = [p.name for p in self.parameters]
         columns = [by_joint(force_rows(v)) for v in views]
-        yield Columns(columns, lambda c: {name: float(x) for name, x in zip(names, c, strict=True)})
+        yield CandidateColumns(columns, lambda c: {name: float(x) for name, x in zip(names, c, strict=True)})
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """f += constant."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
 from sim.interval import sine
-from sim.motion_view import Columns, MotionView
+from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.turns import repeats
 
@@ -42,7 +42,7 @@ class TorqueRipple(Effect):
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Sine and cosine of every whole number of cycles along the joint's angle."""
         if joint is None or views[0].own(self.name, joint) is not None:
             return
@@ -56,7 +56,7 @@ class TorqueRipple(Effect):
 
         waves = [v.kept((self.name, joint), partial(samples, v)) for v in views]
         for k, cycles in enumerate(CYCLES):
-            yield Columns([{joint: wave[:, k]} for wave in waves], partial(combine, cycles=float(cycles)))
+            yield CandidateColumns([{joint: wave[:, k]} for wave in waves], partial(combine, cycles=float(cycles)))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """The joint's own parts are where they were after a whole turn."""

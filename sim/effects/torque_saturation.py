@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
-from sim.motion_view import Columns, MotionView
+from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 
 # A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque requested.
@@ -27,7 +27,7 @@ class TorqueSaturation(Effect):
     stage = Stage.DRIVE
     parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, grid=(100.0,)),)
 
-    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[Columns]:
+    def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """The model's torque cut at fractions of its largest; a coefficient of 1 is a cut as the model has it."""
         if joint is None or views[0].own(self.name, joint) is not None:
             return
@@ -44,7 +44,7 @@ class TorqueSaturation(Effect):
         for limit in (fraction * most for fraction in LIMITS):
             columns = [{joint: v.kept_of(joint, (self.name, limit), partial(cut, v, limit))} for v in views]
             if limit > 0 and any(np.any(c[joint]) for c in columns):
-                yield Columns(columns, partial(combine, limit=limit))
+                yield CandidateColumns(columns, partial(combine, limit=limit))
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau held in [-limit, limit]."""

@@ -17,7 +17,7 @@ from calib.excitation.fourier import Basis, random_fourier
 from calib.excitation.home import home_of, open_cell, posture
 from calib.excitation.room import Room
 from calib.excitation.session import QUICK, Session, design
-from calib.excitation.sweeps import Stop, friction_sweeps, overlay, through
+from calib.excitation.sweeps import Waypoint, friction_sweeps, overlay, through
 from calib.identification.model import TorqueModel
 from safety.clear import clear
 from safety.collision import Clearance
@@ -111,7 +111,7 @@ def test_the_chirp_reaches_its_frequency_within_limits() -> None:
 
 def test_a_stop_outside_the_limits_is_refused() -> None:
     with pytest.raises(ConfigError, match="no motion from"):
-        through(ARM, HOME, [Stop(np.full(6, np.nan), ARM.dq_max)], 100.0)
+        through(ARM, HOME, [Waypoint(np.full(6, np.nan), ARM.dq_max)], 100.0)
 
 
 def test_a_start_in_collision_says_which_bodies() -> None:

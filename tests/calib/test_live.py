@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from calib.live import LiveView, Snapshot, show
-from safety.execution import Progress
+from safety.execution import RunProgress
 from safety.guard import Cycle
 from sim.arm import Arm, load_arm
 from sim.joint_state import JointState
@@ -105,11 +105,11 @@ def test_a_run_is_shown_from_its_proof_to_its_motion(arm: Arm, tmp_path: Path) -
     state = JointState(0.0, 0.0, still, still, still, still, still)
     cycle = Cycle(499, 1000, state, still)
     with LiveView(arm, "record", KEYS, console=console, now=iter(range(100)).__next__) as view:
-        show(view, Progress("proving friction", 0.5, None), tmp_path)
+        show(view, RunProgress("proving friction", 0.5, None), tmp_path)
         proof = out.getvalue()
         assert "proving friction" in proof
         assert "Nothing moves yet." in proof
-        show(view, Progress("friction at 25%", 0.5, cycle, 2, 4, 0.25, 10.0, 45.0, 500, 2), tmp_path)
+        show(view, RunProgress("friction at 25%", 0.5, cycle, 2, 4, 0.25, 10.0, 45.0, 500, 2), tmp_path)
     moving = out.getvalue()[len(proof) :]
     for words in ("friction at 25%", "stage 2 of 4", "25% speed", "5 s left (run 45 s)", "500 frames", "2 lost", "GB free"):
         assert words in moving

@@ -9,7 +9,7 @@ import pytest
 
 from safety import board as board_file
 from safety.board import TEXT, Board
-from safety.execution import Progress
+from safety.execution import RunProgress
 from safety.guard import Cycle
 from sim.joint_state import JointState
 
@@ -28,7 +28,7 @@ def test_a_new_board_says_nothing(board: Board) -> None:
     assert board.stop_requested() is None
     assert not board.held
     assert not board.may_let_go
-    assert board.progress() == Progress("", 0.0, None, speed=0.0)
+    assert board.progress() == RunProgress("", 0.0, None, speed=0.0)
 
 
 def test_the_first_reason_stays(board: Board) -> None:
@@ -61,8 +61,8 @@ def test_a_heartbeat_that_ends_is_noticed(board: Board, monkeypatch: pytest.Monk
 
 
 def test_a_motion_is_named_at_its_beginning_and_its_numbers_go_on(board: Board) -> None:
-    board.show(Progress("friction", 0.1, cycle(0), 1, 2, 0.5, 3.0, 4.0, 5, 6))
-    board.show(Progress("not written again", 0.2, cycle(3), 1, 2, 0.5, 3.0, 3.5, 8, 7))
+    board.show(RunProgress("friction", 0.1, cycle(0), 1, 2, 0.5, 3.0, 4.0, 5, 6))
+    board.show(RunProgress("not written again", 0.2, cycle(3), 1, 2, 0.5, 3.0, 3.5, 8, 7))
     seen = board.progress()
     assert (seen.what, seen.share, seen.stage, seen.stages, seen.speed) == ("friction", 0.2, 1, 2, 0.5)
     assert (seen.duration, seen.left, seen.frames, seen.lost) == (3.0, 3.5, 8, 7)
@@ -75,6 +75,6 @@ def test_a_motion_is_named_at_its_beginning_and_its_numbers_go_on(board: Board) 
 
 
 def test_what_is_no_motion_is_named_too(board: Board) -> None:
-    board.show(Progress("clearing the plan", 0.0, None))
+    board.show(RunProgress("clearing the plan", 0.0, None))
     assert board.progress().what == "clearing the plan"
     assert board.progress().cycle is None

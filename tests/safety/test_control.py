@@ -23,7 +23,7 @@ from logs import read_log
 from safety import audit
 from safety.approval import approve
 from safety.control import drive, is_simulated
-from safety.execution import Progress
+from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
 from safety.trip import MotionStopped
 from sim.arm import load_arm
@@ -79,7 +79,7 @@ def prepared(place: Path, duration: float) -> tuple:
 def test_a_real_clock_is_kept_in_another_process(place: Path) -> None:
     plan, cell, arm = prepared(place, 3.0)
     assert not is_simulated(cell)
-    seen: list[Progress] = []
+    seen: list[RunProgress] = []
     done = drive(plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl", watch=seen.append)
     log = read_log(done.logs["friction"])
     assert log.metadata["end_reason"] == "completed"
@@ -158,7 +158,7 @@ def test_the_arm_is_stopped_when_the_command_process_is_gone_or_hangs(
 def test_a_control_process_that_is_killed_is_reported_as_a_device_error(place: Path) -> None:
     plan, cell, arm = prepared(place, 30.0)
 
-    def kill_it(progress: Progress) -> None:
+    def kill_it(progress: RunProgress) -> None:
         children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
         for child in map(int, children):
             if progress.cycle and b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():

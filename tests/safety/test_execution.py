@@ -16,7 +16,7 @@ from logs import read_log
 from safety import audit
 from safety.approval import approve
 from safety.control import drive
-from safety.execution import Progress, execute
+from safety.execution import RunProgress, execute
 from safety.plan import Motion, Plan, write_plan
 from safety.stages import STAGES
 from safety.trip import MotionStopped
@@ -39,7 +39,7 @@ def plan(tmp_path: Path, arm: Arm, cell: Cell) -> Plan:
 
 
 def test_a_plan_becomes_logs(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -> None:
-    seen: list[Progress] = []
+    seen: list[RunProgress] = []
     done = execute(
         plan,
         cell,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.identification.identify import Identification, identify, survey
-from calib.identification.information import Information
+from calib.identification.information import InformationMatrix
 from calib.identification.least_squares import estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept
@@ -43,13 +43,13 @@ def logs(ur5e: Arm) -> list[Log]:
 def test_the_factor_carries_the_information_of_the_rows(rows: int) -> None:
     rng = np.random.default_rng(rows)
     x = rng.standard_normal((rows, 7)) * 10.0 ** np.arange(7)
-    whole = Information.of(x)
+    whole = InformationMatrix.of(x)
     assert np.allclose(whole.gram, x.T @ x, rtol=1e-12)
     z = rng.standard_normal(7)
     assert whole.squares(z) == pytest.approx(float(np.sum((x @ z) ** 2)), rel=1e-12)
-    parts = [Information.of(p) for p in np.array_split(x, 5)]
-    for order in (parts, parts[::-1], [Information.merged(parts[:2]), Information.merged(parts[2:])]):
-        merged = Information.merged(order)
+    parts = [InformationMatrix.of(p) for p in np.array_split(x, 5)]
+    for order in (parts, parts[::-1], [InformationMatrix.merged(parts[:2]), InformationMatrix.merged(parts[2:])]):
+        merged = InformationMatrix.merged(order)
         assert merged.rows == rows
         assert np.abs(merged.r - whole.r).max() < 1e-12 * np.abs(whole.r).max()
 
@@ -58,7 +58,7 @@ def test_a_factor_sees_what_a_gram_matrix_has_lost() -> None:
     x = np.array([[1.0, 1.0], [1e-9, 0.0]])
     theta = np.array([2.0, -1.0])
     b = x @ theta
-    r = Information.of(np.column_stack([x, b])).r
+    r = InformationMatrix.of(np.column_stack([x, b])).r
     assert np.linalg.solve(r[:2, :2], r[:2, 2]) == pytest.approx(theta, rel=1e-5)
     assert np.linalg.matrix_rank(x.T @ x, tol=1e-16) == 1
 

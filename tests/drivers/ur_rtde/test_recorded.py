@@ -16,7 +16,7 @@ from logs import read_log
 from safety import audit
 from safety.approach import move
 from safety.approval import approve
-from safety.execution import Progress, execute
+from safety.execution import RunProgress, execute
 from safety.plan import Motion, Plan, write_plan
 from safety.trip import MotionStopped
 from sim.arm import Arm, load_arm
@@ -113,7 +113,7 @@ def test_what_happens_at_the_robot_is_a_bounded_stop_and_a_closed_log(
     cell, plan = there
     done: list[str] = []
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: RunProgress) -> None:
         if progress.cycle is not None and progress.share > 0.4 and not done:
             orders.send(fault)
             done.append(fault)
