@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
                 done.result()
                 print(given.out / waiting[done].name, flush=True)
         return
-    sit(cases, Exam(given.out, given.seed, given.calib, given.timeout, given.keep, given.final), given.jobs)
+    sit(cases, Exam(given.out, given.seed, given.calib, given.timeout, given.keep, given.final, given.record), given.jobs)
 
 
 def _wanted(case: Case, given: argparse.Namespace) -> bool:
@@ -76,6 +76,9 @@ def _parser() -> argparse.ArgumentParser:
         part.add_argument("--timeout", type=float, default=300, help="s of CPU for one answer (300)")
         part.add_argument("--keep", action="store_true", help="score the answers that are there, ask for the missing ones")
     run.add_argument("--final", action="store_true", help="validate the corrected arms on a log the diagnosis never saw")
+    run.add_argument(
+        "--record", action="store_true", help="write results/exam.json; without it, what differs from it is printed"
+    )
     return parser
 
 

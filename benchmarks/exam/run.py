@@ -15,12 +15,13 @@ from pathlib import Path
 
 from benchmarks.exam.cases import Case, make
 from benchmarks.exam.gap import after_over_before
+from benchmarks.exam.record import compare_or_write
 from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company
 
 
 @dataclass(frozen=True)
 class Exam:
-    """Where the cases stand, the command to ask, s of CPU for an answer; keep: score answers that are there; final: validate too."""
+    """Where the cases stand, the command to ask, s of CPU for an answer; keep: score answers that are there; final: validate too; record: write results/exam.json."""
 
     out: Path
     seed: int
@@ -28,11 +29,13 @@ class Exam:
     timeout: float
     keep: bool
     final: bool
+    record: bool = False
 
 
 def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
     """Examine all cases, a line each, then `report`."""
     rows: list[Row] = []
+    load = os.getloadavg()[0]
     with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
         for done in concurrent.futures.as_completed(pool.submit(examine, case, exam) for case in cases):
             row = done.result()
@@ -44,6 +47,7 @@ def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
             print(f"  ->  {row.verdict}: {effects_text(row.answer)}  [{took}]", flush=True)
     rows.sort(key=lambda r: r.case)
     report(rows, exam)
+    compare_or_write(rows, exam.seed, len(cases), exam.record, round(load, 2))
 
 
 def examine(case: Case, exam: Exam) -> Row:

@@ -15,6 +15,7 @@ from benchmarks.exam import injected
 from benchmarks.exam.cases import ARMS, BY_NAME, CONFUSABLE, Case, listed, make
 from benchmarks.exam.dynamics import inertia_at, torque_along
 from benchmarks.exam.effects import EFFECTS
+from benchmarks.exam.record import differences, rows_of
 from benchmarks.exam.run import Exam, report
 from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company, wilson
 from benchmarks.exam.true_arm import chain_of
@@ -198,3 +199,31 @@ def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pyt
 def test_wilsons_interval_is_the_textbooks() -> None:
     assert wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_exam_is_recorded_with_its_whole_matrix_and_compared() -> None:
+    right = Row(
+        "case_000",
+        "ur10e",
+        "single",
+        2,
+        [("payload", None)],
+        answer=[("payload", None)],
+        confidences=[0.97],
+        verdict="effects_found",
+    )
+    missed = Row("case_001", "ur5e", "single", 1, [("backlash", "elbow_joint")], verdict="no_missing_effect")
+    wrong = Row("case_002", "ur5e", "clean", 1, [], answer=[("time_delay", None)], confidences=[0.6], verdict="effects_found")
+    now = rows_of([right, missed, wrong], 7)
+    of = {row["what"]: row for row in now}
+    assert of["cases, seed 7"]["value"] == 3
+    assert of["hidden: backlash"] == {"what": "hidden: backlash", "value": "0 of 1", "note": "instead: none 1"}
+    assert of["hidden: none"]["note"] == "instead: time_delay 1"
+    assert of["names given with a confidence of 0.95 to 1: right"]["value"].startswith("1/1")
+    assert of["names given with a confidence of 0.5 to 0.7: right"]["value"].startswith("0/1")
+    assert differences(now, now) == []
+    (only,) = differences(
+        now, [row | {"value": "1 of 1", "note": ""} if row["what"] == "hidden: backlash" else row for row in now]
+    )
+    assert only == "hidden: backlash: 0 of 1 instead: none 1, committed 1 of 1 "
+    assert "other cases" in differences(rows_of([right], 8), now)[0]
