@@ -5,7 +5,7 @@ A name and a refit belong together: with the effect missing, the ordinary parame
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,10 +47,10 @@ class ArmChange:
         return replace(arm, tree=replace(arm.tree, mass=mass, com=com, inertia=inertia))
 
 
-def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
+def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int] | None = None) -> ArmChange:
     """The accepted effects with their standard deviations, what the nuisance of the fit says of masses, friction and rotors, and limits.
 
-    A contact is an event and not a property. A link whose inertia is named, and the last one under a payload, stay as they are named.
+    joints: whose friction and rotors alone move, every link stays as it was; None: all move. A contact is an event and not a property. A link whose inertia is named, and the last one under a payload, stay as they are named.
     """
     model, start = f.models[0], f.hypothesis.start
     theta = dict(zip(model.names, f.solved.theta, strict=True))
@@ -58,15 +58,18 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
     taken = {e.joint for e, _ in named if e.effect == "link_inertia"}
     if any(e.effect == "payload" for e, _ in named):
         taken.add(start.joint_names[-1])
+    moving = start.joint_names if joints is None else [start.joint_names[j] for j in joints]
     inertials = {joint: _inertial(start, i, theta) for i, joint in enumerate(start.joint_names) if joint not in taken}
+    inertials = inertials if joints is None else {}
     effects = [replace(e, parameters=_moved(e, start, theta), std=_finite(s)) for e, s in named]
     have = {(e.effect, e.joint) for e, _ in named}
     effects += [
-        replace(e, parameters=_moved(e, start, theta))
+        replace(e, parameters=_moved(e, start, theta)) if e.joint in moving else e
         for e in start.effects
         if e.effect in ORDINARY and (e.effect, e.joint) not in have
     ]
-    return ArmChange(inertials, (*effects, *_build_up(f.hypothesis, effects), *limits))
+    built = [e for e in _build_up(f.hypothesis, effects) if e.joint in moving]
+    return ArmChange(inertials, (*effects, *built, *limits))
 
 
 def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, parameters_of
-from calib.diagnosis.model import LogModel
+from calib.diagnosis.model import LogModel, first_own
 from calib.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
 from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 
+HELD = 1e-4  # prior standard deviations that what is held may move
 FREE = 10.0  # prior standard deviations that friction may move farther beside a law
 SHAPE = 0.5  # relative deviation of an effect's shape parameter
 # which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
@@ -56,20 +57,45 @@ class Refitted:
     predicted: np.ndarray
 
 
-def with_laws(written: Fit, only: Sequence[int], limits: Sequence[ArmEffect] = (), pieces: int = 1) -> Refitted:
+@dataclass(frozen=True)
+class Split:
+    """The recordings of a fit in parts that can be left out; the prior of what is fitted to them: ordinary parameters, then the `named` of effects."""
+
+    parts: list[Part]
+    mean: np.ndarray
+    precision: np.ndarray
+    named: int
+
+    @staticmethod
+    def of(written: Fit, pieces: int = 1) -> Split:
+        """pieces: of each recording."""
+        named, mean, precision = _names(written)
+        parts = [piece for k, m in enumerate(written.models) for piece in _part(m, [c[k] for c in named]).cut(pieces)]
+        names = written.models[0].names
+        free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
+        return Split(parts, np.concatenate([np.zeros(len(names)), mean]), np.array([*free, *precision]), len(named))
+
+
+def with_laws(
+    written: Fit,
+    split: Split,
+    only: Sequence[int] = (),
+    limits: Sequence[ArmEffect] = (),
+    joints: Collection[int] | None = None,
+) -> Refitted:
     """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
 
     The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
-    uses the arm. Friction may move farther than its prior, because a law takes its place. pieces: of each recording that are left out.
+    uses the arm. Friction may move farther than its prior, because a law takes its place. joints: whose friction and rotors alone
+    move, every link stays as it was; None: all move.
     """
-    named, mean, precision = _names(written)
-    parts = [piece for k, m in enumerate(written.models) for piece in _part(m, [c[k] for c in named]).cut(pieces)]
     names = written.models[0].names
-    free = [1.0 if name[:2] not in ("Fc", "Fv") else FREE**-2 for name in names]
-    prior = np.concatenate([np.zeros(len(names)), mean]), np.diag([*free, *precision])
-    found = fit_friction(parts, *prior, SETS if only else (), list(only), len(named))
+    precision = split.precision.copy()
+    if joints is not None:
+        precision[: first_own(written.hypothesis.arm.n)] = precision[names.index("Ia_all")] = HELD**-2
+    found = fit_friction(split.parts, split.mean, np.diag(precision), SETS if only else (), list(only), split.named)
     found = replace(found, theta=found.theta[: len(names)])
-    change = _corrected(written, found, limits)
+    change = _corrected(written, found, limits, joints)
     return Refitted(change, _laws(change, found, written.hypothesis.start), found.plain, found.predicted)
 
 
@@ -99,11 +125,11 @@ def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
     return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
 
 
-def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect]) -> ArmChange:
+def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect], joints: Collection[int] | None) -> ArmChange:
     """The correction whose ordinary parameters are those of the fit beside the laws."""
     start = written.hypothesis.start
     theta = np.maximum(found.theta, written.models[0].least)
-    change = correction(replace(written, solved=replace(written.solved, theta=theta)), limits)
+    change = correction(replace(written, solved=replace(written.solved, theta=theta)), limits, joints)
     return replace(change, effects=(*change.effects, *_effects(start, found)))
 
 

@@ -184,7 +184,7 @@ class LogModel:
             for j, joint in enumerate(arm.joint_names):
                 own, size = arm.effect(effect, joint), of[key][j]
                 if size > 0:
-                    out[5 * arm.n + len(OWN) * j + k] = -(own.parameters[parameter] if own else 0.0) / size
+                    out[first_own(arm.n) + len(OWN) * j + k] = -(own.parameters[parameter] if own else 0.0) / size
         return out
 
     @cached_property
@@ -196,7 +196,7 @@ class LogModel:
         n, own = self.n, self.joints[j].nuisance
         out = np.zeros((len(own), len(self.names)))
         out[:, : 5 * n] = self.side.joints[j].inertial
-        first = 5 * n + len(OWN) * j
+        first = first_own(n) + len(OWN) * j
         out[:, first : first + len(OWN)] = own[:, : len(OWN)]
         out[:, -2:] = own[:, len(OWN) :]
         return out
@@ -316,6 +316,11 @@ def nuisance_names(n: int) -> list[str]:
     """The uncertain numbers of an arm of n joints, in the order of their columns."""
     links = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
     return [*links, *[f"{what}_{j + 1}" for j in range(n) for what in OWN], "Ia_all", "delay"]
+
+
+def first_own(n: int) -> int:
+    """Index of the first joint's own numbers among them, behind those of the links."""
+    return 5 * n
 
 
 def spreads(arm: Arm) -> dict[str, np.ndarray]:

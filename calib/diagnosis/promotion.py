@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.diagnosis.corrected import ArmChange, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.law import Law, Refitted, with_laws
+from calib.diagnosis.law import Law, Refitted, Split, with_laws
 from calib.diagnosis.model import CONTACT, DELAY_MEAN
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import SIGNIFICANT, WORSE, excess, positive
@@ -256,17 +256,22 @@ class _Written:
 def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> tuple[list[_Written], Refitted]:
     """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
 
-    Tried are the names alone, the refit under the measured noise, the refit without whitening, and that with laws where they help.
+    Tried are the names alone, friction and rotors refitted at the joints that they concern, everything refitted under the measured
+    noise and without whitening, and that with laws where they help.
     """
     start = f.hypothesis.start
-    refit = with_laws(f, (), limits, pieces)
-    ways = [_Written.of(x, (), start, shown) for x in (names_alone(f, limits), correction(f, limits), refit.change)]
+    split = Split.of(f, pieces)
+    refit = with_laws(f, split, (), limits)
+    concerned = sorted({j for e in f.accepted if e.effect != CONTACT for j in joints_of(e, f.hypothesis.arm)})
+    there = [with_laws(f, split, (), limits, concerned).change] if concerned else []
+    changes = (names_alone(f, limits), *there, correction(f, limits), refit.change)
+    ways = [_Written.of(x, (), start, shown) for x in changes]
     rms, lawful = ways[-1].rms, refit
     bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
     slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
     only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
     while only:
-        refit = with_laws(f, only, limits, pieces)
+        refit = with_laws(f, split, only, limits)
         if not refit.laws:
             break
         found = _Written.of(refit.change, refit.laws, start, shown)
