@@ -71,7 +71,7 @@ class Judged:
             if self.worse > 0.0
             else f"-2 log likelihood rises by {-self.held_out:.1f}"
         )
-        return f"{self.effect.effect}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
+        return f"{self.effect.effect.replace('_', ' ')}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
 
     @property
     def doubtful(self) -> bool:

@@ -6,7 +6,7 @@
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
   every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
 
-Worse means significantly (calib.diagnosis.significance).
+Worse means significantly (calib.diagnosis.significance), or by more than RISEN.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from sim.prediction import predict
 
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
+RISEN = 0.05  # of a joint's RMS torque error, whether significant or not: an effect that raises it on recordings shown does not help
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
 LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
@@ -65,7 +66,7 @@ class Refusal:
         what, unit = (
             (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
         )
-        left_out = f"{self.effect.effect}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+        left_out = f"{self.effect.effect.replace('_', ' ')}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
         with_it = f"{self.with_it:.4g} {unit} with it" if np.isfinite(self.with_it) else "unbounded with it"
         return f"{left_out}{with_it} and {self.without:.4g} {unit} with {self.instead}"
 
@@ -122,7 +123,7 @@ def promoted(
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
             concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
             least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
-            than_bare = [way.worse(bare, least) for way in ways]
+            than_bare = [way.worse(bare, least) | (way.rms > (1 + RISEN) * bare.rms) for way in ways]
             worse = [x | way.worse(plain, good, together) for x, way in zip(than_bare, ways, strict=True)]
             fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
             for way in fit_for:

@@ -18,6 +18,7 @@ from calib.diagnosis.selection import Scored, add, started
 from calib.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect, load_arm
+from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import at, recording
 
 ELBOW = 2
@@ -49,6 +50,32 @@ def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
     # what was simulated is shown, and is no farther off
     assert [a.horizon.seconds for a, _ in promotion.motion] == [b.horizon.seconds for _, b in promotion.motion]
     assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
+
+
+def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: Arm) -> None:
+    """The elbow's friction needs a refit; wrist 3 turns stiffer in the fitted recordings alone, so a refit of all joints is worse there."""
+    elbow, stiffer = at(ELBOW, lambda q, dq: 3.0 * (q - 0.4) + 8.0 * dq), at(5, lambda q, dq: 1.5 * dq)
+
+    def both(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        return elbow(motion, tau) + stiffer(motion, tau)
+
+    fitted = warmed([measured(recording(ur10e, seed, both), ur10e) for seed in (1, 2)])
+    apart = warmed([measured(recording(ur10e, 3, elbow), ur10e)])
+    named, baseline = _with_spring(ur10e, fitted)
+    promotion = promoted(fitted, named, baseline, apart)
+    assert promotion.refused == ()
+    assert promotion.change is not None
+    assert promotion.change.inertials == {}
+    written = promotion.change.of(ur10e)
+    spring = written.effect("joint_spring", "elbow_joint")
+    assert spring is not None
+    assert spring.parameters["stiffness"] == pytest.approx(3.0, rel=0.2)
+    for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
+        assert written.effect(effect, "wrist_3_joint") == ur10e.effect(effect, "wrist_3_joint")
+    viscous, before = (arm.effect("viscous_friction", "elbow_joint") for arm in (written, ur10e))
+    assert viscous is not None
+    assert before is not None
+    assert viscous.parameters["viscous"] - before.parameters["viscous"] == pytest.approx(8.0, rel=0.2)
 
 
 def test_the_sizes_that_are_reported_are_those_of_the_arm_that_is_written(ur10e: Arm, tmp_path: Path) -> None:
@@ -109,7 +136,7 @@ def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_pat
     found.write(tmp_path, ur10e)
     answer = json.loads((tmp_path / "diagnosis.json").read_text())
     assert answer["effects"] == []
-    assert any(text.startswith("joint_spring at elbow_joint was fitted and is left out") for text in answer["refused"])
+    assert any(text.startswith("joint spring at elbow_joint was fitted and is left out") for text in answer["refused"])
     assert answer["arm_out"] is None
     assert not (tmp_path / "arm").exists()
     assert answer["gap"]["after"] == answer["gap"]["before"]
