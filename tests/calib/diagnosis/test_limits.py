@@ -46,11 +46,22 @@ def test_noise_above_the_limit_hides_neither_it_nor_its_level(ur10e: Arm) -> Non
     assert found.effect.parameters["limit"] == pytest.approx(40.0, rel=0.02)
 
 
+def test_the_way_back_from_a_limit_is_no_usual_error(ur10e: Arm) -> None:
+    """A joint that fell behind catches up for seconds after its torque has left the limit."""
+    log = asked(ur10e, 50.0, 0.08)
+    late = np.convolve(np.abs(log.q_cmd[:, ELBOW] - log.q[:, ELBOW]) > 0.05, np.ones(40), mode="full")[: len(log.t)] > 0
+    assert 0.1 < (late & (np.abs(log.tau[:, ELBOW]) < 42.0)).mean() < 0.2
+    q_cmd = log.q_cmd.copy()
+    q_cmd[:, ELBOW] += 0.05 * late
+    (found,) = limits_reached(ur10e, [replace(log, q_cmd=q_cmd)])
+    assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
+
+
 def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording(
     ur10e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = ArmEffect("torque_saturation", "shoulder_pan_joint", {"limit": 150.0})
-    monkeypatch.setattr("calib.diagnosis.diagnose.limits_reached", lambda arm, logs: [Limit(limit, 0.5, 160.0, 3)])
+    monkeypatch.setattr("calib.diagnosis.diagnose.limits_reached", lambda arm, logs: [Limit(limit, 0.5, 400.0, 3)])
     spring = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
     logs = [recording(ur10e, seed, spring, seconds=12.0) for seed in (1, 2, 3)]
     short = diagnose(ur10e, logs[:2], logs[2:])
@@ -59,7 +70,7 @@ def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording
         told = {(e["effect"], e["joint"]): e for e in found.answer["effects"]}
         assert set(told) == {("joint_spring", "elbow_joint"), ("torque_saturation", "shoulder_pan_joint")}
         assert told["torque_saturation", "shoulder_pan_joint"]["parameters"]["limit"]["value"] == 150.0
-        assert told["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(160 / 175)
+        assert told["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(400 / 530)
         found.write(tmp_path, ur10e)
         written = load_arm(tmp_path / "arm").effect("torque_saturation", "shoulder_pan_joint")
         assert written is not None
