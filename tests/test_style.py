@@ -77,3 +77,15 @@ def test_the_glossary_is_in_order_and_says_each_word_once() -> None:
     words = [w for w in words if w not in ("word", "---")]
     assert words == sorted(set(words), key=str.casefold)
     assert len(words) > 30
+
+
+def test_a_class_name_means_one_thing() -> None:
+    """In the packages; emulated devices are called as their drivers are."""
+    at: dict[str, list[str]] = {}
+    for module in MODULES:
+        if "emulated" in module.parts:
+            continue
+        for node in ast.parse(module.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                at.setdefault(node.name, []).append(str(module.relative_to(ROOT)))
+    assert {name: files for name, files in at.items() if len(files) > 1} == {}

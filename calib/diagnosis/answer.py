@@ -16,7 +16,7 @@ from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import nominal_values
 from calib.diagnosis.model import CONTACT
 from calib.diagnosis.selection import SearchResult
-from calib.gate import Check
+from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.effects import effect_named
@@ -46,7 +46,7 @@ class Diagnosis:
         write_arm(folder / self.answer["arm_out"], arm, effects=change.effects, inertials=change.inertials, provenance=why)
 
 
-def unusable(arm: Arm, trusted: Sequence[Check]) -> Diagnosis:
+def unusable(arm: Arm, trusted: Sequence[GateCheck]) -> Diagnosis:
     """The answer where the recordings cannot be used."""
     return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted), (), None)
 
@@ -58,7 +58,7 @@ def answer(
     odd: list[dict[str, Any]],
     gap: dict[str, list[float]] | None,
     log: str,
-    trusted: Sequence[Check],
+    trusted: Sequence[GateCheck],
 ) -> dict[str, Any]:
     """diagnosis.json (design.md section 7)."""
     none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}

@@ -9,7 +9,7 @@ import numpy as np
 from calib.diagnosis.answer import Diagnosis, answer, entry
 from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT
-from calib.gate import Check
+from calib.gate import GateCheck
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.standing import Push, pushes
 from logs.log import Log
@@ -21,7 +21,7 @@ CONFIDENCE = 0.99  # dry friction cannot hold what a push is claimed of; the mos
 
 def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
     """Contacts of logs in which the arm stands; None where it moves, where something else is wrong, or where nothing pushed it."""
-    trusted: list[Check] = []
+    trusted: list[GateCheck] = []
     found: list[tuple[ArmEffect, dict[str, float]]] = []
     for log in logs:
         checks, _ = examined(arm, [log], LEAST_MOTION)
@@ -32,7 +32,7 @@ def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
         found += [_contact(arm, log, push) for push in pushes(arm, log)]
     if not found:
         return None
-    trusted.append(Check("standing", True, "the arm stands: nothing but pushes against it can be found"))
+    trusted.append(GateCheck("standing", True, "the arm stands: nothing but pushes against it can be found"))
     entries = [entry(arm, item, std, CONFIDENCE, 1.0 / len(found)) for item, std in found]
     return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, _ in found), None)
 

@@ -16,7 +16,7 @@ import numpy as np
 from calib.console import plain
 from calib.fleet.engine import cluster, results
 from calib.fleet.inventory import Recorded, by_arm, inventory
-from calib.fleet.job import Answer, Job, Status, refusal
+from calib.fleet.job import Answer, ArmStatus, Job, refusal
 from calib.fleet.parcel import unpacked
 from calib.fleet.shrunk import Shrunk, shrunk_packed
 from calib.fleet.siblings import OUTLIER, Siblings, compare
@@ -48,7 +48,7 @@ class Progress:
     total: int
     dashboard: str = ""
     arm_id: str = ""
-    status: Status | None = None
+    status: ArmStatus | None = None
 
 
 @dataclass(frozen=True)
@@ -122,22 +122,22 @@ def run_fleet(
 def _received(job: Job, data: object, why: str) -> Answer:
     """What a worker answered; where it did not, or not in words that can be read, a row that says so."""
     if data is None:
-        return refusal(job, Status.WORKER_LOST, why)
+        return refusal(job, ArmStatus.WORKER_LOST, why)
     try:
         return unpacked(data, job.arm_id)
     except CalibError as error:
-        return refusal(job, Status.FAILED, str(error))
+        return refusal(job, ArmStatus.FAILED, str(error))
 
 
 def stored(folder: Path, job: Job) -> Answer | None:
     """The answer that `folder` holds, if it is one to this very job and would not come out differently now."""
     try:
         row = json.loads((folder / ANSWER).read_text(encoding="utf-8"))
-        status = Status[row["status"].upper()]
+        status = ArmStatus[row["status"].upper()]
         require_row(row)
         if row["digest"] != job.digest or not status.settled:
             return None
-        if status is not Status.DONE:
+        if status is not ArmStatus.DONE:
             return Answer(job.arm_id, status, row)
         with np.load(folder / ESTIMATE, allow_pickle=False) as file:
             return Answer(job.arm_id, status, row, {}, tuple(row["parameters"]), file["theta"], file["covariance"])
@@ -166,10 +166,10 @@ def store(folder: Path, answer: Answer) -> None:
 def _unknown(arm_id: str, own: Sequence[Recorded], sentence: str) -> Answer:
     row = {
         "arm": arm_id, "model": own[-1].arm, "cell": own[-1].cell, "serial": own[-1].serial, "first_recording": own[0].started,
-        "last_recording": own[-1].started, "logs": [r.address for r in own], "status": Status.CONFIGURATION.name.lower(),
+        "last_recording": own[-1].started, "logs": [r.address for r in own], "status": ArmStatus.CONFIGURATION.name.lower(),
         "sentence": sentence, "bad_logs": [],
     }  # fmt: skip
-    return Answer(arm_id, Status.CONFIGURATION, row)
+    return Answer(arm_id, ArmStatus.CONFIGURATION, row)
 
 
 def _notes(arm: Arm | None, job: Job | None) -> list[str]:
@@ -185,7 +185,7 @@ def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[st
     with_siblings: list[tuple[str, Shrunk]] = []
     families: dict[str, list[Answer]] = {}
     for answer in answers.values():
-        if answer.status is Status.DONE:
+        if answer.status is ArmStatus.DONE:
             families.setdefault(arms[answer.arm_id].sha256, []).append(answer)
     for family in families.values():
         family.sort(key=lambda a: a.arm_id)

@@ -17,7 +17,7 @@ from sim.version import program_version
 SCHEMA = "fleet/1"
 
 
-class Status(Enum):
+class ArmStatus(Enum):
     """How far an arm came; the value is the sentence shown to people."""
 
     DONE = "identified, validated and diagnosed"
@@ -31,7 +31,7 @@ class Status(Enum):
     @property
     def settled(self) -> bool:
         """Whether the same recordings would give the same answer again."""
-        return self in (Status.DONE, Status.NO_EXCITATION, Status.BAD_LOGS, Status.CONFIGURATION)
+        return self in (ArmStatus.DONE, ArmStatus.NO_EXCITATION, ArmStatus.BAD_LOGS, ArmStatus.CONFIGURATION)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Answer:
     """
 
     arm_id: str
-    status: Status
+    status: ArmStatus
     row: dict[str, Any]
     files: dict[str, bytes] = field(default_factory=dict)
     names: tuple[str, ...] = ()
@@ -75,7 +75,7 @@ class Answer:
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def refusal(job: Job, status: Status, sentence: str, bad_logs: tuple[str, ...] = ()) -> Answer:
+def refusal(job: Job, status: ArmStatus, sentence: str, bad_logs: tuple[str, ...] = ()) -> Answer:
     """The answer for an arm that could not be assessed."""
     return Answer(
         job.arm_id, status, base_row(job) | {"status": status.name.lower(), "sentence": sentence, "bad_logs": list(bad_logs)}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.console import plain
-from calib.fleet.job import Answer, Status
+from calib.fleet.job import Answer, ArmStatus
 from calib.fleet.table import require_row
 from sim.errors import BadLog
 from sim.files import is_name, printable
@@ -39,7 +39,7 @@ def unpacked(data: object, arm_id: str) -> Answer:
             about = json.loads(bytes(arrays[ABOUT]))
             theta, covariance = np.array(arrays[THETA], dtype=float), np.array(arrays[COVARIANCE], dtype=float)
             files = {str(name): bytes(arrays[f"{FILE}{k}"]) for k, name in enumerate(about["files"])}
-        status, row, names = Status[about["status"]], _shown(about["row"]), tuple(map(str, about["names"]))
+        status, row, names = ArmStatus[about["status"]], _shown(about["row"]), tuple(map(str, about["names"]))
         reported = about["arm_id"]
         require_row(row)
     except Exception as error:  # a damaged archive fails in a dozen ways

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.fleet.job import Answer, Status
+from calib.fleet.job import Answer, ArmStatus
 from calib.fleet.parcel import packed
 from calib.identification.calibrated import calibrated_arm, write_calibrated
 from calib.identification.consistency import possible_arm
@@ -33,7 +33,7 @@ class Shrunk:
 
 def shrunk_packed(estimate: Shrunk) -> bytes:
     """`shrunk_files`, as bytes to travel."""
-    return packed(Answer(estimate.arm_id, Status.DONE, {}, shrunk_files(estimate)))
+    return packed(Answer(estimate.arm_id, ArmStatus.DONE, {}, shrunk_files(estimate)))
 
 
 def shrunk_files(estimate: Shrunk) -> dict[str, bytes]:

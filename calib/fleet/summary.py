@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.fleet.fleet import Fleet, deviates
-from calib.fleet.job import Status
+from calib.fleet.job import ArmStatus
 from calib.fleet.siblings import OUTLIER
 
 
@@ -61,7 +61,9 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
 
 def trouble_rows(fleet: Fleet) -> list[list[str]]:
     """Arm, status, why: arms that could not be assessed, and recordings that could not be used."""
-    out = [[row["arm"], Status[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"]
+    out = [
+        [row["arm"], ArmStatus[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"
+    ]
     out += [
         [row["arm"], "judged without a recording", bad]
         for row in fleet.rows

@@ -19,7 +19,7 @@ from calib.console import plain
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
-from calib.fleet.job import Answer, Job, Status, base_row, refusal
+from calib.fleet.job import Answer, ArmStatus, Job, base_row, refusal
 from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
 from calib.gate.commands import require
@@ -32,10 +32,10 @@ from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
 from sim.version import program_version
 
 APART = ("validation", "holdout")
-ANSWERS: tuple[tuple[type[CalibError], Status], ...] = (
-    (AnswerIsNo, Status.NO_EXCITATION),
-    (BadLog, Status.BAD_LOGS),
-    (ConfigError, Status.CONFIGURATION),
+ANSWERS: tuple[tuple[type[CalibError], ArmStatus], ...] = (
+    (AnswerIsNo, ArmStatus.NO_EXCITATION),
+    (BadLog, ArmStatus.BAD_LOGS),
+    (ConfigError, ArmStatus.CONFIGURATION),
 )
 
 
@@ -60,17 +60,17 @@ def work(job: Job) -> Answer:
     bad: list[str] = []
     if program_version() != job.program:
         reason = f"the worker runs arm-calib {program_version()}, the command {job.program}; install the same on both"
-        return refusal(job, Status.OTHER_PROGRAM, reason)
+        return refusal(job, ArmStatus.OTHER_PROGRAM, reason)
     try:
         with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
             opened = _open(job, Path(scratch))
             bad = opened.bad
             return _answer(job, opened, Path(scratch), begin)
     except CalibError as error:
-        status = next((s for kind, s in ANSWERS if isinstance(error, kind)), Status.FAILED)
+        status = next((s for kind, s in ANSWERS if isinstance(error, kind)), ArmStatus.FAILED)
         return refusal(job, status, str(error), tuple(bad))
     except Exception as error:  # one arm's defect must not take the other arms' results
-        return refusal(job, Status.FAILED, f"{type(error).__name__}: {error}", tuple(bad))
+        return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {error}", tuple(bad))
 
 
 def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
@@ -146,10 +146,10 @@ def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
             trouble = str(error)
     past = _histories(job, opened, named, scratch) if named else []
     row = base_row(job) | _identified(found, opened) | _validated(checked, bool(held)) | _diagnosed(named, whole, past, trouble)
-    row |= {"status": Status.DONE.name.lower(), "sentence": found.result.outcome, "bad_logs": opened.bad}
+    row |= {"status": ArmStatus.DONE.name.lower(), "sentence": found.result.outcome, "bad_logs": opened.bad}
     row["cpu_seconds"] = time.process_time() - begin
     files = {str(f.relative_to(out)): f.read_bytes() for f in sorted(out.rglob("*")) if f.is_file()}
-    return Answer(job.arm_id, Status.DONE, row, files, found.model.names, found.solution.theta, found.solution.covariance)
+    return Answer(job.arm_id, ArmStatus.DONE, row, files, found.model.names, found.solution.theta, found.solution.covariance)
 
 
 def _histories(job: Job, opened: Opened, named: Diagnosis, scratch: Path) -> list[History]:

@@ -27,7 +27,7 @@ def options(cause: Cause, names: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Check:
+class GateCheck:
     """One check: its name, whether it passed, what was found, and the likely causes, best first."""
 
     check: str

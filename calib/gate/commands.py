@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from calib.gate.check import Check
+from calib.gate.check import GateCheck
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
 from calib.gate.readings import name_of
@@ -50,12 +50,12 @@ def require(arm: Arm, logs: Sequence[Log]) -> None:
         raise BadLog(refusal)
 
 
-def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[tuple[Check, ...], str | None]:
+def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[tuple[GateCheck, ...], str | None]:
     """The checks of every log by itself, so that good ones hide no bad one, and of all together; and why they are refused, or None.
 
     The checks end with those of the first log that is refused.
     """
-    checks: list[Check] = []
+    checks: list[GateCheck] = []
     for log in logs:
         found = gate(arm, [log], family=_shipped, least_motion=least_motion)
         checks += found.checks

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.gate import motion, readings, scale
-from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Check, options
+from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque, mounting_torque
 from calib.gate.search import GainStep, steps
@@ -32,7 +32,7 @@ OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # how much better another arm must fit, in 
 OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which another arm is looked for
 SPREAD_OF_SCALE = 0.4
 KEPT = 16
-_kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[Check]]] = OrderedDict()
+_kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[GateCheck]]] = OrderedDict()
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Gate:
     """checks in their order; causes of what failed, the likeliest first; refusal, a sentence, or None; assumed, the words that were taken
     for granted; logs as they are to be read."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[GateCheck, ...]
     causes: tuple[Cause, ...]
     refusal: str | None
     assumed: tuple[str, ...]
@@ -87,7 +87,7 @@ def _gate(
     return Gate(tuple(checks), causes, refusal, tuple(assume), read)
 
 
-def _in_order(failed: Sequence[Check]) -> tuple[Cause, ...]:
+def _in_order(failed: Sequence[GateCheck]) -> tuple[Cause, ...]:
     """What can be seen without the model first, then what makes the model fit best."""
     seen = [cause for check in failed if check.check not in BY_MODEL for cause in check.causes]
     by_model = [cause for check in failed if check.check in BY_MODEL for cause in check.causes]
@@ -98,7 +98,7 @@ def _in_order(failed: Sequence[Check]) -> tuple[Cause, ...]:
     )
 
 
-def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[str]) -> str:
+def _refusal(failed: Sequence[GateCheck], causes: Sequence[Cause], names: Sequence[str]) -> str:
     """What was seen, the likeliest cause, the other causes, the remedy."""
     parts = ["; ".join(check.detail for check in failed[:2])]
     if causes:
@@ -110,7 +110,7 @@ def _refusal(failed: Sequence[Check], causes: Sequence[Cause], names: Sequence[s
     return ". ".join(parts)
 
 
-def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[Check]:
+def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[GateCheck]:
     """`_physics`; of the last KEPT questions the answer is known: identification, validation and diagnosis ask about the same recordings."""
     digest = hashlib.blake2b()
     for log in logs:
@@ -125,12 +125,12 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
     return known[2]
 
 
-def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[Check]:
+def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[GateCheck]:
     """Speed against position, limits, and the arm's model against torques or currents."""
     load, from_current, known = _loads(arm, logs)
     s = signals(logs, load)
     if not len(s):
-        return [Check("motion", True, "nothing moves: units, signs and columns cannot be checked")]
+        return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
         t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another
@@ -144,7 +144,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if not massive:
         return [
             *out,
-            Check("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
+            GateCheck("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
         ]
     before = s
     found, rivals, s = steps(arm, s, SHIFTS)
@@ -180,25 +180,25 @@ def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
     return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
 
 
-def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep]) -> Check:
+def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep]) -> GateCheck:
     if not found:
-        return Check("torque", True, "no other sign, column or clock makes the arm's model fit better")
+        return GateCheck("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
     whole = sum(step.gain for step in found)
     shown = [*found, *ties]
     causes = tuple(Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown)
     detail = f"the torque (or current) does not match the motion; read another way, the residual is {1 - math.exp(-whole):.0%} smaller"
-    return Check("torque", False, detail, causes, names)
+    return GateCheck("torque", False, detail, causes, names)
 
 
-def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> Check:
+def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> GateCheck:
     if other is not None:
-        return Check("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
+        return GateCheck("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
     if not sizes:
-        return Check(
+        return GateCheck(
             "size", True, "torques or currents have the size that the arm's masses require, or it cannot be determined"
         )
-    return Check("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
+    return GateCheck("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
 
 
 def _other(

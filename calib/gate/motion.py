@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.gate import readings, scale
-from calib.gate.check import MOST_CAUSES, Cause, Check
+from calib.gate.check import MOST_CAUSES, Cause, GateCheck
 from calib.gate.correction import Correction
 from calib.gate.fit import fitted, model_torque
 from calib.gate.search import LEAST_GAIN, ranked, read_as
@@ -23,21 +23,21 @@ MOST_ODD = 0.34  # of the joints may have a speed of their own where a unit is c
 FAST_SHARE = 0.05
 
 
-def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
+def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
     """The speed reading must be the derivative of the position; the rows come back with their likely cause undone."""
     table, comparable = readings.ratios(s), readings.comparable(s)
     own = np.diagonal(table)
     with np.errstate(invalid="ignore"):
         wrong = comparable & ~(np.abs(np.log(np.abs(own))) < math.log(readings.FACTOR)) | comparable & (own < 0)
     if not wrong.any():
-        return Check(
+        return GateCheck(
             "speed", True, "speed is the derivative of position" if comparable.any() else "no speed reading, or no motion"
         ), s
     ways = _of_ratio(own, comparable, wrong) or _of_columns(table, comparable, wrong)
     if not ways:
         worst = int(np.flatnonzero(wrong)[0])
         value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
-        return Check(
+        return GateCheck(
             "speed",
             True,
             f"the speed of {arm.joint_names[worst]} is {value} the derivative of its position, which no unit explains",
@@ -51,7 +51,7 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[Check, Signals]:
     )
     best = ways[order[0]]
     s = read_as(s, best) if best.part == "q" else s
-    return Check("speed", False, f"speed over the derivative of position, which should be 1: {ratio}", causes, names), s
+    return GateCheck("speed", False, f"speed over the derivative of position, which should be 1: {ratio}", causes, names), s
 
 
 def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> list[Correction]:
@@ -103,7 +103,7 @@ def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
     return float(ratio[np.isfinite(ratio)].sum())
 
 
-def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[Check, Signals]:
+def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[GateCheck, Signals]:
     """Positions within the joints' range, and no faster than they can."""
     beyond = np.max([readings.over_range(log, arm) for log in logs], axis=0) > readings.SHARE
     fast = readings.over_speed(s, arm) > FAST_SHARE
@@ -112,7 +112,7 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         beyond[:] = False  # undone already by what was found from the speed
     wrong = beyond & ~_turns_freely(arm, s) | fast
     if not wrong.any():
-        return Check("limits", True, "positions and speeds are within the arm's limits"), s
+        return GateCheck("limits", True, "positions and speeds are within the arm's limits"), s
     names, j = arm.joint_names, int(np.flatnonzero(wrong)[0])
     what = f"position of {names[j]} goes from {low[j]:.4g} to {high[j]:.4g} rad, its range is {arm.q_min[j]:.4g} to {arm.q_max[j]:.4g}"
     if not beyond[j]:
@@ -127,14 +127,14 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
     gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
     if massive and ways and max(gains) < -LEAST_GAIN:
-        return Check("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
+        return GateCheck("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
         log_scale = scale.scale_of(arm, s, fit).log_scale
         if not known and np.isfinite(log_scale).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
             log_scale = log_scale - np.nanmedian(log_scale)
         if np.isfinite(log_scale).any() and np.nanmedian(np.abs(log_scale)) < math.log(scale.ODD) and not (fast & beyond).any():
-            return Check("limits", True, f"{what}; the arm's masses fit, so the stated limits are too narrow"), s
+            return GateCheck("limits", True, f"{what}; the arm's masses fit, so the stated limits are too narrow"), s
     order = sorted(range(len(ways)), key=lambda k: -gains[k])
     too = (Correction("unit", "dq", unit="deg/s"),) if np.isfinite(s.read).any() else ()
     causes = tuple(
@@ -146,7 +146,7 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     if undone and massive:  # a position of next to nothing has no gravity to be wrong about: another reading may explain more
         rivals = ranked(arm, s, SHIFTS)[:1]
         undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
-    return Check("limits", False, what, causes, names), turned if undone else s
+    return GateCheck("limits", False, what, causes, names), turned if undone else s
 
 
 def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:

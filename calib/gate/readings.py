@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.gate.check import Cause, Check
+from calib.gate.check import Cause, GateCheck
 from calib.gate.correction import UNITS, Correction
 from calib.gate.fit import moving
 from calib.gate.signals import Signals
@@ -36,11 +36,11 @@ def name_of(log: Log) -> str:
     return log.path.name if log.path else "log"
 
 
-def joints(log: Log, arm: Arm) -> Check:
+def joints(log: Log, arm: Arm) -> GateCheck:
     """The columns must be the arm's joints, by name."""
     name = name_of(log)
     if tuple(log.joint_names) == arm.joint_names:
-        return Check("joints", True, f"{name}: the joints are the arm's")
+        return GateCheck("joints", True, f"{name}: the joints are the arm's")
     extra = [j for j in log.joint_names if j not in arm.joint_names]
     missing = [j for j in arm.joint_names if j not in log.joint_names]
     if not missing and extra:
@@ -51,7 +51,7 @@ def joints(log: Log, arm: Arm) -> Check:
         cause = "the joints are in another order: read the log for this arm, which orders them by name"
     else:
         cause = f"it is a recording of another arm: {', '.join(missing)} are not in it"
-    return Check(
+    return GateCheck(
         "joints",
         False,
         f"{name}: joints {', '.join(log.joint_names)}; {arm.name} has {', '.join(arm.joint_names)}",
@@ -59,11 +59,11 @@ def joints(log: Log, arm: Arm) -> Check:
     )
 
 
-def values(log: Log) -> Check:
+def values(log: Log) -> GateCheck:
     """Numbers that some unit of some arm can have: instants that are finite, nothing infinite, nothing beyond 1e9."""
     name = name_of(log)
     if not np.isfinite(log.t).all():
-        return Check(
+        return GateCheck(
             "values",
             False,
             f"{name}: {int((~np.isfinite(log.t)).sum())} samples without a time",
@@ -72,13 +72,13 @@ def values(log: Log) -> Check:
     for channel in ("q", "dq", "tau", "current"):
         x = getattr(log, channel)
         if np.any(np.abs(x) > MOST):
-            return Check(
+            return GateCheck(
                 "values", False, f"{name}: {channel} reaches {np.nanmax(np.abs(x)):.3g}", (Cause("the file is damaged"),)
             )
-    return Check("values", True, f"{name}: all values are of a possible size")
+    return GateCheck("values", True, f"{name}: all values are of a possible size")
 
 
-def words(log: Log) -> Check:
+def words(log: Log) -> GateCheck:
     """No reading of a drive is a signed word that was kept as an unsigned one."""
     name = name_of(log)
     for channel in DRIVE:
@@ -87,24 +87,26 @@ def words(log: Log) -> Check:
             if integer is not None:
                 way = Correction("word", channel, unit=integer)
                 detail = f"{name}: {channel} of {log.joint_names[j]} holds {finding(column, integer)}"
-                return Check("words", False, detail, (Cause(way.sentence(()), 0.0, (way,)),))
-    return Check("words", True, f"{name}: no signed word was kept as an unsigned one")
+                return GateCheck("words", False, detail, (Cause(way.sentence(()), 0.0, (way,)),))
+    return GateCheck("words", True, f"{name}: no signed word was kept as an unsigned one")
 
 
-def clock(log: Log) -> Check:
+def clock(log: Log) -> GateCheck:
     """Between 5 Hz and 10 kHz an arm is recorded."""
     name = name_of(log)
     step = np.diff(log.t[np.isfinite(log.t)])
-    short = Check("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
+    short = GateCheck("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
     if not (step > 0).any():
         return short
     if np.any(step < 0):
         at = int(np.argmax(step < 0))
         cause = Cause("time runs backwards: two recordings in one file, or a clock that was set")
-        return Check("clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,))
+        return GateCheck(
+            "clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,)
+        )
     middle = float(np.median(step[step > 0]))
     if STEP_LEAST <= middle <= STEP_MOST:
-        return short if len(step) < 16 else Check("clock", True, f"{name}: {1 / middle:.4g} Hz")
+        return short if len(step) < 16 else GateCheck("clock", True, f"{name}: {1 / middle:.4g} Hz")
     moved = _elapsed(log)
     causes = []
     for unit, factor in UNITS["t"].items():
@@ -112,7 +114,7 @@ def clock(log: Log) -> Check:
             gain = -abs(math.log(moved / (middle * factor))) if moved else -1.0
             causes.append(Cause(Correction("unit", "t", unit=unit).sentence(()), gain, (Correction("unit", "t", unit=unit),)))
     causes.sort(key=lambda cause: -cause.gain)
-    return Check(
+    return GateCheck(
         "clock", False, f"{name}: a sample every {middle:.4g} s; arms are recorded at 5 Hz to 10 kHz", tuple(causes[:2])
     )
 
@@ -125,15 +127,15 @@ def _elapsed(log: Log) -> float | None:
     return float(np.median(ratio)) if len(ratio) > LEAST_ROWS and np.median(ratio) > 0 else None
 
 
-def losses(log: Log) -> Check:
+def losses(log: Log) -> GateCheck:
     """Not too many samples are missing."""
     step = np.diff(log.t)
     share = 1 - len(log) / max(1.0, (log.t[-1] - log.t[0]) / float(np.median(step[step > 0])) + 1)
     detail = f"{name_of(log)}: {max(share, 0.0):.1%} of the samples missing, longest gap {step.max():.3g} s"
-    return Check("losses", share < MOST_LOST, detail, () if share < MOST_LOST else (Cause("samples were lost"),))
+    return GateCheck("losses", share < MOST_LOST, detail, () if share < MOST_LOST else (Cause("samples were lost"),))
 
 
-def frozen(log: Log) -> Check:
+def frozen(log: Log) -> GateCheck:
     """No joint's position and load stand to the last bit while others move."""
     name, period = name_of(log), float(np.median(np.diff(log.t)))
     load = np.where(np.isfinite(log.tau).any(axis=0), log.tau, log.current)
@@ -145,9 +147,11 @@ def frozen(log: Log) -> Check:
         if run > worst:
             worst, joint = run, log.joint_names[j]
     if worst * period < FROZEN or worst < 3:
-        return Check("frozen joints", True, f"{name}: no joint's readings are frozen")
+        return GateCheck("frozen joints", True, f"{name}: no joint's readings are frozen")
     cause = Cause(f"the readings of {joint} stopped being updated: a lost drive or topic; leave that time out")
-    return Check("frozen joints", False, f"{name}: the readings of {joint} are constant for {worst * period:.2f} s", (cause,))
+    return GateCheck(
+        "frozen joints", False, f"{name}: the readings of {joint} are constant for {worst * period:.2f} s", (cause,)
+    )
 
 
 def _longest(flags: np.ndarray) -> int:
@@ -155,7 +159,7 @@ def _longest(flags: np.ndarray) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def motion(log: Log, least: float) -> Check:
+def motion(log: Log, least: float) -> GateCheck:
     """At least `least` seconds with a joint in motion."""
     place = ((log.t - log.t[0]) / STRETCH).astype(int)
     first = np.flatnonzero(np.r_[True, np.diff(place) > 0])
@@ -166,20 +170,22 @@ def motion(log: Log, least: float) -> Check:
     seconds *= 1 + (len(first) - 1) / max(len(log) - len(first), 1)  # the steps between stretches
     detail = f"{name_of(log)}: {seconds:.1f} s with a joint in motion"
     if seconds >= least:
-        return Check("motion", True, detail)
-    return Check("motion", False, f"{detail}, {least:g} s are needed", (Cause("the motion is too short: record a longer one"),))
+        return GateCheck("motion", True, detail)
+    return GateCheck(
+        "motion", False, f"{detail}, {least:g} s are needed", (Cause("the motion is too short: record a longer one"),)
+    )
 
 
-def twice(logs: Sequence[Log]) -> Check:
+def twice(logs: Sequence[Log]) -> GateCheck:
     """No recording is there twice: its rows would count twice, and as a check of itself it is none."""
     for a, b in itertools.combinations(logs, 2):
         if len(a) and len(b) and _same(a, b):
             cause = Cause(
                 f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
             )
-            return Check("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
+            return GateCheck("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
     detail = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
-    return Check("recordings", True, detail, of_all=len(logs) > 1)
+    return GateCheck("recordings", True, detail, of_all=len(logs) > 1)
 
 
 def _same(a: Log, b: Log) -> bool:

@@ -17,7 +17,7 @@ from sim.arm_table import SpeedFrom
 
 
 @dataclass(frozen=True)
-class Reading:
+class SpeedReading:
     """speed: from differences of the position, or as reported; cutoff Hz of the common filter; motion Hz that the motion's spectrum asks
     for, None where a cutoff was stated."""
 
@@ -26,7 +26,7 @@ class Reading:
     motion: float | None
 
 
-def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> Reading:
+def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> SpeedReading:
     """The reading that goes best with the torque; the arm's own speed where a log reports none. stated: a cutoff that is not chosen, Hz.
 
     Where the commanded motion is recorded, instruments answer for the noise of the position, and nothing is chosen.
@@ -34,7 +34,7 @@ def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> Readi
     motion = None if stated else max(motion_cutoff(log) for log in logs)
     cutoff, speed = stated or motion or CUTOFF_LEAST, arm.speed_from
     if any(np.isfinite(log.q_cmd).any() for log in logs):
-        return Reading(speed, cutoff, motion)
+        return SpeedReading(speed, cutoff, motion)
     model = TorqueModel.of_arm(arm)
     nominal = nominal_prior(arm, model)
     if all(np.isfinite(log.dq).all() for log in logs):
@@ -42,7 +42,7 @@ def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> Readi
         speed = speed_reading(model, {key: _prepared(arm, logs, key, cutoff) for key in readings}, nominal)
     if motion is not None and motion > CUTOFF_LEAST:
         cutoff = smoothing(model, {hz: _prepared(arm, logs, speed, hz) for hz in (motion, CUTOFF_LEAST)}, nominal)
-    return Reading(speed, cutoff, motion)
+    return SpeedReading(speed, cutoff, motion)
 
 
 def _prepared(arm: Arm, logs: Sequence[Log], speed: SpeedFrom, cutoff: float) -> list[Measurement]:

@@ -15,7 +15,7 @@ from calib import main as program
 from calib.fleet.engine import ALLOWED_DEATHS, cluster, results
 from calib.fleet.fleet import Settings, run_fleet
 from calib.fleet.inventory import by_arm, inventory
-from calib.fleet.job import Job, Status
+from calib.fleet.job import ArmStatus, Job
 from calib.fleet.since import History, histories
 from calib.fleet.table import read_table, write_table
 from calib.fleet.task import session, work
@@ -139,7 +139,7 @@ def test_a_worker_with_another_program_refuses(tmp_path: Path, ur5e: Arm) -> Non
     write_recording(tmp_path / "cell" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
     recordings, _ = inventory(str(tmp_path))
     answer = work(Job("x", ur5e, tuple(recordings), program="older"))
-    assert answer.status is Status.OTHER_PROGRAM
+    assert answer.status is ArmStatus.OTHER_PROGRAM
     assert "install the same" in answer.row["sentence"]
 
 

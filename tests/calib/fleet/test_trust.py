@@ -17,7 +17,7 @@ from calib import main as program
 from calib.fleet.engine import cluster
 from calib.fleet.fleet import store, stored
 from calib.fleet.inventory import Recorded, by_arm, inventory
-from calib.fleet.job import Answer, Job, Status
+from calib.fleet.job import Answer, ArmStatus, Job
 from calib.fleet.parcel import packed, unpacked
 from logs.convert import write_log
 from sim.arm import Arm
@@ -74,7 +74,7 @@ def test_one_recording_that_says_nonsense_takes_no_other(
 
 def answer(**changes: object) -> Answer:
     row = {"arm": "a", "status": "done", "sentence": "fine", "left_of_torque": [0.1, float("nan")]}
-    plain = Answer("a", Status.DONE, row, {"arm/arm.toml": b"x = 1\n"}, ("m",), np.ones(1), np.eye(1))
+    plain = Answer("a", ArmStatus.DONE, row, {"arm/arm.toml": b"x = 1\n"}, ("m",), np.ones(1), np.eye(1))
     return dataclasses.replace(plain, **changes)  # type: ignore[arg-type]
 
 
@@ -187,7 +187,7 @@ def test_an_answer_that_was_spoilt_on_disk_is_done_again(tmp_path: Path, ur5e: A
     write_recording(tmp_path / "plant" / "cell-0" / "a.mcap", ur5e, ur5e, 1)
     (job,) = (Job(arm_id, ur5e, own, diagnose=False) for arm_id, own in by_arm(inventory(str(tmp_path / "plant"))[0]).items())
     row = {"arm": job.arm_id, "status": "done", "digest": job.digest, "parameters": ["m"]}
-    kept = Answer(job.arm_id, Status.DONE, row, {}, ("m",), np.ones(1), np.eye(1))
+    kept = Answer(job.arm_id, ArmStatus.DONE, row, {}, ("m",), np.ones(1), np.eye(1))
     folder = tmp_path / "arms" / job.arm_id
     store(folder, kept)
     assert stored(folder, job) is not None
