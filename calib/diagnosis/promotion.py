@@ -6,7 +6,7 @@
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
   every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
 
-Worse means significantly (calib.diagnosis.significance), or by more than RISEN.
+Worse means significantly (calib.diagnosis.significance), or by more than RISEN on recordings that were held out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.prediction import predict
 
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
-RISEN = 0.05  # of a joint's RMS torque error, whether significant or not: an effect that raises it on recordings shown does not help
+RISEN = 0.05  # of a joint's RMS torque error on recordings kept apart, whether significant or not: an effect that raises it does not help
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
 LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
@@ -106,6 +106,7 @@ def promoted(
         apart or measurements,
         "the held-out recordings" if apart else "the recordings",
     )
+    risen = RISEN if apart else np.inf
     several = not apart and len(measurements) >= SEVERAL
     pieces = PIECES if several and len(measurements) < PIECES else 1
     bare = _Written.of(ArmChange({}, ()), (), start, shown)
@@ -123,7 +124,7 @@ def promoted(
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
             concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
             least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
-            than_bare = [way.worse(bare, least) | (way.rms > (1 + RISEN) * bare.rms) for way in ways]
+            than_bare = [way.worse(bare, least) | (way.rms > (1 + risen) * bare.rms) for way in ways]
             worse = [x | way.worse(plain, good, together) for x, way in zip(than_bare, ways, strict=True)]
             fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
             for way in fit_for:
