@@ -22,8 +22,6 @@ from sim.effects import effect_named
 from sim.effects.effect import Stage
 
 MOST_EFFECTS = 8
-# More names than these are structure that the catalogue has no name for, and none of them is worth exchanging.
-EXCHANGED = 3
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 # Columns over rows where the noise is measured. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
 FILLED = 0.12
@@ -186,9 +184,7 @@ def search(
             break
         if cost(better) >= cost(best):
             break
-        best = _pruned(measurements, better)
-        if len(best.accepted) <= EXCHANGED:
-            best = exchanged(measurements, best, bank, hopeless)
+        best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
     found.best = best
     return found
 
