@@ -16,7 +16,9 @@ CONFIDENCE = (0.0, 0.5, 0.7, 0.9, 0.95, 1.0)
 def rows_of(rows: list[Row], seed: int) -> list[dict[str, Any]]:
     """Figures, reliability and the confusion matrix, as rows of a results file."""
     out = [{"what": f"cases, seed {seed}", "value": len(rows)}]
-    out += [{"what": f.what, "value": str(f).partition(": ")[2].partition("   ")[0], "bar": f.bar} for f in figures(rows)]
+    out += [
+        {"what": f.what, "value": str(f).removeprefix(f"{f.what}: ").partition("   ")[0], "bar": f.bar} for f in figures(rows)
+    ]
     return [*out, *reliability(rows), *matrix(rows)]
 
 

@@ -169,7 +169,7 @@ def figures(rows: list[Row]) -> list[Figure]:
         return r.verdict == "unexplained"
 
     return [
-        Figure("nothing hidden: said so", _share(clean, lambda r: r.exact), "99 %"),
+        Figure("nothing hidden: correctly reported", _share(clean, lambda r: r.exact), "99 %"),
         Figure("single, severity 2 and 3: name and joint right", _share([r for r in single if r.severity >= 2], first), "93 %"),
         Figure("exactly the hidden set, all cases", _share(rows, lambda r: r.exact), "80 %"),
         Figure("wrong among the names given", wrong, "under 3 %"),
@@ -192,7 +192,7 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("pairs: exactly", _share(pairs, lambda r: r.exact)),
         Figure("triples: all named", _share(triples, lambda r: set(r.truth) <= set(r.answer))),
         Figure("triples: exactly", _share(triples, lambda r: r.exact)),
-        Figure("unknown: said unexplained", _share(unknown, to_unexplained)),
+        Figure("unknown: reported as unexplained", _share(unknown, to_unexplained)),
         Figure("gap closed on the held-out log, as the answer claims, median", _middle(r.claimed for r in rows)),
         Figure("no answer", _share(rows, lambda r: r.verdict == "no answer")),
     ]

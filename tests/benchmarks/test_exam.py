@@ -188,7 +188,7 @@ def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pyt
         "joint_spring": "1/1", "torque_ripple": "1/1", "wrong names beside": "0/2",
     }  # fmt: skip
     found = {f.what: f.value for f in figures(rows)}
-    assert (found["nothing hidden: said so"].right, found["nothing hidden: said so"].total) == (1, 2)
+    assert (found["nothing hidden: correctly reported"].right, found["nothing hidden: correctly reported"].total) == (1, 2)
     assert (found["exactly the hidden set, all cases"].right, found["exactly the hidden set, all cases"].total) == (4, 6)
     assert (found["wrong among the names given"].right, found["wrong among the names given"].total) == (2, 5)
     report(rows, Exam(tmp_path, 1, "calib", 1.0, False, False))
@@ -217,6 +217,7 @@ def test_the_exam_is_recorded_with_its_whole_matrix_and_compared() -> None:
     now = rows_of([right, missed, wrong], 7)
     of = {row["what"]: row for row in now}
     assert of["cases, seed 7"]["value"] == 3
+    assert of["nothing hidden: correctly reported"]["value"].startswith("0/1 = 0.0 %")
     assert of["hidden: backlash"] == {"what": "hidden: backlash", "value": "0 of 1", "note": "instead: none 1"}
     assert of["hidden: none"]["note"] == "instead: time_delay 1"
     assert of["names given with a confidence of 0.95 to 1: right"]["value"].startswith("1/1")
