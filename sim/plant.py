@@ -16,6 +16,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.drive_loop import DriveLoop
 from sim.effects import Stage
 from sim.effects.effect import PathState
 from sim.joint_state import JointState
@@ -25,10 +26,6 @@ from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH, slip_direction
 
-# Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
-# 300 behaves like a few hertz; feed-forward does the rest).
-BANDWIDTH = 2 * np.pi * 6.0
-PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
 AMBIENT = 25.0
@@ -51,11 +48,7 @@ class Plant:
         self.drive, self._obstacles = drive or arm, tuple(obstacles)
         self.timestep = timestep or (SOFT_STEP if twists(arm) else STEP)
         self._build(arm)
-        self._nominal = RigidBody(self.drive)
-        rotor = [self.drive.effect("rotor_inertia", n) for n in arm.joint_names]
-        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotor])
-        viscous = [self.drive.effect("viscous_friction", n) for n in arm.joint_names]
-        self._viscous = np.array([e.parameters["viscous"] if e else 0.0 for e in viscous])
+        self._loop = DriveLoop(self.drive, arm.joint_names)
         self._rng = np.random.default_rng(seed)
         self.reset(np.zeros(arm.n))
 
@@ -109,15 +102,7 @@ class Plant:
             self.data.qvel[self._dof] = dq
         mujoco.mj_forward(self.model, self.data)
         n = self.arm.n
-        self._target = (q.copy(), np.zeros(n), np.zeros(n))
-        self._acceleration, self._period = np.zeros(n), 0.0
-        self._command_time = -np.inf
-        self._gains: tuple[np.ndarray, np.ndarray] | None = None
-        self._torque_alone = False
-        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
-        self._pushed = np.linalg.eigvals(np.linalg.solve(matrix, np.diag(np.diag(matrix)))).real.max() > PUSHED
-        self._kp, self._kd = self._gain_matrices(q)
-        self._integral = np.zeros(n)
+        self._reported = self._loop.reset(q)
         self._slip = np.zeros(n)
         self._memory: dict[Hashable, np.ndarray] = {}
         if came is not None:
@@ -126,8 +111,6 @@ class Plant:
         self._slip_angle = self.data.qpos[self._dof].copy()
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
-        self._reported = self._nominal.gravity_torque(q[None])[0]
-        self._line = (q, np.zeros(n), self._reported, q, np.zeros(n), self._reported)
         self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self.encoder())
 
@@ -156,18 +139,6 @@ class Plant:
         for effect, joint, item in self._each_step[Stage.MOTOR]:
             effect.apply(state, joint, item.parameters)
 
-    def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """kp N m/rad and kd N m s/rad of the drive at q, (n, n): by what each joint carries, the others held.
-
-        Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
-        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by the viscous friction besides.
-        """
-        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
-        if not self._pushed:
-            held = np.diag(np.diag(matrix))
-            return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
-        return BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous), 2 * 0.9 * BANDWIDTH * matrix
-
     @property
     def stable(self) -> bool:
         """Whether MuJoCo has found every angle, speed and acceleration finite and moderate since `reset`; it starts anew where one is not."""
@@ -186,37 +157,20 @@ class Plant:
         The drive goes on a smooth line to where these two will be at the next command, as far off as the last one, and waits there. With kp
         (N m/rad) and kd (N m s/rad) it is a servo in impedance mode, whose target stands still: kp (q - angle) + kd (dq - speed) + tau, alone.
         """
-        q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
-        elapsed = self.time - self._command_time
-        servo = kp is not None and kd is not None
-        q0, dq0, model0 = self._target if servo else self._wanted()
-        if elapsed > 0:  # a second command at one instant replaces the first
-            self._period = elapsed if elapsed < 0.1 else 0.0
-            self._acceleration = (dq - self._target[1]) / elapsed if self._period else np.zeros_like(q)
-        self._target, self._command_time = (q, dq, tau), self.time
-        self._gains = (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float)) if servo else None
-        self._torque_alone = self._gains is not None and not any(x.any() for x in self._gains)
-        if self._gains is None:
-            # no jump at a command: a reading would show it half a period late
-            ddq, period = self._acceleration, self._period
-            q1, dq1 = q + period * dq + 0.5 * period**2 * ddq, dq + period * ddq
-            model1 = self._nominal.inverse_dynamics(q1[None], dq1[None], ddq[None])[0] + self._rotor * ddq
-            self._line = (q0, dq0, model0, q1, dq1, model1)
-            if self._pushed:
-                self._kp, self._kd = self._gain_matrices(q)
+        self._loop.command(self.time, q, dq, tau, kp, kd)
         self._control()
 
     def advance(self, dt: float) -> None:
         """Let dt seconds pass, to the nearest simulation step."""
         steps = max(1, round(dt / self.timestep))
-        if self._torque_alone and not self._every_step:
+        if self._loop.torque_alone and not self._every_step:
             mujoco.mj_step(self.model, self.data, steps)
             steps = 0
         for _ in range(steps):
             self._apply_effects()
             mujoco.mj_step(self.model, self.data)
             # position k and the torque of step k belong together: q[k+1] - 2 q[k] + q[k-1] = h^2 ddq(tau[k])
-            if not self._torque_alone:
+            if not self._loop.torque_alone:
                 self._control(self.timestep)
         friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
         self._heat += dt * (friction - self._heat * 2.0) / 200.0
@@ -269,30 +223,11 @@ class Plant:
                     angle[joint] += reading[joint] - effect.reading(angle[joint : joint + 1], item.parameters)[0]
         return angle
 
-    def _wanted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q, dq and the model's torque on the line of the last command, now; at its end where it has none or has run out."""
-        q0, dq0, model0, q1, dq1, model1 = self._line
-        since = self.time - self._command_time
-        if since >= self._period:
-            return q1, dq1, model1
-        share = since / self._period
-        missed = q1 - q0 - 0.5 * self._period * (dq0 + dq1)
-        dq = dq0 + share * (dq1 - dq0)
-        return q0 + 0.5 * since * (dq0 + dq) + share * missed, dq, model0 + share * (model1 - model0)
-
     def _control(self, dt: float = 0.0) -> None:
         """Close the drive's loop at this instant; its integral grows by dt s."""
         now = self.time
         angle, speed = self._motor_reading()
-        if self._gains is not None:
-            q, dq, tau = self._target
-            kp, kd = self._gains
-            torque = kp * (q - angle) + kd * (dq - speed) + tau
-        else:
-            q, dq, model = self._wanted()
-            push = self._kp @ (q - angle)
-            self._integral += (0.15 * BANDWIDTH * dt) * push
-            torque = model + push + self._kd @ (dq - speed) + self._integral + self._target[2]
+        torque = self._loop.torque(now, angle, speed, dt)
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         for effect, joint, item in self._stages[Stage.DRIVE]:
             state = self._instant(torque=torque)

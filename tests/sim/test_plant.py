@@ -36,8 +36,8 @@ def test_it_is_steady_without_rotors(q):
         bare = with_effect(bare, ArmEffect("rotor_inertia", joint, {"inertia": 0.0}))
         bare = with_effect(bare, ArmEffect("coulomb_friction", joint, {"coulomb": 0.0}))
         bare = with_effect(bare, ArmEffect("viscous_friction", joint, {"viscous": 0.0}))
-    assert Plant(bare)._pushed
-    assert not Plant(arm)._pushed
+    assert Plant(bare)._loop.pushed
+    assert not Plant(arm)._loop.pushed
     assert _followed(bare, q) < 2e-3
 
 

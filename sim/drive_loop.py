@@ -1,0 +1,102 @@
+"""The position loop of an emulated drive: the nominal arm's torque, and a proportional, differential and integral law on its encoder."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.rigid_body import RigidBody
+
+# Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
+# 300 behaves like a few hertz; feed-forward does the rest).
+BANDWIDTH = 2 * np.pi * 6.0
+PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
+State = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class DriveLoop:
+    """Follows commands with what it knows of the arm: `known`, its joints in the order of joint_names.
+
+    pushed: gains by what each joint carries would overshoot. torque_alone: the last command has no gains, so its torque stands as it is.
+    """
+
+    def __init__(self, known: Arm, joint_names: tuple[str, ...]) -> None:
+        self._nominal = RigidBody(known)
+        self._rotor, self._viscous = (
+            np.array([e.parameters[key] if (e := known.effect(effect, n)) else 0.0 for n in joint_names])
+            for effect, key in (("rotor_inertia", "inertia"), ("viscous_friction", "viscous"))
+        )
+
+    def reset(self, q: np.ndarray) -> np.ndarray:
+        """Hold q (n,) rad; returns the torque (n,) N m that the nominal arm needs for it."""
+        n = len(q)
+        self._target: State = (q.copy(), np.zeros(n), np.zeros(n))
+        self._acceleration, self._period = np.zeros(n), 0.0
+        self._command_time = -np.inf
+        self._gains: tuple[np.ndarray, np.ndarray] | None = None
+        self.torque_alone = False
+        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
+        self.pushed = bool(np.linalg.eigvals(np.linalg.solve(matrix, np.diag(np.diag(matrix)))).real.max() > PUSHED)
+        self._kp, self._kd = self._gain_matrices(q)
+        self._integral = np.zeros(n)
+        holding = self._nominal.gravity_torque(q[None])[0]
+        self._line = (q, np.zeros(n), holding, q, np.zeros(n), holding)
+        return holding
+
+    def command(
+        self, now: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, kp: np.ndarray | None, kd: np.ndarray | None
+    ) -> None:
+        """Follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m from now, s, on; kp and kd as in `Plant.command`."""
+        q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
+        elapsed = now - self._command_time
+        start = self._wanted(now) if kp is None or kd is None else None
+        if elapsed > 0:  # a second command at one instant replaces the first
+            self._period = elapsed if elapsed < 0.1 else 0.0
+            self._acceleration = (dq - self._target[1]) / elapsed if self._period else np.zeros_like(q)
+        self._target, self._command_time = (q, dq, tau), now
+        self._gains = None if kp is None or kd is None else (np.asarray(kp, dtype=float), np.asarray(kd, dtype=float))
+        self.torque_alone = self._gains is not None and not any(x.any() for x in self._gains)
+        if start is not None:
+            # no jump at a command: a reading would show it half a period late
+            ddq, period = self._acceleration, self._period
+            q1, dq1 = q + period * dq + 0.5 * period**2 * ddq, dq + period * ddq
+            model1 = self._nominal.inverse_dynamics(q1[None], dq1[None], ddq[None])[0] + self._rotor * ddq
+            self._line = (*start, q1, dq1, model1)
+            if self.pushed:
+                self._kp, self._kd = self._gain_matrices(q)
+
+    def torque(self, now: float, angle: np.ndarray, speed: np.ndarray, dt: float) -> np.ndarray:
+        """(n,) N m for readings (n,) rad and rad/s of the motors; the integral grows by dt s."""
+        if self._gains is not None:
+            q, dq, tau = self._target
+            kp, kd = self._gains
+            stiff: np.ndarray = kp * (q - angle) + kd * (dq - speed) + tau
+            return stiff
+        q, dq, model = self._wanted(now)
+        push = self._kp @ (q - angle)
+        self._integral += (0.15 * BANDWIDTH * dt) * push
+        total: np.ndarray = model + push + self._kd @ (dq - speed) + self._integral + self._target[2]
+        return total
+
+    def _wanted(self, now: float) -> State:
+        """q, dq and the model's torque on the line of the last command, now; at its end where it has none or has run out."""
+        q0, dq0, model0, q1, dq1, model1 = self._line
+        since = now - self._command_time
+        if since >= self._period:
+            return q1, dq1, model1
+        share = since / self._period
+        missed = q1 - q0 - 0.5 * self._period * (dq0 + dq1)
+        dq = dq0 + share * (dq1 - dq0)
+        return q0 + 0.5 * since * (dq0 + dq) + share * missed, dq, model0 + share * (model1 - model0)
+
+    def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """kp N m/rad and kd N m s/rad at q, (n, n): by what each joint carries, the others held.
+
+        Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
+        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by the viscous friction besides.
+        """
+        matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
+        if not self.pushed:
+            held = np.diag(np.diag(matrix))
+            return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
+        return BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous), 2 * 0.9 * BANDWIDTH * matrix
