@@ -26,10 +26,8 @@ from logs.log import Log
 from sim.arm import Arm
 from sim.prediction import predict
 
-LEAST_MOTION, LEAST_TRAVEL = (
-    3.0,
-    0.01,
-)  # s in motion, and rad (m): less, and a joint's torque may be anything within its dry friction
+# s in motion, and rad (m): with less, a joint's torque may be anything within its dry friction
+LEAST_MOTION, LEAST_TRAVEL = 3.0, 0.01
 INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
 Progress = Callable[[str, float], None]
 

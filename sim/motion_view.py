@@ -19,8 +19,8 @@ Combine = Callable[[np.ndarray], dict[str, float]]
 class MotionView(Protocol):
     """One recording under an arm's present parameters: the motion, the torque that they predict, and the filter of its rows.
 
-    n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor_rows (R, n, 10 n): filtered,
-    of the links; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
+    n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor_rows
+    (R, n, 10 n) of the links, filtered; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
     """
 
     @property

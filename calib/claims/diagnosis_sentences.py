@@ -51,7 +51,7 @@ def changed(n: Numbers) -> str:
 
 
 def unexplained(n: Numbers) -> str:
-    known = f"{missing(n)}. Beside that, a" if n["effects"] else "A"
+    known = f"{missing(n)}. In addition, a" if n["effects"] else "A"
     text = f"{known} residual remains that no effect in the catalogue explains"
     if not n["joints"]:
         return text

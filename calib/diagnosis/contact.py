@@ -42,12 +42,12 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
             continue
         at = model.link.t[model.measurement.row_samples]
         # all joints on the rows of the recording, one after the other in each: what a joint cannot use is zero and has no neighbour
-        force = np.zeros((len(at) + 1, solved.rows.n, 3))
+        unit, force = force_rows(model), np.zeros((len(at) + 1, solved.rows.n, 3))
         whitened = np.zeros((*force.shape[:2], solved.rows.p + 1))
         carried, alone = np.zeros(force.shape[:2]), np.zeros(force.shape[:2])
         for j, (index, part) in enumerate(zip(mine, parts, strict=True)):
             joined = solved.rows.joined[j][part]
-            force[index, j] = force_rows(model)[index, j]
+            force[index, j] = unit[index, j]
             whitened[index, j, 0], whitened[index, j, 1:] = left[j][part], solved.xw[j][part]
             alone[index, j] = np.where(joined, 1 / innovation[j], 1 / noise.sigma[j])
             carried[index, j] = np.where(joined, noise.phi[j] / innovation[j], 0.0)
@@ -71,9 +71,9 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
                 g, xs = products[:, 0], products[:, 1:].T
                 own = s.T @ s + np.eye(3) / spread**2 - xs.T @ solved.inverse @ xs
                 c = np.linalg.solve(own, g)
-                push_words = {"start": float(start), "duration": float(duration)}
-                push_words |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
-                yield which, float(g @ c), ArmEffect(CONTACT, None, push_words)
+                parameters = {"start": float(start), "duration": float(duration)}
+                parameters |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
+                yield which, float(g @ c), ArmEffect(CONTACT, None, parameters)
 
 
 def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:

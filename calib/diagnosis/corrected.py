@@ -50,7 +50,8 @@ class ArmChange:
 def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int] | None = None) -> ArmChange:
     """The accepted effects with their standard deviations, what the nuisance of the fit says of masses, friction and rotors, and limits.
 
-    joints: whose friction and rotors alone move, every link stays as it was; None: all move. A contact is an event and not a property. A link whose inertia is named, and the last one under a payload, stay as they are named.
+    joints: whose friction and rotors alone move, every link stays as it was; None: all move. A contact is an event and not a property.
+    A link whose inertia is named, and the last one under a payload, stay as they are named.
     """
     model, start = f.models[0], f.hypothesis.start
     theta = dict(zip(model.names, f.solved.theta, strict=True))
@@ -59,8 +60,8 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
     if any(e.effect == "payload" for e, _ in named):
         taken.add(start.joint_names[-1])
     moving = start.joint_names if joints is None else [start.joint_names[j] for j in joints]
-    inertials = {joint: _inertial(start, i, theta) for i, joint in enumerate(start.joint_names) if joint not in taken}
-    inertials = inertials if joints is None else {}
+    links = [(i, joint) for i, joint in enumerate(start.joint_names) if joints is None and joint not in taken]
+    inertials = {joint: _inertial(start, i, theta) for i, joint in links}
     effects = [replace(e, parameters=_moved(e, start, theta), std=_finite(s)) for e, s in named]
     have = {(e.effect, e.joint) for e, _ in named}
     effects += [

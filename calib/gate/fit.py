@@ -62,7 +62,7 @@ class Normal:
             return np.sqrt(rest / self.rows[:, None]), theta / self.norm[:, :, None]
 
     def own(self, y: np.ndarray) -> np.ndarray:
-        """(n,) what is left of every joint's own column of y (R, n)."""
+        """(n,) residual RMS of each joint, its column of y (R, n) fitted with its own column."""
         return own_of([(self, y)])[0]
 
 
@@ -110,7 +110,7 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
 
 
 def own_of(pairs: Sequence[tuple[Normal, np.ndarray]]) -> list[np.ndarray]:
-    """For each pair of equations and readings y (R, n): (n,) what is left of every joint's own column. All are solved at once."""
+    """For each pair of equations and readings y (R, n): (n,) residual RMS of each joint with its own column. All are solved at once."""
     right, power = [], []
     for equations, y in pairs:
         for j, (rows, x) in enumerate(equations.x):
