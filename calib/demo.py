@@ -125,7 +125,7 @@ def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
             ("plan", arm, "--cell", str(cell), "--quick", "--out", plan),
         ),
         DemoStep(
-            "Prove every motion against limits and collisions, then drive it, guarded, and record.",
+            "Verify every motion against limits and collisions, then run it under supervision and record.",
             ("record", str(cell), plan, "--yes", "--out", str(logs)),
         ),
         DemoStep(
@@ -139,7 +139,7 @@ def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
             (0, 1),
         ),
         DemoStep(
-            "Find what no ordinary parameter explains, and give it its name.",
+            "Find what no ordinary parameter explains, and identify the effect.",
             ("diagnose", arm, *recorded, "--holdout", held_out, "--out", str(folder / "diagnosis")),
             (0, 1),
         ),

@@ -37,7 +37,7 @@ def _worse(n: Numbers) -> str:
 def _moved(n: Numbers) -> str:
     return (
         f"{len(n['names'])} not identifiable but changed along with the others, {_some([n['farthest']])} the most, "
-        f"by {n['most']:.2g} of its nominal tolerance"
+        f"by {n['most']:.2g} times its nominal tolerance"
     )
 
 

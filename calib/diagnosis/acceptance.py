@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.selection import Bank, add, beside, cost, joints_of, price, without
+from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
@@ -25,7 +25,6 @@ PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 MOST_SURE = 0.99  # the catalogue may not hold what the arm has
 NOTHING = 2.0  # standard deviations
 CHANCE = 0.01
-Key = tuple[str, str | None]
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def promoted(
     several = not apart and len(measurements) >= SEVERAL
     pieces = PIECES if several and len(measurements) < PIECES else 1
     bare = _Written.of(ArmChange({}, ()), (), start, shown)
-    ways, alone = _ways(as_written(measurements, baseline), shown, limits, pieces, bool(apart))
+    ways, alone = _ways(as_written(measurements, baseline), shown, limits, pieces)
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
@@ -118,7 +118,7 @@ def promoted(
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
         own = [e for e in f.accepted if e.effect != CONTACT]
-        ways, beside = _ways(f, shown, limits, pieces, bool(apart))
+        ways, beside = _ways(f, shown, limits, pieces)
         harmful = [r for e in own if several and (r := _no_help(e, f, alone, beside)) is not None]
         if not harmful:
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
@@ -255,20 +255,17 @@ class _Written:
         return out
 
 
-def _ways(
-    f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int, local: bool
-) -> tuple[list[_Written], Refitted]:
+def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> tuple[list[_Written], Refitted]:
     """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
 
-    Tried are the names alone, everything refitted under the measured noise and without whitening, and that with laws where they help.
-    local: friction and rotors refitted at the joints that they concern alone, too, which recordings held out have to decide: without
-    them it was chosen on an arm that it made worse.
+    Tried are the names alone, beside them friction and rotors of the joints that they concern, everything refitted under the measured
+    noise and without whitening, and that with laws where they help.
     """
     start = f.hypothesis.start
     split = Split.of(f, pieces)
     refit = with_laws(f, split, (), limits)
     concerned = sorted({j for e in f.accepted if e.effect != CONTACT for j in joints_of(e, f.hypothesis.arm)})
-    there = [with_laws(f, split, (), limits, concerned).change] if concerned and local else []
+    there = [with_laws(f, split, (), limits, concerned).change] if concerned else []
     changes = (names_alone(f, limits), *there, correction(f, limits), refit.change)
     ways = [_Written.of(x, (), start, shown) for x in changes]
     rms, lawful = ways[-1].rms, refit

@@ -22,7 +22,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.selection import price
+from calib.diagnosis.selection import Key, price
 from calib.identification.information import InformationMatrix
 from logs.log import Log
 from sim.arm import ArmEffect
@@ -31,7 +31,6 @@ from sim.version import program_version
 
 # A contact happens once and is no property of the arm; where a drive's limit is tried depends on the largest torque of the rows at hand.
 NOT_SUMMED = (CONTACT, "torque_saturation")
-Key = tuple[str, str | None]
 
 
 @dataclass(frozen=True)

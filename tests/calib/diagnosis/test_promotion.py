@@ -13,40 +13,32 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import _Written, promoted
+from calib.diagnosis.promotion import Promotion, _Written, promoted
 from calib.diagnosis.selection import Scored, add, started
 from calib.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.trajectory import Trajectory
-from tests.calib.diagnosis.conftest import at, recording
+from tests.calib.diagnosis.conftest import Hidden, at, recording
 
 ELBOW = 2
 SPRING = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
 
 
 def test_an_effect_that_only_the_fitted_recordings_have_is_refused(ur10e: Arm) -> None:
-    fitted = warmed([measured(recording(ur10e, seed, SPRING), ur10e) for seed in (1, 2)])
-    apart = warmed([measured(recording(ur10e, 3), ur10e)])
-    named, baseline = _with_spring(ur10e, fitted)
-    promotion = promoted(fitted, named, baseline, apart)
+    promotion, written = _promoted(ur10e, SPRING, None)
     assert [(r.effect.effect, r.joint) for r in promotion.refused] == [("joint_spring", "elbow_joint")]
     refusal = promotion.refused[0]
     assert refusal.with_it > 1.2 * refusal.without > 0
     assert "held-out recordings" in refusal.text
     assert f"{refusal.without:.4g} N m with {refusal.instead}" in refusal.text
-    assert promotion.change is None or all(e.effect != "joint_spring" for e in promotion.change.effects)
+    assert written == 0.0
 
 
 def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
-    fitted = warmed([measured(recording(ur10e, seed, SPRING), ur10e) for seed in (1, 2)])
-    apart = warmed([measured(recording(ur10e, 3, SPRING), ur10e)])
-    named, baseline = _with_spring(ur10e, fitted)
-    promotion = promoted(fitted, named, baseline, apart)
+    promotion, spring = _promoted(ur10e, SPRING, SPRING)
     assert promotion.refused == ()
-    assert promotion.change is not None
-    written = next(e for e in promotion.change.effects if e.effect == "joint_spring")
-    assert written.parameters["stiffness"] == pytest.approx(12.0, rel=0.2)
+    assert spring == pytest.approx(12.0, rel=0.2)
     # what was simulated is shown, and is no farther off
     assert [a.horizon.seconds for a, _ in promotion.motion] == [b.horizon.seconds for _, b in promotion.motion]
     assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
@@ -59,17 +51,12 @@ def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: 
     def both(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         return elbow(motion, tau) + stiffer(motion, tau)
 
-    fitted = warmed([measured(recording(ur10e, seed, both), ur10e) for seed in (1, 2)])
-    apart = warmed([measured(recording(ur10e, 3, elbow), ur10e)])
-    named, baseline = _with_spring(ur10e, fitted)
-    promotion = promoted(fitted, named, baseline, apart)
+    promotion, spring = _promoted(ur10e, both, elbow)
     assert promotion.refused == ()
     assert promotion.change is not None
     assert promotion.change.inertials == {}
+    assert spring == pytest.approx(3.0, rel=0.2)
     written = promotion.change.of(ur10e)
-    spring = written.effect("joint_spring", "elbow_joint")
-    assert spring is not None
-    assert spring.parameters["stiffness"] == pytest.approx(3.0, rel=0.2)
     for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
         assert written.effect(effect, "wrist_3_joint") == ur10e.effect(effect, "wrist_3_joint")
     viscous, before = (arm.effect("viscous_friction", "elbow_joint") for arm in (written, ur10e))
@@ -90,6 +77,15 @@ def test_the_sizes_that_are_reported_are_those_of_the_arm_that_is_written(ur10e:
         for name, x in e["parameters"].items():
             assert own.parameters[name] == pytest.approx(x["value"], rel=1e-9)
             assert own.std[name] == pytest.approx(x["std"], rel=1e-9)
+
+
+def _promoted(arm: Arm, fitted: Hidden, apart: Hidden | None) -> tuple[Promotion, float]:
+    """What is written of a named spring at the elbow, and its stiffness; the disturbances are those of the recordings."""
+    those = warmed([measured(recording(arm, seed, fitted), arm) for seed in (1, 2)])
+    promotion = promoted(those, *_with_spring(arm, those), warmed([measured(recording(arm, 3, apart), arm)]))
+    written = arm if promotion.change is None else promotion.change.of(arm)
+    spring = written.effect("joint_spring", "elbow_joint")
+    return promotion, 0.0 if spring is None else spring.parameters["stiffness"]
 
 
 def _with_spring(arm: Arm, fitted: list[Measurement]) -> tuple[Fit, Fit]:
