@@ -36,7 +36,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
             numbers: dict[int, int] = {}
             clocks: list[np.ndarray] = []
             for batch in stream.batches():
-                heads = batch.heads()
+                heads = batch.heads
                 states = [number for number, channel in stream.channels.items() if channel.topic == STATES]
                 clocks.append(heads[["publish", "log"]][np.isin(heads["channel"], states)])
                 rows = zip(

@@ -40,7 +40,7 @@ class JointTopic:
         sound = np.zeros(count, dtype=bool)
         values: list[np.ndarray | None] = [None] * self.fields
         sizes = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
-        for size in np.unique(sizes).tolist():
+        for size in sizes[:1].tolist() if np.all(sizes == sizes[:1]) else np.unique(sizes).tolist():
             left = np.flatnonzero(sizes == size)
             rows = batch.payloads(starts[left], size) if size else np.empty((len(left), 0), dtype=np.uint8)
             known = self.layouts.setdefault(size, [])
@@ -53,11 +53,12 @@ class JointTopic:
                 if tried >= len(known) and len(known) < MAX_LAYOUTS:
                     known.append(layout)
                 # beyond MAX_LAYOUTS every message is parsed by itself: slow and correct, and never quadratic
-                if tried < MAX_LAYOUTS:
-                    match = layout.matches(rows)
-                    places, matching, left, rows = left[match], rows[match], left[~match], rows[~match]
-                else:
+                if tried >= MAX_LAYOUTS:
                     places, matching, left, rows = left[:1], rows[:1], left[1:], rows[1:]
+                elif (match := layout.matches(rows)).all():
+                    places, matching, left = left, rows, left[:0]
+                else:
+                    places, matching, left, rows = left[match], rows[match], left[~match], rows[~match]
                 tried += 1
                 if len(places):
                     stamp[places], sound[places] = layout.stamps(matching)
@@ -95,9 +96,13 @@ class JointTopic:
             sound[places] = False
             return
         columns = [layout.names.index(name) for name in self.wanted]
+        as_they_stand = len(places) == count and layout.names == self.wanted
         for k in range(self.fields):
             part = layout.values(rows, k)
             if part is None:
+                continue
+            if as_they_stand:
+                values[k] = part
                 continue
             target = values[k]
             if target is None:
@@ -109,14 +114,15 @@ class JointTopic:
     ) -> None:  # fmt: skip
         if not sound.any():
             return
-        n = len(self.wanted or ())
-        self.stamp.append(stamp[sound])
-        self.host.append(host[sound])
-        self.sequence.append(sequence[sound])
-        nothing = np.broadcast_to(np.float64(np.nan), (int(sound.sum()), n))
-        everything = bool(sound.all())
-        self.values.append([nothing if part is None else part if everything else part[sound] for part in values])
-        self._loose += int(sound.sum())
+        if not sound.all():
+            stamp, host, sequence = stamp[sound], host[sound], sequence[sound]
+            values = [None if part is None else part[sound] for part in values]
+        nothing = np.broadcast_to(np.float64(np.nan), (len(stamp), len(self.wanted or ())))
+        self.stamp.append(stamp)
+        self.host.append(host)
+        self.sequence.append(sequence)
+        self.values.append([nothing if part is None else part for part in values])
+        self._loose += len(stamp)
         if self._loose >= BLOCK:
             loose = self.values[self._blocks :]
             self.values[self._blocks :] = [[_apart([parts[k] for parts in loose]) for k in range(self.fields)]]
@@ -151,5 +157,6 @@ def _apart(pieces: list[np.ndarray]) -> np.ndarray:
     shape = (sum(map(len, pieces)), *pieces[0].shape[1:])
     if not any(piece.strides[0] for piece in pieces):
         return np.broadcast_to(np.float64(np.nan), shape)
-    out = np.frombuffer(mmap.mmap(-1, 8 * math.prod(shape)), dtype=pieces[0].dtype).reshape(shape)
+    memory = mmap.mmap(-1, 8 * math.prod(shape))
+    out = np.frombuffer(memory, dtype=pieces[0].dtype).reshape(shape)
     return np.concatenate(pieces, out=out)

@@ -112,8 +112,8 @@ def take(
     batch: Batch, channels: dict[int, Channel], topics: dict[str, JointTopic], events: list[tuple[int, int, str, str]],
     joint_names: tuple[str, ...] | None, damage: Damage,
 ) -> None:  # fmt: skip
-    heads = batch.heads()
-    for number in np.unique(heads["channel"]).tolist():
+    heads = batch.heads
+    for number in batch.counts:
         channel = channels.get(number)
         if channel is None:
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from array import array
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import lz4.frame
@@ -43,7 +44,7 @@ class Channel:
     metadata: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Batch:
     """Messages in file order within one buffer: `starts` (M,) of their records; `where` names the buffer's place."""
 
@@ -51,10 +52,17 @@ class Batch:
     starts: np.ndarray
     where: str
 
+    @cached_property
     def heads(self) -> np.ndarray:
         """(M,) records of MESSAGE: channel, sequence, log and publish time."""
         view = np.ndarray((len(self.data) - MESSAGE.itemsize + 1,), MESSAGE, self.data, strides=(1,))
         return view[self.starts]
+
+    @cached_property
+    def counts(self) -> dict[int, int]:
+        """Messages of each channel that has any, by its number."""
+        counts = np.bincount(self.heads["channel"])
+        return {number: int(counts[number]) for number in np.flatnonzero(counts).tolist()}
 
     def payloads(self, starts: np.ndarray, size: int) -> np.ndarray:
         """(M, size) uint8: message bodies of one size, from the starts of their records."""

@@ -258,10 +258,10 @@ class McapStream:
             if not len(starts):
                 return
         batch = Batch(data, starts, where)
-        numbers, first, counts = np.unique(batch.heads()["channel"], return_index=True, return_counts=True)
-        for number, k, count in zip(numbers.tolist(), first.tolist(), counts.tolist(), strict=True):
+        for number, count in batch.counts.items():
             if number not in self.channels:
-                self.damage.report(f"{where}, byte {starts[k]} in it", f"a message on channel {number}, which is not defined")
+                first = starts[np.argmax(batch.heads["channel"] == number)]
+                self.damage.report(f"{where}, byte {first} in it", f"a message on channel {number}, which is not defined")
             self.counts[number] = self.counts.get(number, 0) + count
         yield batch
 

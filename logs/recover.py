@@ -101,7 +101,7 @@ def _read(path: Path) -> _Found:
     with path.open("rb") as file:
         stream = McapStream(file, path.stat().st_size, Damage(path))
         for batch in stream.batches():
-            heads = batch.heads()
+            heads = batch.heads
             states = [number for number, channel in stream.channels.items() if channel.topic == STATES]
             mine = np.flatnonzero(np.isin(heads["channel"], states))
             if len(mine):

@@ -143,8 +143,8 @@ class _Files:
             file.close()
 
     def take(self, batch: Batch, channels: dict[int, Channel]) -> None:
-        heads = batch.heads()
-        for number in np.unique(heads["channel"]).tolist():
+        heads = batch.heads
+        for number in batch.counts:
             channel = channels.get(number)
             if channel is None or not channel.topic.endswith((STATES, DIAGNOSTICS)):
                 continue

@@ -34,7 +34,7 @@ def check(file: str, content: Input, data: bytes) -> None:
     stream = McapStream(io.BytesIO(data), len(data), Damage(Path(file)))
     messages = []
     for batch in stream.batches():
-        for start, head in zip(batch.starts.tolist(), batch.heads(), strict=True):
+        for start, head in zip(batch.starts.tolist(), batch.heads, strict=True):
             body = batch.data[start + MESSAGE.itemsize : start + 9 + int(head["length"])]
             messages.append((int(head["sequence"]), int(head["log"]), int(head["publish"]), body))
     assert stream.ended, file
