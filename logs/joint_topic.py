@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import mmap
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +10,7 @@ from logs.cdr import CdrError, Layout, joint_layout
 from logs.damage import Damage
 from logs.mcap_records import MESSAGE, Batch
 
-BLOCK = 1 << 16  # rows that are put together into memory of their own
+BLOCK = 1 << 16  # rows after which the pieces are put together
 MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
 
 
@@ -30,7 +28,6 @@ class JointTopic:
     values: list[list[np.ndarray]] = field(default_factory=list)
     others: int = 0
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
-    _blocks: int = 0
     _loose: int = 0
 
     def take(self, batch: Batch, starts: np.ndarray, heads: np.ndarray) -> None:
@@ -124,39 +121,33 @@ class JointTopic:
         self.values.append([nothing if part is None else part for part in values])
         self._loose += len(stamp)
         if self._loose >= BLOCK:
-            loose = self.values[self._blocks :]
-            self.values[self._blocks :] = [[_apart([parts[k] for parts in loose]) for k in range(self.fields)]]
             for times in (self.stamp, self.host, self.sequence):
-                times[self._blocks :] = [_apart(times[self._blocks :])]
-            self._blocks, self._loose = len(self.values), 0
+                times[:] = [_grown(times)]
+            self.values = [[_grown([parts[k] for parts in self.values]) for k in range(self.fields)]]
+            self._loose = 0
 
     def clear(self) -> None:
         """Forget what was taken, but not what was learnt of its layout."""
-        self.stamp, self.host, self.sequence, self.values, self._blocks, self._loose = [], [], [], [], 0, 0
+        self.stamp, self.host, self.sequence, self.values, self._loose = [], [], [], [], 0
 
     def joined(self, k: int) -> np.ndarray:
         """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""
         pieces = [parts[k] for parts in self.values]
         for parts in self.values:
             parts[k] = np.empty((0, 0))
-        n = len(self.wanted or ())
-        if not any(piece.strides[0] for piece in pieces):
-            return np.broadcast_to(np.float64(np.nan), (sum(map(len, pieces)), n))
-        out = np.empty((sum(map(len, pieces)), n))
-        at = 0
-        pieces.reverse()
-        while pieces:
-            piece = pieces.pop()
-            out[at : at + len(piece)] = piece
-            at += len(piece)
-        return out
+        return _grown(pieces) if pieces else np.empty((0, len(self.wanted or ())))
 
 
-def _apart(pieces: list[np.ndarray]) -> np.ndarray:
-    """The rows of all pieces in pages of their own: a heap full of small pieces keeps its holes when they are given up."""
-    shape = (sum(map(len, pieces)), *pieces[0].shape[1:])
+def _grown(pieces: list[np.ndarray]) -> np.ndarray:
+    """The rows of all pieces, after which nobody may use them: the first grows, where it can, without being held twice."""
+    first, rest, count = pieces[0], pieces[1:], sum(map(len, pieces))
+    at, shape = len(first), (count, *first.shape[1:])
     if not any(piece.strides[0] for piece in pieces):
         return np.broadcast_to(np.float64(np.nan), shape)
-    memory = mmap.mmap(-1, 8 * math.prod(shape))
-    out = np.frombuffer(memory, dtype=pieces[0].dtype).reshape(shape)
-    return np.concatenate(pieces, out=out)
+    if not (first.flags.owndata and first.flags.writeable and first.flags.c_contiguous):
+        first = first.copy()
+    first.resize(shape, refcheck=False)
+    for piece in rest:
+        first[at : at + len(piece)] = piece
+        at += len(piece)
+    return first
