@@ -15,6 +15,7 @@ from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
+REFIT_HELPS = 0.2  # share of a joint's residual RMS from which a refit is proposed
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
     "no_missing_effect": "good",
@@ -89,7 +90,7 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append(
             "Look at that joint's curves below, and record the motion again."
             if _disagrees(diagnosis)
-            else "Nothing to do: the model agrees with these recordings."
+            else _refit(diagnosis) or "Nothing to do: the model agrees with these recordings."
         )
     elif verdict == "unexplained":
         steps.append(
@@ -100,6 +101,19 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
         steps.append("The arm stays as it was: no correction that was tried predicts these recordings better.")
     return steps
+
+
+def _refit(diagnosis: Mapping[str, Any]) -> str:
+    """What to do where ordinary parameters alone are off; empty where a refit lowers no joint's residual by REFIT_HELPS."""
+    gap = diagnosis.get("gap") or {}
+    rows = list(zip(gap.get("joints", ()), gap.get("before", ()), gap.get("refit", ()), strict=False))
+    joint, before, refit = min(rows, key=lambda row: row[2] / max(row[1], 1e-12), default=("", 1.0, 1.0))
+    if refit > (1.0 - REFIT_HELPS) * before:
+        return ""
+    return (
+        f"Refit the ordinary parameters with calib identify and these recordings: at {joint} the residual RMS falls "
+        f"from {before:.3g} to {refit:.3g} N m."
+    )
 
 
 def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:

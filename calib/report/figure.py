@@ -17,6 +17,7 @@ import matplotlib
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.text import Text
@@ -43,6 +44,8 @@ _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "arm-calib",
     "font.size": 9,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
     "axes.edgecolor": ROLES["muted"],
     "axes.labelcolor": ROLES["ink"],
     "axes.spines.top": False,
@@ -95,9 +98,12 @@ def svg(figure: Figure, title: str, playheads: Sequence[Axes] = ()) -> Markup:
     for legend in figure.findobj(Legend):
         legend.set_frame_on(False)
     with matplotlib.rc_context(_STYLE):
-        figure.savefig(
-            text, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Type": None, "Format": None}
-        )
+        # savefig draws twice, once for the layout alone
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            engine.execute(figure)
+        figure.set_layout_engine("none")
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
     ElementTree.register_namespace("", _SVG)
     ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
     root = ElementTree.fromstring(text.getvalue())

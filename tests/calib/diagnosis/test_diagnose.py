@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, SECOND, Judged
+from calib.diagnosis.acceptance import APART, SECOND, SECOND_ALONE, Judged
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -176,12 +176,13 @@ def test_weak_evidence_that_others_would_bring_too_is_no_name() -> None:
     assert not judged(weak + 2.0, rival).doubtful
 
 
-def test_a_small_second_name_at_a_joint_that_others_would_replace_is_no_name() -> None:
+def test_a_small_second_name_at_a_joint_is_no_name() -> None:
     rival = ("asymmetric_friction", "elbow_joint")
     clear = selection.price(judged(0.0).effect) + APART + 40.0
     assert replace(judged(clear, rival), first=clear / SECOND + 1.0).doubtful
     assert not replace(judged(clear, rival), first=clear / SECOND - 1.0).doubtful
-    assert not replace(judged(clear), first=100.0 * clear).doubtful
+    assert replace(judged(clear), first=clear / SECOND_ALONE + 1.0).doubtful
+    assert not replace(judged(clear), first=clear / SECOND_ALONE - 1.0).doubtful
 
 
 @pytest.mark.parametrize(("factor", "check"), [(-1.0, "torque"), (101.0, "size")])

@@ -76,11 +76,21 @@ def test_no_effect_is_missing_only_where_the_residual_is_near_the_noise(
     ratio: float, words: str, style: str, tmp_path: Path
 ) -> None:
     data, evidence = examples.diagnosis("no_missing_effect")
-    data["gap"]["refit"] = [0.15] * 5 + [0.15 * ratio]
+    data["gap"] |= {"refit": [0.15] * 5 + [0.15 * ratio], "before": [0.15] * 5 + [0.15 * ratio]}
     assert words in diagnosis.sentence(data)
     assert f"{ratio} times the noise, at wrist_3_joint" in diagnosis.sentence(data)
     assert ("Nothing to do" in diagnosis.next_steps(data)[-1]) is (style == "good")
     assert f'class="verdict {style}' in diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
+
+
+def test_parameters_that_are_off_are_refitted_where_no_effect_is_missing() -> None:
+    data, _ = examples.diagnosis("no_missing_effect")
+    data["gap"] |= {"refit": [0.15] * 6, "before": [0.15] * 5 + [0.2]}
+    last = diagnosis.next_steps(data)[-1]
+    assert "calib identify" in last
+    assert "at wrist_3_joint the residual RMS falls from 0.2 to 0.15 N m" in last
+    data["gap"]["before"] = [0.15] * 5 + [0.18]
+    assert diagnosis.next_steps(data)[-1].startswith("Nothing to do")
 
 
 def test_what_else_was_found_is_reported() -> None:
