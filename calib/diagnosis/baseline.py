@@ -90,9 +90,9 @@ class Healthy:
         kept = self.law.rows(held) if held else None
         accepted: list[_Scored] = []
         ranking: list[_Scored] = []
+        dropped: set[Key] = set()
         while len(accepted) < MOST_CHANGES:
-            solved = solve(_joined(rows, accepted), self.noise)
-            scored = _scored(solved, new, self._null, {s.key for s in accepted}, self.arm)
+            scored = self._beside(accepted, dropped, rows, new)
             ranking = ranking or scored
             worth = (s for s in scored if s.worth > THRESHOLD and not _left_over(s, accepted))
             first = next((s for s in worth if _holds(s, kept, self.noise, held)), None)
@@ -107,11 +107,24 @@ class Healthy:
                 first,
             )
             near = [s.key for s in scored if s is not first and s.brings > first.brings - max(APART, ALIKE * first.brings)]
-            accepted.append(first)
             first.rivals = tuple(near[:2])
+            needless = {
+                a.key for a in accepted if not self._needed(a, [first, *(b for b in accepted if b is not a)], rows, new)
+            }
+            accepted = [*(a for a in accepted if a.key not in needless), first]
+            dropped |= needless
         solved = solve(_joined(rows, accepted), self.noise)
         odd = [x for x in _odd(solved, new, self._folds, self.noise) if not _formed(x, accepted, self.arm)]
         return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]], accepted)
+
+    def _beside(self, accepted: list[_Scored], skip: set[Key], rows: ResidualRows, new: list[LogModel]) -> list[_Scored]:
+        """Every candidate beside accepted changes, most evident first."""
+        solved = solve(_joined(rows, accepted), self.noise)
+        return _scored(solved, new, self._null, skip | {s.key for s in accepted}, self.arm)
+
+    def _needed(self, a: _Scored, others: list[_Scored], rows: ResidualRows, new: list[LogModel]) -> bool:
+        """Whether a change would still be named beside the others."""
+        return any(s.key == a.key and s.worth > THRESHOLD for s in self._beside(others, set(), rows, new))
 
 
 @dataclass

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from calib.diagnosis import baseline
 from calib.diagnosis.baseline import Healthy
 from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.motion import measured
@@ -51,14 +53,29 @@ def test_a_change_is_named_alone_beside_what_the_model_lacks(ur10e: Arm, healthy
     assert 0 < found.changes[0].std["offset"] < 1.0
 
 
+def test_a_change_that_a_later_one_explains_is_dropped(ur10e: Arm, healthy: Healthy, monkeypatch: pytest.MonkeyPatch) -> None:
+    scored, asked = baseline._scored, list[int]()
+
+    def without_the_offset_at_first(*args: Any) -> Any:
+        asked.append(1)
+        return [s for s in scored(*args) if len(asked) > 1 or s.effect.effect != "torque_offset"]
+
+    monkeypatch.setattr(baseline, "_scored", without_the_offset_at_first)
+    monkeypatch.setattr(baseline, "LEFT_OVER", 0.0)
+    found = healthy.since([measured(recording(ur10e, 11, and_offset), ur10e)])
+    named_first = found.ranking[0].effect
+    assert named_first.joint == "wrist_1_joint"
+    assert [(c.effect.effect, c.effect.joint) for c in found.changes] == [("torque_offset", "wrist_1_joint")]
+
+
 def test_logs_kept_apart_can_refuse_a_change(ur10e: Arm, healthy: Healthy) -> None:
     found = healthy.since([measured(recording(ur10e, 11, and_offset), ur10e)], [measured(recording(ur10e, 12, always), ur10e)])
     assert ("torque_offset", "wrist_1_joint") not in [(c.effect.effect, c.effect.joint) for c in found.changes]
 
 
 def test_the_answer_names_the_question_and_writes_the_changed_arm(ur10e: Arm, tmp_path: Path) -> None:
-    baseline = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
-    found = diagnose_changes(ur10e, [recording(ur10e, 11, and_offset)], [recording(ur10e, 12, and_offset)], baseline)
+    before = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
+    found = diagnose_changes(ur10e, [recording(ur10e, 11, and_offset)], [recording(ur10e, 12, and_offset)], before)
     assert found.answer["verdict"] == "effects_found"
     assert len(found.answer["baseline"]) == 3
     gap = found.answer["gap"]
