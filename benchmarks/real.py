@@ -23,6 +23,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.results import write
+from sim.arm import load_arm
 
 COMMAND = "make real"
 EDGE, MOVING = 0.3, 0.02  # s left out before the first and after the last motion; rad/s
@@ -46,7 +47,7 @@ class Set:
 
 
 ALL = (0.0, 1e9)
-UR10E = (11.90, 11.99, 9.84, 10.76, 10.84, 10.68)
+UR10E = load_arm("ur10e").torque_constant
 GEOMETRY = ("arm", "new", "--geometry-only")
 DRIVE = ("arm", "drive")
 DAMIAO = "damiao/20260425_{}_identify-all__group_01__motor_0{}.csv"
