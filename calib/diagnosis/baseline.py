@@ -31,7 +31,7 @@ THRESHOLD, PER_PARAMETER = 8.0, 2.0
 APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
 DOMINATES = 2.0
 MOST_CHANGES = 4
-LEFT_OVER = 0.15  # of a named change's evidence: what another form of the same change may leave at its joint
+LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
 # and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %
 LEFT_OVER_ANYWHERE = 0.01
 WIDE = 1e3
@@ -157,7 +157,7 @@ class _Scored:
 def _left_over(s: _Scored, accepted: list[_Scored]) -> bool:
     """Whether a candidate may be no more than what the form of a named change leaves."""
     whole = (a for a in accepted if a.key[1] is None)
-    return any(a.key[1] == s.key[1] is not None and s.gain < LEFT_OVER * a.gain for a in accepted) or any(
+    return any(a.key[1] == s.key[1] is not None and s.brings < LEFT_OVER * a.brings for a in accepted) or any(
         s.gain < LEFT_OVER_ANYWHERE * a.gain for a in whole
     )
 
