@@ -17,7 +17,8 @@ from typer.main import get_command
 from calib.console import arm_names, cell_names
 from calib.main import COMMANDS, Commands, app
 from calib.report import catalogue
-from logs.schemas import SCHEMAS, TOPICS
+from logs.prediction import MISSING, PREDICTED
+from logs.schemas import SCHEMAS, STATES, TOPICS
 from sim.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -170,6 +171,7 @@ def test_the_foxglove_layout_names_topics_and_fields_that_logs_have() -> None:
     for panel, config in layout["configById"].items():
         assert json.dumps(layout["layout"]).count(f'"{panel}"') == 1
         for path in config.get("paths", []):
-            topic, field = re.fullmatch(r"(/\w+)\.(\w+)\[\d\]", path["value"]).groups()  # type: ignore[union-attr]
-            assert f"float64[] {field}" in SCHEMAS[TOPICS[topic]]
+            topic, field = re.fullmatch(r"([/\w]+)\.(\w+)\[\d\]", path["value"]).groups()  # type: ignore[union-attr]
+            like = STATES if topic in (PREDICTED, MISSING) else topic
+            assert f"float64[] {field}" in SCHEMAS[TOPICS[like]]
         assert config.get("topicToRender", "/events") in TOPICS
