@@ -199,7 +199,7 @@ def wear(
     f = watcher.picture().friction[arm.joint_index(joint)].viscous
     note = f"{right[0].message[:70]}" if right else listed(events)
     return [
-        row(f"mock {name}, viscous friction of {joint} grows 1.5 times in {minutes:g} minutes: drift told after", f"{right[0].t:.0f}" if right else "never", "s", "told", note),
+        row(f"mock {name}, viscous friction of {joint} grows 1.5 times in {minutes:g} minutes: drift reported after", f"{right[0].t:.0f}" if right else "never", "s", "told", note),
         row(f"... found at the end, true {1.5 * own.parameters['viscous']:.3g}", str(f)),
         row("... called a payload", len(payloads), "", "0"),
         row("... other events", len(events) - len(right) - len(payloads), "", "0"),

@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.interval import Interval
 
-# rad: ways that are told apart, and one more for none
+# rad: ways that are kept apart, and one more for none
 WAYS = np.concatenate(([0.0], np.geomspace(1e-7, 10.0, 4000)))
 # share of the sum of |a| by which an integral over these ways may be too small where k changes its sign between two of them
 BETWEEN = 1e-3

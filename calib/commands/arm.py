@@ -189,7 +189,7 @@ def read(
     arm = load_arm(table.table.arm, configs)
     driver = UrDriver.from_cell(table, arm)
     with console.progress(f"listening to {table.name}"), closing(driver):
-        serial = driver.inspect().serial or "serial-not-told"
+        serial = driver.inspect().serial or "serial-not-reported"
         own = own_arm(driver.options.host)
     written = write_own(out or Path("configs") / "arms" / f"{arm.name}-{serial}", arm, own, serial)
     folder, far = written.model_path.parent, moved(arm, own)

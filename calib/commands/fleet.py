@@ -35,7 +35,7 @@ def command(
     """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
 
     Writes fleet.parquet, report.html and arms/<arm>/ into DIR, runs/fleet-<folder>/ if not given; called again, it does only
-    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be judged.
+    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be assessed.
 
     Example:
 

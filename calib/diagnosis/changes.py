@@ -49,7 +49,7 @@ def diagnose_changes(
         every[len(baseline) + len(logs) :],
     )
     shown = apart or after[-1:]
-    progress("learning the healthy arm")
+    progress("fitting the healthy arm")
     reference = Healthy(with_unstated(arm, healthy), healthy)
     progress("comparing with the healthy arm")
     found = reference.since(after, apart)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from calib.diagnosis.acceptance import is_nothing, judge
+from calib.diagnosis.acceptance import assess, is_nothing
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
@@ -31,7 +31,7 @@ LEAST_LEFT = 0.4  # of a joint's structure: with less than this unexplained, wha
 def diagnose(
     arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), progress: Callable[[str], None] = lambda text: None
 ) -> Diagnosis:
-    """The effects that the arm's model lacks, judged on `logs` and shown on `holdout` (on the last log where none is given)."""
+    """The effects that the arm's model lacks, assessed on `logs` and shown on `holdout` (on the last log where none is given)."""
     progress("checking")
     trusted, refusal = examined(arm, (*logs, *holdout), LEAST_MOTION)
     if refusal is not None:
@@ -42,23 +42,23 @@ def diagnose(
     shown = apart or every[-1:]
     start = with_unstated(arm, fitted)
     found = search(fitted, Hypothesis.nominal(start), progress)
-    progress("weighing the names")
-    judged, vetoed = [], []
+    progress("testing the candidates")
+    assessed, vetoed = [], []
     for ask_rivals in (False, True) if apart else (True,):
-        judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
-        while refused := [i for i, j in enumerate(judged) if j.vetoed or j.doubtful]:
-            worst = min(refused, key=lambda i: judged[i].held_out)
-            vetoed += [judged[worst].refusal] if judged[worst].vetoed else []
+        assessed = assess(fitted, found.best, apart, ask_rivals=ask_rivals)
+        while refused := [i for i, j in enumerate(assessed) if j.vetoed or j.doubtful]:
+            worst = min(refused, key=lambda i: assessed[i].held_out)
+            vetoed += [assessed[worst].refusal] if assessed[worst].vetoed else []
             found.best = without(fitted, found.best, worst)
-            judged = judge(fitted, found.best, apart, ask_rivals=ask_rivals)
-    progress("looking at what is left")
+            assessed = assess(fitted, found.best, apart, ask_rivals=ask_rivals)
+    progress("testing the residual")
     odd = unexplained(found.baseline, found.best, apart)
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much, and again apart.
     # An effect of the whole arm is one of them where most joints have such structure.
     left = {u.joint: u.share for u in odd} | {None: float(len(odd) > arm.n / 2)}
     kept = [
         j
-        for j in judged
+        for j in assessed
         if not odd or (left.get(j.effect.joint, 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN and j.held_out >= 0)
     ]
     named = found.best
@@ -71,13 +71,13 @@ def diagnose(
     have = {(j.effect.effect, j.effect.joint) for j in kept}
     reached = [x for x in reached if (x.effect.effect, x.effect.joint) not in have]
     limits = tuple(x.effect for x in reached)
-    progress("trying the corrected arm")
+    progress("testing the corrected arm")
     promotion = promoted(fitted, named, found.baseline, apart, limits)
     gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}
     have |= gone
     kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]
     stds = dict(zip([id(e) for e in named.accepted], named.std(), strict=True))
-    total = max(sum(j.lost for j in judged), 1e-9)
+    total = max(sum(j.lost for j in assessed), 1e-9)
     entries = []
     for j in kept:
         item = promotion.written(j.effect)

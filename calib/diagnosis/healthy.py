@@ -1,4 +1,4 @@
-"""What a healthy arm does beside its model: a law of all joint effects of the catalogue at once, shrunk by a Gaussian prior.
+"""What a healthy arm does beside its model: a law of all joint effects of the catalogue at once, regularised by a Gaussian prior.
 
 It is fitted to the healthy logs; each of them in turn is left out and predicted by the others, which gives the noise of a new log.
 """

@@ -1,7 +1,7 @@
 """The noise of a recording, measured beside the model and not from what the model leaves.
 
 An additive basis that bends to anything (calib.diagnosis.additive_basis) and every candidate effect are fitted to each joint's
-residual at once. What they leave is the pure error of the recording: the model that is judged has no part in it, so a wrong model
+residual at once. What they leave is the pure error of the recording: the model that is assessed has no part in it, so a wrong model
 cannot pass its own error off as noise (N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed. 1998, section 2.1, lack of fit and
 pure error). What such a fit absorbs of noise of the same colour is given back from simulated series.
 """

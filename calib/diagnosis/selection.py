@@ -175,7 +175,7 @@ def search(
     found, bank = SearchResult(baseline, baseline), Bank()
     best, hopeless = baseline, set[Key]()
     while len(best.accepted) < MOST_EFFECTS:
-        progress(f"looking for effect {len(best.accepted) + 1}")
+        progress(f"searching for effect {len(best.accepted) + 1}")
         here = {(e.effect, e.joint) for e in best.accepted}
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])

@@ -18,7 +18,7 @@ from calib.fleet.engine import cluster, results
 from calib.fleet.inventory import Recorded, by_arm, inventory
 from calib.fleet.job import Answer, ArmStatus, Job, refusal
 from calib.fleet.parcel import unpacked
-from calib.fleet.shrunk import Shrunk, shrunk_packed
+from calib.fleet.shrinkage import ShrinkageEstimate, packed_estimate
 from calib.fleet.siblings import OUTLIER, Siblings, compare
 from calib.fleet.table import require_row, write_table
 from calib.fleet.task import work_packed
@@ -99,7 +99,7 @@ def run_fleet(
             rows, with_siblings = _compared(answers, arms)
             changed = {answers[arm_id].row.get("model_sha256") for arm_id, _ in missing}
             helped = [(arm_id, item) for arm_id, item in with_siblings if item.arm.sha256 in changed]
-            for arm_id, data, why in results(client, shrunk_packed, helped):
+            for arm_id, data, why in results(client, packed_estimate, helped):
                 files: dict[str, bytes] = {}
                 try:
                     files = unpacked(data, arm_id).files if data is not None else {}
@@ -179,10 +179,12 @@ def _notes(arm: Arm | None, job: Job | None) -> list[str]:
     return [f"{len(others)} of its recordings were made with another state of the folder of {arm.name}"] if others else []
 
 
-def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[str, dict[str, Any]], list[tuple[str, Shrunk]]]:
+def _compared(
+    answers: dict[str, Answer], arms: dict[str, Arm]
+) -> tuple[dict[str, dict[str, Any]], list[tuple[str, ShrinkageEstimate]]]:
     """The rows, each with what the arms of its model say together, and the arms that borrow so much that they get a second folder."""
     rows = {arm_id: dict(answer.row) for arm_id, answer in answers.items()}
-    with_siblings: list[tuple[str, Shrunk]] = []
+    with_siblings: list[tuple[str, ShrinkageEstimate]] = []
     families: dict[str, list[Answer]] = {}
     for answer in answers.values():
         if answer.status is ArmStatus.DONE:
@@ -204,7 +206,9 @@ def _compared(answers: dict[str, Answer], arms: dict[str, Arm]) -> tuple[dict[st
                 continue
             rows[answer.arm_id] |= _beside(together, k, answer.names)
             if together.borrowed[k].max() > BORROWED:
-                item = Shrunk(answer.arm_id, arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1)
+                item = ShrinkageEstimate(
+                    answer.arm_id, arms[answer.arm_id], together.shrunk[k], together.covariance[k], len(family) - 1
+                )
                 with_siblings.append((answer.arm_id, item))
     return rows, with_siblings
 

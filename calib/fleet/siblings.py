@@ -3,7 +3,7 @@ others know.
 
 mu and the diagonal T are found by expectation and maximisation (A. Dempster, N. Laird, D. Rubin, JRSS B 39(1), 1977) with the weights
 of Student's t (K. Lange, R. Little, J. Taylor, JASA 84(408), 1989), so that an arm that is different does not pass for the spread of
-the others. The shrunk estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu); an arm is compared with mu and T of the others
+the others. The shrinkage estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu); an arm is compared with mu and T of the others
 alone.
 """
 

@@ -17,12 +17,12 @@ def sentence(fleet: Fleet) -> str:
     rows = fleet.rows
     done = [row for row in rows if row["status"] == "done"]
     deviating = [row for row in done if deviates(row)]
-    text = f"{len(done)} of {len(rows)} arms judged"
+    text = f"{len(done)} of {len(rows)} arms assessed"
     text += (
         f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else ", none deviates" if done else ""
     )
     if len(done) < len(rows):
-        text += f"; {len(rows) - len(done)} could not be judged"
+        text += f"; {len(rows) - len(done)} could not be assessed"
     if fleet.unassigned:
         few = len(fleet.unassigned) == 1
         text += (
@@ -65,7 +65,7 @@ def trouble_rows(fleet: Fleet) -> list[list[str]]:
         [row["arm"], ArmStatus[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"
     ]
     out += [
-        [row["arm"], "judged without a recording", bad]
+        [row["arm"], "assessed without a recording", bad]
         for row in fleet.rows
         if row["status"] == "done"
         for bad in row["bad_logs"]

@@ -38,7 +38,7 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
             "what `calib diagnose` named, and what is unlike the siblings",
         )
     if trouble:
-        page.section("What could not be judged, and why").table(["arm", "what", "why"], trouble)
+        page.section("What could not be assessed, and why").table(["arm", "what", "why"], trouble)
     for model in sorted({row["model"] for row in done}):
         family = [row for row in done if row["model"] == model and row.get("score")]
         if family:

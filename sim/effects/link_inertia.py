@@ -32,7 +32,7 @@ class LinkInertia(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in the change of m and m c; the last link's cannot be told from a payload's."""
+        """Linear in the change of m and m c; the last link's cannot be distinguished from a payload's."""
         tree = views[0].tree
         if joint is None or joint == views[0].n - 1:
             return

@@ -1,4 +1,4 @@
-"""The blind cases: their physics is right and their own, they come again from their seed, and answers are judged as promised."""
+"""The blind cases: their physics is right and their own, they come again from their seed, and answers are assessed as promised."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.acceptance import HeldOut, Judged
+from calib.diagnosis.acceptance import Assessed, HeldOut
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
@@ -67,7 +67,7 @@ def test_held_out_errors_speak_against_a_name_where_they_rise_significantly() ->
     assert slightly.rise(before, [0, 1, 2]) == 0.0
     assert clearly.rise(before, [1, 2]) == pytest.approx(np.std(clearly.errors[1]) / np.std(before.errors[1]) - 1, rel=0.05)
     assert clearly.rise(before, [2]) == 0.0
-    name = Judged(push(1.0), 50.0, (), 5.0, clearly.rise(before, [1]))
+    name = Assessed(push(1.0), 50.0, (), 5.0, clearly.rise(before, [1]))
     assert not name.vetoed  # it happens in one recording only
     assert replace(name, effect=ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0})).vetoed
 
@@ -77,7 +77,7 @@ def test_held_out_errors_speak_against_a_name_where_they_rise_significantly() ->
     [(50.0, 5.0, False), (50.0, -5.0, False), (50.0, -7.0, True), (22.0, 5.0, False), (22.0, -1.0, True)],
 )
 def test_a_held_out_likelihood_that_falls_by_chance_is_no_veto(lost: float, held_out: float, vetoed: bool) -> None:
-    name = Judged(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, (), held_out)
+    name = Assessed(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, (), held_out)
     assert name.vetoed == vetoed
 
 

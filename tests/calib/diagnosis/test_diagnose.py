@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, SECOND, SECOND_ALONE, Judged
+from calib.diagnosis.acceptance import APART, SECOND, SECOND_ALONE, Assessed
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -122,7 +122,7 @@ def test_what_is_most_of_a_joints_structure_is_named_beside_what_has_no_name(ur1
 
 
 def test_what_the_model_lacks_is_no_noise(ur10e: Arm) -> None:
-    """A strong spring that nobody told the model of leaves many times the noise, and the noise found is still the recording's own."""
+    """A strong spring that is not in the model leaves many times the noise, and the noise found is still the recording's own."""
     shares = []
     for hidden in (None, at(ELBOW, lambda q, dq: 40.0 * (q - 0.4))):
         logs = [recording(ur10e, seed, hidden) for seed in (1, 2)]
@@ -164,25 +164,25 @@ def test_a_burst_while_one_joint_moves_is_no_push(ur10e: Arm) -> None:
     assert all(gain < selection.price(item) for _, gain, item in windows)
 
 
-def judged(lost: float, *rivals: tuple[str, str | None]) -> Judged:
-    return Judged(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, rivals, held_out=5.0)
+def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
+    return Assessed(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, rivals, held_out=5.0)
 
 
 def test_weak_evidence_that_others_would_bring_too_is_no_name() -> None:
     rival = ("asymmetric_friction", "elbow_joint")
-    weak = selection.price(judged(0.0).effect) + APART - 1.0
-    assert judged(weak, rival).doubtful
-    assert not judged(weak).doubtful
-    assert not judged(weak + 2.0, rival).doubtful
+    weak = selection.price(assessed(0.0).effect) + APART - 1.0
+    assert assessed(weak, rival).doubtful
+    assert not assessed(weak).doubtful
+    assert not assessed(weak + 2.0, rival).doubtful
 
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
     rival = ("asymmetric_friction", "elbow_joint")
-    clear = selection.price(judged(0.0).effect) + APART + 40.0
-    assert replace(judged(clear, rival), first=clear / SECOND + 1.0).doubtful
-    assert not replace(judged(clear, rival), first=clear / SECOND - 1.0).doubtful
-    assert replace(judged(clear), first=clear / SECOND_ALONE + 1.0).doubtful
-    assert not replace(judged(clear), first=clear / SECOND_ALONE - 1.0).doubtful
+    clear = selection.price(assessed(0.0).effect) + APART + 40.0
+    assert replace(assessed(clear, rival), first=clear / SECOND + 1.0).doubtful
+    assert not replace(assessed(clear, rival), first=clear / SECOND - 1.0).doubtful
+    assert replace(assessed(clear), first=clear / SECOND_ALONE + 1.0).doubtful
+    assert not replace(assessed(clear), first=clear / SECOND_ALONE - 1.0).doubtful
 
 
 @pytest.mark.parametrize(("factor", "check"), [(-1.0, "torque"), (101.0, "size")])

@@ -1,4 +1,4 @@
-"""A drive that could not give more is told from one that merely worked hard."""
+"""A drive that could not give more is distinguished from one that merely worked hard."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording
     short = diagnose(ur10e, logs[:2], logs[2:])
     long, _ = diagnose_pieces(ur10e, Pieces(*logs), [recording(ur10e, 9, spring)], most=25.0)
     for found in (short, long):
-        told = {(e["effect"], e["joint"]): e for e in found.answer["effects"]}
-        assert set(told) == {("joint_spring", "elbow_joint"), ("torque_saturation", "shoulder_pan_joint")}
-        assert told["torque_saturation", "shoulder_pan_joint"]["parameters"]["limit"]["value"] == 150.0
-        assert told["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(400 / 530)
+        found_effects = {(e["effect"], e["joint"]): e for e in found.answer["effects"]}
+        assert set(found_effects) == {("joint_spring", "elbow_joint"), ("torque_saturation", "shoulder_pan_joint")}
+        assert found_effects["torque_saturation", "shoulder_pan_joint"]["parameters"]["limit"]["value"] == 150.0
+        assert found_effects["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(400 / 530)
         found.write(tmp_path, ur10e)
         written = load_arm(tmp_path / "arm").effect("torque_saturation", "shoulder_pan_joint")
         assert written is not None

@@ -82,7 +82,7 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
     assert load_arm(out / "arms" / row["arm"] / "arm").n == 6
     assert load_arm(out / "arms" / row["arm"] / "arm_with_siblings").n == 6
     page = (out / "report.html").read_text()
-    assert "5 of 8 arms judged" in page
+    assert "5 of 8 arms assessed" in page
     assert "junk.mcap" in page
 
     first = {r["arm"]: r for r in table}

@@ -22,7 +22,7 @@ def fleet(rng: np.random.Generator, arms: int = ARMS) -> tuple[np.ndarray, np.nd
     return spread, truth, truth + noise, covariance
 
 
-def test_spread_is_found_and_what_is_shrunk_is_as_sure_as_it_says(rng: np.random.Generator) -> None:
+def test_spread_is_found_and_a_shrinkage_estimate_states_its_true_uncertainty(rng: np.random.Generator) -> None:
     spread, truth, found, covariance = fleet(rng)
     together = compare(found, covariance)
     assert together is not None

@@ -85,5 +85,5 @@ def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: p
     assert main(["validate", "servo6", "wrong.mcap", "--no-forward", "--assume", "scale:tau=0.02"]) in (0, 1)
     assert main(["import", "wrong.mcap", "--arm", "servo6", "--assume", "as-recorded", "--out", "taken"]) == 0
     assert json.loads(read_log("taken/wrong.mcap", of.joint_names).metadata["assumed"]) == ["as-recorded"]
-    assert main(["validate", "servo6", "taken/wrong.mcap", "--no-forward", "--out", "judged"]) == 2
-    assert json.loads(Path("judged/validation.json").read_text())["verdict"] == "wrong arm"
+    assert main(["validate", "servo6", "taken/wrong.mcap", "--no-forward", "--out", "assessed"]) == 2
+    assert json.loads(Path("assessed/validation.json").read_text())["verdict"] == "wrong arm"

@@ -21,7 +21,7 @@ FOLDER = "arm_with_siblings"
 
 
 @dataclass(frozen=True)
-class Shrunk:
+class ShrinkageEstimate:
     """theta (p,) with covariance (p, p) of an arm of this model, with the help of so many siblings."""
 
     arm_id: str
@@ -31,12 +31,12 @@ class Shrunk:
     siblings: int
 
 
-def shrunk_packed(estimate: Shrunk) -> bytes:
-    """`shrunk_files`, as bytes to travel."""
-    return packed(Answer(estimate.arm_id, ArmStatus.DONE, {}, shrunk_files(estimate)))
+def packed_estimate(estimate: ShrinkageEstimate) -> bytes:
+    """`estimate_files`, as bytes to travel."""
+    return packed(Answer(estimate.arm_id, ArmStatus.DONE, {}, estimate_files(estimate)))
 
 
-def shrunk_files(estimate: Shrunk) -> dict[str, bytes]:
+def estimate_files(estimate: ShrinkageEstimate) -> dict[str, bytes]:
     """The files of arm_with_siblings/, by relative path; none where no such arm can exist."""
     model = TorqueModel.of_arm(estimate.arm)
     try:
