@@ -1,30 +1,32 @@
 """Mutated files, readings and arguments through every command: each call ends in an answer or in one sentence, never in a fault.
 
 A run goes on where the last one ended (build/hostile_commands.jsonl), for `minutes` at a time: `make hostile`. Commands are called by the
-program's entry function, a chunk of mutants one after the other in a process of its own; what that process printed beside the commands' own
-words (a library's warning) is a fault too. Left out: init and arm read, which would ask a mutated address, and `servo scan`.
+program's entry function, a chunk of mutants one after the other in a process of its own, forked from one that has all modules loaded; what it
+printed beside the commands' own words (a library's warning) is a fault too. Left out: init and arm read, which would ask a mutated address, and `servo scan`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import random
 import re
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks import ONE_THREAD
+import calib
+import drivers
+import logs
+import safety
+import sim
+from benchmarks.forked import Done, forked, warm
 from benchmarks.hostile_inputs import CASES
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.results import ROOT
 from calib.main import main as program
 from calib.unexpected import EXIT_CODE
 
@@ -47,7 +49,7 @@ def attack(name: str, seed: int, count: int) -> dict[str, Any]:
         folder = Path(place) / "case"
         folder.mkdir()
         os.chdir(folder)
-        mutant, beside = CASES[name](folder), set(folder.rglob("*"))
+        mutant, beside, began = CASES[name](folder), set(folder.rglob("*")), time.perf_counter()
         for _ in range(count):
             words = mutant(rng)
             begin, printed = time.perf_counter(), io.StringIO()
@@ -65,25 +67,22 @@ def attack(name: str, seed: int, count: int) -> dict[str, Any]:
             slowest = max(slowest, time.perf_counter() - begin)
             for new in sorted(set(folder.rglob("*")) - beside, reverse=True):
                 new.rmdir() if new.is_dir() and not new.is_symlink() else new.unlink()
-    return {"faults": faults, "refused": sum(c == 2 for c in codes), "count": count, "slowest": slowest}
+    return {
+        "faults": faults,
+        "refused": sum(c == 2 for c in codes),
+        "count": count,
+        "slowest": slowest,
+        "seconds": time.perf_counter() - began,
+    }
 
 
-def attacked(name: str, seed: int, count: int) -> dict[str, Any]:
-    """`attack` in a process of its own: a crash is a fault, and so is a call that does not end."""
-    command = [sys.executable, "-m", "benchmarks.hostile_commands", name, str(seed), str(count)]
-    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)}
-    nothing = {"refused": 0, "count": count, "slowest": 0.0}
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL,
-                              timeout=LONGEST * 8)  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return nothing | {"faults": [f"{name}: seed {seed}: not within {LONGEST * 8:g} s"]}
-    if done.returncode:
-        return nothing | {"faults": [f"{name}: seed {seed}: ended with {done.returncode}: {done.stderr[-300:]}"]}
-    *leaked, answer = done.stdout.splitlines()
-    found = dict(json.loads(answer))
-    if leaked or done.stderr.strip():
-        found["faults"].append(f"{name}: seed {seed}: a library wrote {' '.join([*leaked, done.stderr])[-200:]}")
+def with_faults(name: str, seed: int, count: int, done: Done) -> dict[str, Any]:
+    """What a child found; a crash is a fault, so is a call that does not end, and so is what a library wrote."""
+    if done.fault:
+        return {"refused": 0, "count": count, "slowest": 0.0, "faults": [f"{name}: seed {seed}: {done.fault}"]}
+    found = dict(done.value)
+    if done.leaked:
+        found["faults"].append(f"{name}: seed {seed}: a library wrote {' '.join(done.leaked.split())[-200:]}")
     return found
 
 
@@ -92,10 +91,11 @@ def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "hostile_commands.jsonl", "2")  # a fault that was seen stays one until the file is removed
     rounds = -(-count // sum(FEW.get(name, CHUNK) for name in names))
-    for seed in range(rounds):
-        for name in names:
-            if f"{name} {seed}" not in kept.found and time.monotonic() < end:
-                kept.keep(f"{name} {seed}", attacked(name, seed, FEW.get(name, CHUNK)))
+    warm(sim, logs, drivers, safety, calib)
+    each_once = [(name, seed, FEW.get(name, CHUNK)) for seed in range(rounds) for name in names]
+    todo = {f"{name} {seed}": (name, seed, few) for name, seed, few in each_once if f"{name} {seed}" not in kept.found}
+    for done in forked(((key, partial(attack, *what)) for key, what in todo.items()), LONGEST * 8, end):
+        kept.keep(done.key, with_faults(*todo[done.key], done))
     found = kept.found
     faults = [fault for f in found.values() for fault in f["faults"]]
     tried = sum(f["count"] for f in found.values())
@@ -107,7 +107,3 @@ def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple
         {"what": "refused in a sentence", "value": sum(f["refused"] for f in found.values()),
          "note": f"slowest call {found[slowest]['slowest']:.1f} s, {slowest}" if slowest else ""},
     ]  # fmt: skip
-
-
-if __name__ == "__main__":
-    print(json.dumps(attack(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))

@@ -16,12 +16,20 @@ import json
 import os
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import calib
+import drivers
+import logs
+import safety
+import sim
+from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.real import SETS, score
 from calib.main import main as program
@@ -29,6 +37,7 @@ from calib.main import main as program
 COMMANDS = ("identify", "validate", "diagnose")
 BROKEN = "broken_values.csv"
 STANDS = ("the motion is too short", "Nothing compared")
+LONGEST = 900.0  # s that one recording may take
 PERIOD, UNTIL, MOST_DIFFERENCE = 1e-3, 10.0, 0.10  # s of the Panda's control, s of it that are fitted
 DRIVES = {"dm8009": (1, 2), "dm4340": (3, 4), "dm4310": (5, 6, 7)}
 
@@ -93,19 +102,24 @@ def _need(*words: str) -> None:
         raise RuntimeError(f"calib {words[0]}: exit {code}: {printed[-300:]}")
 
 
+def identified(name: str, arm: Arm, data: Path, folder: Path) -> None:
+    """The arm of its first recordings, once."""
+    if (out := folder / f"identified_{name}").is_dir():
+        return
+    where = made(arm, name, data, folder)
+    first = [imported(data / f, where, arm.words, folder / f"first_{name}_{k}") for k, f in enumerate(arm.files[:2])]
+    called("identify", where, *map(str, first), "--out", str(out))
+
+
 def accepted(name: str, arm: Arm, file: str, data: Path, folder: Path) -> dict[str, str]:
     """What each command that refused the recording said."""
-    where = made(arm, name, data, folder)
+    where, identified = made(arm, name, data, folder), folder / f"identified_{name}"
     out: dict[str, str] = {}
     stem = file.replace("/", "_").removesuffix(".csv")
     try:
         log = imported(data / file, where, arm.words, folder / f"import_{stem}")
     except RuntimeError as error:
         return {"import": str(error)}
-    identified = folder / f"identified_{name}"
-    if not (identified / "arm").is_dir():
-        first = [imported(data / f, where, arm.words, folder / f"first_{name}_{k}") for k, f in enumerate(arm.files[:2])]
-        called("identify", where, *map(str, first), "--out", str(identified))
     for command in COMMANDS:
         of = where if command == "identify" else str(identified / "arm")
         extra = ("--no-forward",) if command == "validate" else ()
@@ -142,13 +156,13 @@ def panda(data: Path, folder: Path) -> list[float]:
     for name, file in (("published", source), ("repaired", copy)):
         head, *lines = file.read_text().splitlines(keepends=True)
         t = np.array([float(line.split(",", 1)[0]) for line in lines])
-        logs = []
+        pieces = []
         for part, keep in (("fit", t - t[0] < UNTIL), ("test", t - t[0] >= UNTIL)):
             table = folder / f"{name}_{part}.csv"
             table.write_text(head + "".join(line for line, k in zip(lines, keep, strict=True) if k))
-            logs.append((imported(table, arm, (), folder / f"import_{name}_{part}"), table))
-        called("identify", arm, str(logs[0][0]), "--out", str(folder / f"of_{name}"))
-        found.append((folder / f"of_{name}" / "arm", logs[1]))
+            pieces.append((imported(table, arm, (), folder / f"import_{name}_{part}"), table))
+        called("identify", arm, str(pieces[0][0]), "--out", str(folder / f"of_{name}"))
+        found.append((folder / f"of_{name}" / "arm", pieces[1]))
     # both arms predict the repaired copy's last seconds: one truth for both
     rmse = [score(where, SETS["panda"], [found[1][1]], folder, where.parent.name)[0] for where, _ in found]
     own = score(found[0][0], SETS["panda"], [found[0][1]], folder, "as_published")[0]
@@ -163,11 +177,21 @@ def run(minutes: float = 10.0) -> list[dict[str, Any]]:
     kept = Kept(FOLDER / "published.jsonl", "1")  # a refusal that was seen stays one until the file is removed
     everything = [(name, arm, file) for name, arm in arms(data).items() for file in arm.files]
     with tempfile.TemporaryDirectory(prefix="calib-published-") as place:
-        if "panda" not in kept.found:
-            kept.keep("panda", panda(data, Path(place)))
-        for name, arm, file in everything:
-            if file not in kept.found and time.monotonic() < end:
-                kept.keep(file, accepted(name, arm, file, data, Path(place)))
+        warm(sim, logs, drivers, safety, calib)
+
+        def jobs() -> Iterator[tuple[str, Callable[[], Any]]]:
+            if "panda" not in kept.found:
+                made(Arm(SETS["panda"].new, ()), "panda", data, Path(place))
+                yield "panda", partial(panda, data, Path(place))
+            for name, arm, file in everything:
+                if file not in kept.found:
+                    identified(name, arm, data, Path(place))
+                    yield file, partial(accepted, name, arm, file, data, Path(place))
+
+        for done in forked(jobs(), LONGEST, end):
+            if done.fault and done.key == "panda":
+                raise RuntimeError(f"the Panda as published and repaired: {done.fault}")
+            kept.keep(done.key, {"fault": done.fault} if done.fault else done.value)
     tried = {file: kept.found[file] for _, _, file in everything if file in kept.found}
     refused = {file: found for file, found in tried.items() if found}
     *joints, mean, own = kept.found["panda"]
