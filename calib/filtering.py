@@ -94,6 +94,10 @@ class Decimator:
         """Rows (R, ...) to which unusable samples (N, ...) give less than 2 % of the filter's weight."""
         return self.share_of(~usable) < 0.02
 
+    def variance_of(self, variance: np.ndarray) -> np.ndarray:
+        """(R, ...) of every row, from the variance (N, ...) of independent samples."""
+        return Decimator(self.rate, self.cutoff, self.step, self.taps**2).rows(variance)
+
     def share_of(self, marked: np.ndarray) -> np.ndarray:
         """(R, ...) in [0, 1]: how much of every row's weight falls on marked samples (N, ...)."""
         weight = np.abs(self.taps)

@@ -14,13 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from calib.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
+from calib.resampling import bridging_doubt, resampled
 from logs.log import Log
 from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
 from sim.trajectory import Trajectory
 
-# samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
-GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
 STANDING_SECONDS = 0.3
 FLAT_SAMPLES = 3
 CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
@@ -48,6 +47,8 @@ class Measurement:
     q_noise     (n,) rad, standard deviation of the position reading about its smoothed course
     temperature (N, n) degC, and warming (N, n), the share of the way from the coldest to the warmest of a set of recordings; None
                 where nothing was read or nothing warmed
+    doubt       (N, n) (N m)^2, what bridging a gap adds to the torque's variance, so stated that the samples of a gap count as independent;
+                None where nothing was bridged
     period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
     """
 
@@ -63,6 +64,7 @@ class Measurement:
     excluded: tuple[Exclusion, ...]
     temperature: np.ndarray | None = None
     warming: np.ndarray | None = None
+    doubt: np.ndarray | None = None
     period: float | None = None
     noise: np.ndarray | None = None
 
@@ -115,6 +117,14 @@ class Measurement:
         out[moving[-1] + 1 if len(moving) else 0 :] = False
         return out
 
+    @cached_property
+    def row_doubt(self) -> np.ndarray:
+        """(R, n) (N m)^2: what bridged gaps add to the variance of every row."""
+        if self.doubt is None:
+            return np.zeros((len(self.row_samples), self.n))
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        return np.concatenate([self.decimator.variance_of(self.doubt[lo:hi]) for lo, hi in pairs])
+
     @property
     def samples_moving(self) -> slice:
         """The samples from the first row in motion to the last."""
@@ -143,7 +153,7 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     decimator = Decimator.of_cutoff(rate, cutoff)
     measured = arm.speed_from == "measured" and bool(np.isfinite(log.dq[finite]).all())
     readings = np.column_stack([torque, log.dq]) if measured else torque
-    t, q, tau, starts, lost = _resampled(
+    t, q, tau, starts, lost = resampled(
         log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.window
     )
     tau, speed = tau[:, : arm.n], tau[:, arm.n :]
@@ -176,7 +186,10 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     usable &= ~(ends[:, None] | standing | clipped)
     trajectory = Trajectory(t, q_s, dq, ddq)
     tau = np.where(np.isfinite(tau), tau, 0.0)
-    return Measurement(name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded))
+    doubt = bridging_doubt(log.t[finite], torque[finite], t, rate)
+    return Measurement(
+        name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt
+    )
 
 
 def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
@@ -240,44 +253,6 @@ def _check(log: Log, arm: Arm, name: str) -> None:
             f"{name}: sample {k}: position of {log.joint_names[j]} is {log.q[k, j]:.4g} rad; no joint of {arm.name} reaches 1000 rad; "
             "the file is damaged: import it with `calib import` and use what survives"
         )
-
-
-def _resampled(
-    t: np.ndarray, q: np.ndarray, tau: np.ndarray, rate: float, shortest: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Samples on grids of 1/rate between gaps: position by the cubic through four neighbours, torque by the line through two.
-
-    Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
-    """
-    edges = [0, *(np.flatnonzero(np.diff(t) > max(GAP_STEPS / rate, GAP_SECONDS)) + 1), len(t)]
-    grids, qs, taus, starts = [], [], [], [0]
-    for lo, hi in itertools.pairwise(edges):
-        count = int((t[hi - 1] - t[lo]) * rate + 1e-6) + 1
-        if count < shortest or hi - lo < 4:
-            continue
-        grid = t[lo] + np.arange(count) / rate
-        grids.append(grid)
-        qs.append(_cubic(t[lo:hi], q[lo:hi], grid))
-        taus.append(np.stack([np.interp(grid, t[lo:hi], x) for x in tau[lo:hi].T], axis=1))
-        starts.append(starts[-1] + count)
-    lost = float(t[-1] - t[0]) - sum(len(g) - 1 for g in grids) / rate
-    if not grids:
-        return np.zeros(0), q[:0], tau[:0], np.array(starts), lost
-    return np.concatenate(grids), np.concatenate(qs), np.concatenate(taus), np.array(starts), max(lost, 0.0)
-
-
-def _cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Lagrange's cubic through the two samples before and the two after each instant of `at`; x (N, n)."""
-    k = np.clip(np.searchsorted(t, at, side="right") - 2, 0, len(t) - 4)
-    nodes = [t[k + i] for i in range(4)]
-    out = np.zeros((len(at), x.shape[1]))
-    for i in range(4):
-        weight = np.ones(len(at))
-        for j in range(4):
-            if j != i:
-                weight *= (at - nodes[j]) / (nodes[i] - nodes[j])
-        out += weight[:, None] * x[k + i]
-    return out
 
 
 def _standing(still: np.ndarray, starts: np.ndarray, rate: float) -> np.ndarray:

@@ -105,7 +105,11 @@ def identify(
     model, solution, sums = fit.model, fit.solution, fit.sums
     progress("friction of the joints", 0.0)
     by_command = fit.by_command is not None and fit.by_command.preferred
-    laws = fitted_laws(model, fit.measurements, nominal_prior(arm, model)) if options.laws and not by_command else None
+    laws = (
+        fitted_laws(model, fit.measurements, nominal_prior(arm, model), solution.sigma)
+        if options.laws and not by_command
+        else None
+    )
     with_laws = laws is not None and (bool(laws.effects) or arm.prior.numbers is not None)
     if laws and with_laws:
         solution = replace(

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.identification.least_squares import Prior, Solution, inverse
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
+from calib.identification.sums import MEMORY_SECONDS, Reference, deviation, whitened
 from calib.preprocessing import Measurement
 from logs import Log
 from sim.trajectory import Trajectory
@@ -81,7 +81,8 @@ def instrumental(
             a, b, index = whitened(block, j, weights.ar[j])
             z, _, _ = whitened(same, j, weights.ar[j])
             e = b - a @ weights.theta[u]
-            weight = np.minimum(1.0, weights.huber * weights.sigma[j] / np.maximum(np.abs(e), 1e-300)) / weights.sigma[j] ** 2
+            size = deviation(block, j, index, weights)
+            weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
             place = np.ix_(u, u)
             cross[place] += z.T @ (weight[:, None] * a)
             least[place] += a.T @ (weight[:, None] * a)

@@ -38,14 +38,17 @@ class Laws:
     predicted: np.ndarray
 
 
-def fitted_laws(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> Laws:
+def fitted_laws(
+    model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior, sigma: np.ndarray | None = None
+) -> Laws:
     """Hysteresis of several widths at the joints where it predicts parts of the recordings left out better than the model alone.
 
     The prior of the links is the nominal arm's; friction and offsets are free. The Coulomb level is all dry friction that is left once
-    a joint slides, whatever the width over which each part of it builds up.
+    a joint slides, whatever the width over which each part of it builds up. sigma (n,) N m of the rows: those over bridged gaps then
+    count as much less as they are less sure.
     """
     arm = model.arm
-    parts = [_part(model, m) for m in measurements]
+    parts = [_part(model, m, sigma=sigma) for m in measurements]
     samples = [_part(model, m, filtered=False) for m in measurements]
     found = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal))
     theta, effects = found.theta.copy(), []
@@ -153,7 +156,7 @@ def _nearest(width: float) -> int:
     return int(np.argmin(np.abs(np.log(np.array(WIDTHS) / width))))
 
 
-def _part(model: TorqueModel, m: Measurement, filtered: bool = True) -> Part:
+def _part(model: TorqueModel, m: Measurement, filtered: bool = True, sigma: np.ndarray | None = None) -> Part:
     """Rows between the first and the last motion, reversals and all; or the samples that they are made of."""
     arm, law, tr = model.arm, FrictionLaw(), m.trajectory
     nothing = by_stage((), arm)
@@ -169,6 +172,8 @@ def _part(model: TorqueModel, m: Measurement, filtered: bool = True) -> Part:
         own[:, model.friction_column("coulomb", j)] = columns[:, SLIP[_nearest(model.slip_width[j])]]
         every = np.column_stack([own, columns, m.tau[:, j]])
         rows = m.rows(every)[m.row_moving] if filtered else every[m.samples_moving]
+        if sigma is not None and m.doubt is not None:
+            rows = rows / np.sqrt(1 + m.row_doubt[m.row_moving, j] / sigma[j] ** 2)[:, None]
         x.append(rows[:, : model.p])
         d.append(rows[:, model.p : -1])
         r.append(rows[:, -1])

@@ -14,7 +14,7 @@ import scipy.linalg
 from scipy.signal import lfilter
 
 from calib.identification.rows import Block, RegressorRows
-from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whitened
+from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, deviation, whitened
 
 AR_ORDER = 4
 DRAWS, MORE_DRAWS = 24, 96
@@ -116,7 +116,7 @@ def weighted(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Whitened rows of a joint, their index, and their weights (R,) 1/(N m)^2 with Huber's function for those that stick out."""
     a, b, index = whitened(block, j, weights.ar[j])
-    size = weights.sigma[j]
+    size = deviation(block, j, index, weights)
     off = np.abs(b - a @ weights.theta[used])
     return a, b, index, np.minimum(1.0, weights.huber * size / np.maximum(off, 1e-300)) / size**2
 

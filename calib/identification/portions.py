@@ -75,14 +75,14 @@ class Kept:
 def digest_of(log: Log) -> str:
     """A digest of the samples that an identification uses, wherever they are kept."""
     digest = hashlib.blake2b(log.path.name.encode() if log.path else b"")
-    for values in (log.t, log.q, log.tau, log.current):
+    for values in (log.t, log.q, log.dq, log.tau, log.current):
         digest.update(np.ascontiguousarray(values).data)
     return digest.hexdigest()
 
 
 def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarray, weights: Reference) -> str:
     """A digest of all that the sums over a piece depend on beside the piece; another version of the program counts as another sum."""
-    digest = hashlib.sha256(f"{program_version()} {arm.sha256} {cutoff!r} {weights.huber!r}".encode())
+    digest = hashlib.sha256(f"{program_version()} {arm.sha256} {arm.speed_from} {cutoff!r} {weights.huber!r}".encode())
     for values in (slip_width, often, weights.theta, weights.ar, weights.sigma):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()

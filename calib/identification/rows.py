@@ -20,6 +20,7 @@ class Block:
     a       per joint (R, p_j), the columns `used[j]` only
     b       (R, n) N m
     usable  (R, n) rows of the fit; apart (R, n) rows that could serve and are left out of it
+    doubt   (R, n) (N m)^2 that bridged gaps add to the variance of b
     joined  (R,) False where the row before is not the neighbour in time
     t       (R,) s
     """
@@ -29,6 +30,7 @@ class Block:
     b: np.ndarray
     usable: np.ndarray
     apart: np.ndarray
+    doubt: np.ndarray
     joined: np.ndarray
     t: np.ndarray
 
@@ -95,7 +97,7 @@ class RegressorRows:
                 rows = slice(first, first + len(b))
                 stretch = m.row_stretch[rows]
                 joined = np.concatenate([[stretch[0] == previous], np.diff(stretch) == 0])
-                yield Block(k, a, b, allowed[rows], left[rows], joined, tr.t[m.row_samples[rows]])
+                yield Block(k, a, b, allowed[rows], left[rows], m.row_doubt[rows], joined, tr.t[m.row_samples[rows]])
                 previous, first = int(stretch[-1]), rows.stop
                 done += len(b)
                 if self.progress:

@@ -121,7 +121,7 @@ def weighted(
         for j, used in enumerate(rows.used):
             a, b, index = whitened(block, j, weights.ar[j])
             e = b - a @ weights.theta[used]
-            size = weights.sigma[j]
+            size = deviation(block, j, index, weights)
             weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
             score[np.ix_(index, used)] += a * (weight * e)[:, None]
             white[j] = white[j].with_rows(np.sqrt(weight)[:, None] * np.column_stack([a, b]))
@@ -132,6 +132,16 @@ def weighted(
             cross = score[lag:].T @ score[:-lag]
             scores += (1 - lag / (lags + 1)) * (cross + cross.T)
     return tuple(white), scores, touched, counts
+
+
+def deviation(block: Block, j: int, index: np.ndarray, weights: Reference) -> np.ndarray:
+    """(R,) N m: standard deviation of joint j's whitened rows; wider than sigma where gaps were bridged."""
+    k = len(weights.ar[j])
+    taps = np.concatenate([[1.0], weights.ar[j] ** 2])
+    added = sum(
+        (share * block.doubt[index - lag, j] for lag, share in zip(range(k + 1), taps, strict=True)), np.zeros(len(index))
+    )
+    return np.asarray(np.sqrt(weights.sigma[j] ** 2 + added))
 
 
 def correlated(x: np.ndarray, lags: int) -> np.ndarray:

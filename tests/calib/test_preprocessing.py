@@ -141,3 +141,24 @@ def test_at_a_slow_rate_a_gap_counts_in_samples(rate: float) -> None:
         keep = np.ones(len(t), dtype=bool)
         keep[400 : 400 + lost] = False
         assert len(prepare(log_of(t[keep], q[keep], q[keep]), ARM).starts) - 1 == stretches
+
+
+def test_bridged_rows_are_as_wrong_as_stated() -> None:
+    """Torque with content up to 15 Hz at 500 Hz, three samples lost every 0.3 s: the error that this adds to the rows, against its variance."""
+    rng = np.random.default_rng(3)
+    t, q = sine(60.0)
+    tau = 20 * q + SavitzkyGolay.of_bandwidth(500.0, 15.0).derivative(rng.normal(size=q.shape) * 10, 0)
+    whole = prepare(log_of(t, q, tau), ARM, 8.0)
+    assert whole.doubt is None
+    assert not whole.row_doubt.any()
+    keep = np.ones(len(t), dtype=bool)
+    for first in range(150, len(t) - 150, 150):
+        keep[first : first + 3] = False
+    m = prepare(log_of(t[keep], q[keep], tau[keep]), ARM, 8.0)
+    assert m.doubt is not None
+    np.testing.assert_array_equal((m.doubt > 0).all(axis=1), ~keep)
+    error = m.rows(m.tau) - whole.rows(whole.tau)
+    stated = np.sqrt(np.mean(m.row_doubt, axis=0))
+    assert np.sqrt(np.mean(error**2, axis=0)) / stated == pytest.approx(np.ones(6), abs=0.35)
+    rows = m.row_samples
+    assert not m.row_doubt[rows < 150 - m.decimator.reach].any()

@@ -12,9 +12,9 @@ from calib.identification.identify import Identification, identify, survey
 from calib.identification.information import InformationMatrix
 from calib.identification.least_squares import estimate, reference
 from calib.identification.model import TorqueModel
-from calib.identification.portions import Kept
+from calib.identification.portions import Kept, context_of, digest_of
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import Sums, summed
+from calib.identification.sums import Sums, deviation, summed, whitened
 from calib.preprocessing import prepare
 from logs import Pieces
 from logs.log import Log
@@ -87,6 +87,43 @@ def test_sums_survive_a_file(ur5e: Arm, logs: list[Log]) -> None:
     sums = summed(rows, reference(rows))
     again = Sums.of_arrays(sums.arrays())
     assert all(np.array_equal(a, b) for a, b in zip(sums.arrays().values(), again.arrays().values(), strict=True))
+
+
+def test_rows_over_bridged_gaps_are_less_sure_than_measured_ones(ur5e: Arm, logs: list[Log]) -> None:
+    """Two of a hundred samples lost at one place, with torque noise as large as the torque's own change: less weight there and nowhere else."""
+    lost = np.ones(len(logs[0]), dtype=bool)
+    lost[700:702] = False
+    names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+    log = replace(logs[0], **{name: getattr(logs[0], name)[lost] for name in names})
+    model = TorqueModel.of_arm(ur5e)
+    rows = RegressorRows(model, [prepare(log, ur5e, 10.0)])
+    weights = reference(RegressorRows(model, [prepare(logs[0], ur5e, 10.0)]))
+    (block,) = rows
+    _, _, index = whitened(block, 1, weights.ar[1])
+    wider = deviation(block, 1, index, weights) / weights.sigma[1]
+    near = np.abs(block.t[index] - logs[0].t[701]) < 0.15
+    assert wider.max() > 1.05
+    assert np.all(wider[block.t[index] < logs[0].t[701] - 0.5] == 1.0)
+    assert near[np.argmax(wider)]
+    spoilt = replace(block, doubt=block.doubt * 1e12)
+    rows._kept = [spoilt]
+    without = replace(block, usable=block.usable & (block.doubt == 0))
+    other = RegressorRows(model, rows.measurements)
+    other._kept = [without]
+    np.testing.assert_allclose(
+        summed(rows, weights).white[1].gram, summed(other, weights).white[1].gram, rtol=1e-4, atol=1e-4
+    )  # a row of which nothing is known weighs as much as none
+
+
+def test_what_is_kept_depends_on_the_speed_that_was_read(ur5e: Arm, logs: list[Log]) -> None:
+    log = logs[0]
+    assert digest_of(log) != digest_of(replace(log, dq=log.dq + 1e-3))
+    weights = reference(RegressorRows(TorqueModel.of_arm(ur5e), [prepare(log, ur5e, 10.0)]))
+    contexts = {
+        context_of(replace(ur5e, speed_from=speed), 10.0, np.ones(6), np.zeros(6), weights)
+        for speed in ("position", "measured")
+    }
+    assert len(contexts) == 2
 
 
 def identified(arm: Arm, logs: list[Log], kept: Kept | None = None) -> Identification:

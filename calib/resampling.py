@@ -1,0 +1,70 @@
+"""Samples of a recording on uniform grids between its gaps, and what short gaps that were bridged leave in doubt."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from logs.bridging import bridging_error
+
+# samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
+GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
+MOST_LOST = 100  # samples in a row; a gap of GAP_SECONDS has more only above 10 kHz
+
+
+def resampled(
+    t: np.ndarray, q: np.ndarray, tau: np.ndarray, rate: float, shortest: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """Samples on grids of 1/rate between gaps: position by the cubic through four neighbours, torque by the line through two.
+
+    Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(t) > max(GAP_STEPS / rate, GAP_SECONDS)) + 1), len(t)]
+    grids, qs, taus, starts = [], [], [], [0]
+    for lo, hi in itertools.pairwise(edges):
+        count = int((t[hi - 1] - t[lo]) * rate + 1e-6) + 1
+        if count < shortest or hi - lo < 4:
+            continue
+        grid = t[lo] + np.arange(count) / rate
+        grids.append(grid)
+        qs.append(_cubic(t[lo:hi], q[lo:hi], grid))
+        taus.append(np.stack([np.interp(grid, t[lo:hi], x) for x in tau[lo:hi].T], axis=1))
+        starts.append(starts[-1] + count)
+    lost = float(t[-1] - t[0]) - sum(len(g) - 1 for g in grids) / rate
+    if not grids:
+        return np.zeros(0), q[:0], tau[:0], np.array(starts), lost
+    return np.concatenate(grids), np.concatenate(qs), np.concatenate(taus), np.array(starts), max(lost, 0.0)
+
+
+def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) -> np.ndarray | None:
+    """(M, n) (N m)^2 at the instants `at`: g e_g^2 where g samples in a row were lost, 0 elsewhere; None where none was.
+
+    e_g is the error of bridging g samples that are there, whose own noise is in it. The error is one and the same over a gap: g samples
+    that count as independent need g times its variance to add up to it.
+    """
+    lost = np.rint(np.diff(t) * rate).astype(int) - 1
+    lost[lost > MOST_LOST] = 0
+    if not len(at) or not (lost > 0).any():
+        return None
+    known = np.isfinite(tau).all(axis=1)
+    error = bridging_error(t[known], {"tau": tau[known]}, np.zeros(int(known.sum()), dtype=bool), int(lost.max()), False)["tau"]
+    # a gap wider than any stretch without one is no surer than one sample, and no surer than the widest that could be tried
+    error = np.maximum.accumulate(np.where(np.isfinite(error), error, 0.0), axis=0)
+    step = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(lost) - 1)
+    g = np.where((at > t[step] + 0.01 / rate) & (at < t[step + 1] - 0.01 / rate), lost[step], 0)
+    return np.asarray(g[:, None] * error[g] ** 2)
+
+
+def _cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Lagrange's cubic through the two samples before and the two after each instant of `at`; x (N, n)."""
+    k = np.clip(np.searchsorted(t, at, side="right") - 2, 0, len(t) - 4)
+    nodes = [t[k + i] for i in range(4)]
+    out = np.zeros((len(at), x.shape[1]))
+    for i in range(4):
+        weight = np.ones(len(at))
+        for j in range(4):
+            if j != i:
+                weight *= (at - nodes[j]) / (nodes[i] - nodes[j])
+        out += weight[:, None] * x[k + i]
+    return out
