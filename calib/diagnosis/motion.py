@@ -92,6 +92,7 @@ def _thinned(m: Measurement, smooth: np.ndarray) -> Measurement:
         inside=m.inside[at],
         starts=np.array(starts),
         decimator=Decimator.of_cutoff(m.rate / k, ROW_CUTOFF),
+        doubt=None,
     )
 
 
