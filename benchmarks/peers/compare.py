@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from benchmarks.kept import FOLDER, Kept
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied
 from benchmarks.peers.ridge import ridge
 from benchmarks.results import digest
+from calib.excitation.session import joined
 from calib.identification.identify import identify
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
@@ -39,6 +41,7 @@ from sim.slip import SLIP_WIDTH, slip_direction
 from sim.trajectory import Trajectory
 from sim.urdf import urdf_text
 
+MOTION = 10.0  # s
 HERE = Path(__file__).resolve().parent
 PYTHON = Path(os.environ.get("ARM_CALIB_PEERS", HERE.parent.parent / ".venv-peers" / "bin" / "python"))
 ONE_STEP = 0.002
@@ -124,7 +127,9 @@ class Case:
     def __init__(self, seed: int, seconds: float) -> None:
         self.seed, self.nominal = seed, load_arm("ur10e")
         truth = without_offsets(varied(self.nominal, 7 + seed))
-        motion = fitting_motion(self.nominal, 3 + seed, seconds)
+        # a minute is six motions of 10 s: a single one would be too slow to show inertias to any tool
+        each = [fitting_motion(self.nominal, 3 + seed + 100 * k, MOTION) for k in range(round(seconds / MOTION))]
+        motion = reduce(joined, each)
         self.log = recorded_on_mock(truth, self.nominal, motion, 1 + seed, timestep=ONE_STEP)
         self.new = [fourier_motion(self.nominal, 40 + 2 * seed + k, 10.0) for k in range(2)]
         self.exact = [predict(truth, motion) for motion in self.new]
@@ -174,7 +179,9 @@ def _peers(
     (folder / "model.urdf").write_text(urdf_text(nominal))
     (folder / "model.xml").write_text(plant_text(nominal, ONE_STEP))
     (folder / "joints.json").write_text(
-        json.dumps({"joints": list(nominal.joint_names), "bodies": list(nominal.tree.link_names)})
+        json.dumps(
+            {"joints": list(nominal.joint_names), "bodies": list(nominal.tree.link_names), "friction": _friction(nominal)}
+        )
     )
     tr, inside = m.trajectory, m.inside
     unseen = {f"new_{x}_{k}": getattr(motion, x) for k, motion in enumerate(new) for x in ("q", "dq", "ddq")}
@@ -189,7 +196,8 @@ def _peers(
             out["figaroh"] = json.loads((folder / "figaroh.json").read_text())
         else:
             out["seconds"]["figaroh"] = _children() - began
-        predictions["figaroh"] = [np.load(folder / f"figaroh_{k}.npy") for k in range(len(new))]
+        for tool, file in (("figaroh, base parameters", "figaroh"), ("figaroh, effort fit with prior", "figaroh_fit")):
+            predictions[tool] = [np.load(folder / f"{file}_{k}.npy") for k in range(len(new))]
     smooth = [np.stack([np.interp(log.t, tr.t, x[:, j]) for j in range(nominal.n)], axis=1) for x in (tr.q, tr.dq)]
     np.savez(folder / "data.npz", t=log.t, q=log.q, dq=log.dq, tau=log.tau, smooth_q=smooth[0], smooth_dq=smooth[1])
     if _peer("mujoco_sysid_peer.py", folder):
@@ -259,7 +267,15 @@ def _predicted(nominal: Arm, values: dict[str, float], motion: Trajectory) -> np
             old = nominal.effect(effect, j)
             assert old is not None
             arm = with_effect(arm, replace(old, parameters={**old.parameters, SYMBOL[kind]: values[f"{kind} {j}"]}))
-    return predict(replace(arm, tree=replace(arm.tree, mass=mass)), motion)
+    inertia = arm.tree.inertia * (mass / arm.tree.mass)[:, None, None]
+    return predict(replace(arm, tree=replace(arm.tree, mass=mass, inertia=inertia)), motion)
+
+
+def _friction(arm: Arm) -> dict[str, list[float]]:
+    """By figaroh's names the nominal friction and rotor of every joint."""
+    named = {"fv": "viscous", "fs": "coulomb", "Ia": "rotor"}
+    found = {k: [arm.effect(KINDS[v], j) for j in arm.joint_names] for k, v in named.items()}
+    return {k: [e.parameters[SYMBOL[named[k]]] for e in items if e is not None] for k, items in found.items()}
 
 
 def _peer(program: str, folder: Path) -> bool:

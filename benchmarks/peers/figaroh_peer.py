@@ -1,7 +1,11 @@
-"""figaroh on one problem: FOLDER has model.urdf and data.npz; writes figaroh.json and figaroh_K.npy. Runs in the peers' environment.
+"""figaroh on one problem: FOLDER has model.urdf, joints.json and data.npz; writes figaroh.json, figaroh_K.npy and figaroh_fit_K.npy.
 
-As its documentation and examples have it: torque and every column of the regressor filtered alike and decimated (parallel filtering of
-M. Gautier), rows of a joint left out near its reversals, base parameters by its double QR, weighted by each joint's residual.
+Runs in the peers' environment. As its documentation and examples have it: torque and every column of the regressor filtered alike and
+decimated (parallel filtering of M. Gautier), rows of a joint left out near its reversals, then two estimates.
+
+- base parameters by its double QR, weighted by each joint's residual (`select_stage: base`)
+- its regularised effort fit with a pseudo-inertia matrix inequality for each link (`physical_fit.solve_direct_effort_fit`), with the nominal
+  arm as the prior and friction and rotors free; the weight of the prior is what predicts the last fifth of the log best
 """
 
 from __future__ import annotations
@@ -14,19 +18,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
+from figaroh.identification.parameter import add_standard_additional_parameters, get_standard_parameters
+from figaroh.identification.physical_fit import PhysicalPolicy, build_problem, solve_direct_effort_fit
 from figaroh.tools.qrdecomposition import QRDecomposer
 from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced, get_index_eliminate
 
 SLOW = 0.02  # rad/s
+PRIOR_WEIGHTS = (1e-6, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)  # the first is its default
 folder = Path(sys.argv[1])
 data = np.load(folder / "data.npz")
 model = pin.buildModelFromUrdf(str(folder / "model.urdf"))
 robot = SimpleNamespace(model=model, data=model.createData())
 n = model.nv
-config = {"act_idxv": list(range(n)), "has_friction": True, "has_actuator_inertia": True, "has_joint_offset": True}
-names = [f"{p}_{i + 1}" for i in range(n) for p in ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")]
-names += [f"extra_{k}" for k in range(4 * n)]
-standard = dict.fromkeys(names, 0.0)
+# the arms have no torque offsets, so that none are fitted
+config = {"act_idxv": list(range(n)), "has_friction": True, "has_actuator_inertia": True, "has_joint_offset": False}
+config |= json.loads((folder / "joints.json").read_text())["friction"]
+standard = get_standard_parameters(model, config) | add_standard_additional_parameters(model, config)
 
 
 def cpu(work):
@@ -53,6 +60,16 @@ def decimated(x):
     return np.stack([x[k : k + len(data["taps"])].T @ data["taps"] for k in kept])
 
 
+def fitted(rows, weight):
+    """theta of the effort fit to a part of the rows (n, K); None where its solver finds no optimum."""
+    use = fast & rows
+    problem = build_problem(
+        w[use], tau[use], list(standard), list(model.names[1:]), prior=np.array(list(standard.values())),
+        policy=PhysicalPolicy(prior_weight=weight), row_weight=(row_weight * np.ones(tau.shape))[use],
+    )  # fmt: skip
+    return solve_direct_effort_fit(problem).theta
+
+
 seconds = {}
 if "random_q" in data:
     random = [data[k] for k in ("random_q", "random_dq", "random_ddq")]
@@ -68,7 +85,15 @@ for _ in range(2):
     reduced = build_regressor_reduced(w.reshape(-1, w.shape[2]), gone)[:, base] @ phi
     miss = np.where(fast, tau - reduced.reshape(tau.shape), 0.0)
     weight = np.sqrt(fast.sum(axis=1) / np.sum(miss**2, axis=1))[:, None]
+last = np.arange(tau.shape[1]) >= 0.8 * tau.shape[1]
+row_weight, errors = weight, {}
+for prior_weight in PRIOR_WEIGHTS:
+    theta = fitted(~last, prior_weight)
+    if theta is not None:
+        errors[prior_weight] = float(np.sum(((tau - w @ theta) * weight)[fast & last] ** 2))
+theta = fitted(np.ones_like(last), min(errors, key=errors.__getitem__))
 for k in range(int(data["motions"])):
-    fresh = build_regressor_reduced(regressor(*(data[f"new_{x}_{k}"] for x in ("q", "dq", "ddq"))), gone)
-    np.save(folder / f"figaroh_{k}.npy", (fresh[:, base] @ phi).reshape(n, -1).T)
+    fresh = regressor(*(data[f"new_{x}_{k}"] for x in ("q", "dq", "ddq")))
+    np.save(folder / f"figaroh_{k}.npy", (build_regressor_reduced(fresh, gone)[:, base] @ phi).reshape(n, -1).T)
+    np.save(folder / f"figaroh_fit_{k}.npy", (fresh @ theta).reshape(n, -1).T)
 (folder / "figaroh.json").write_text(json.dumps(seconds))

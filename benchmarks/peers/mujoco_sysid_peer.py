@@ -1,7 +1,9 @@
 """mujoco.sysid on one problem: FOLDER has model.xml and data.npz; writes mujoco_sysid.json. Runs in the peers' environment.
 
 The log is cut into chunks of 0.2 s, which is what its `SystemTrajectory.split` is for: each begins at the measured state (positions and
-speeds smoothed), so that the error of one open-loop rollout does not grow over the whole log. Bounds of a tenth to ten times the nominal value.
+speeds smoothed), so that the error of one open-loop rollout does not grow over the whole log. A link's inertia is scaled with its mass, as
+`apply_body_mass_ipos(rot_inertia_scale=True)` does, and parameters are scaled by their columns (`x_scale="jac"`), which its warning about
+conditioning advises. Bounds of a tenth to ten times the nominal value.
 """
 
 from __future__ import annotations
@@ -30,11 +32,16 @@ def set_damping(joint, value):
     joint.damping[0] = value
 
 
+def set_mass(body, value):
+    body.fullinertia = np.array(body.fullinertia) * value / body.mass
+    body.mass = value
+
+
 parameters = sysid.ParameterDict()
 for body, joint in zip(names["bodies"], names["joints"], strict=True):
     b, j = model.body(body).id, model.joint(joint).dofadr[0]
     for kind, value, modifier in (
-        ("mass", model.body_mass[b], lambda s, p, x=body: setattr(s.body(x), "mass", p.value[0])),
+        ("mass", model.body_mass[b], lambda s, p, x=body: set_mass(s.body(x), p.value[0])),
         ("viscous", model.dof_damping[j], lambda s, p, x=joint: set_damping(s.joint(x), p.value[0])),
         ("coulomb", model.dof_frictionloss[j], lambda s, p, x=joint: setattr(s.joint(x), "frictionloss", p.value[0])),
         ("rotor", model.dof_armature[j], lambda s, p, x=joint: setattr(s.joint(x), "armature", p.value[0])),
@@ -66,7 +73,7 @@ def residual_of(params, predicted, measured, model, return_pred_all, state=None,
 
 residual = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=residual_of)
 began = time.process_time()
-found, _ = sysid.optimize(initial_params=parameters, residual_fn=residual, optimizer="mujoco", verbose=False)
+found, _ = sysid.optimize(initial_params=parameters, residual_fn=residual, optimizer="mujoco", verbose=False, x_scale="jac")
 seconds = time.process_time() - began
 values = dict(zip(found.keys(), found.as_vector().tolist(), strict=True))
 (folder / "mujoco_sysid.json").write_text(json.dumps({"seconds": seconds, "values": values}))
