@@ -12,9 +12,16 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import calib
+import drivers
+import logs
+import safety
+import sim
+from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 from benchmarks.wrong_data import COUNT, Case, cases
@@ -26,6 +33,8 @@ COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
 ONE_LOG = ("watch", "import")
 HANGS_ON = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
 AT_ONCE = 25  # cases of a fleet
+LONGEST = 600.0  # s that one call may take
+FAULT = -1  # code of a call whose process ended with a fault, or not at all
 
 
 def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
@@ -72,29 +81,41 @@ def _cause(printed: str) -> str:
 
 def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COMMANDS) -> list[dict[str, Any]]:
     """A slice of the corpus through every command, then the rows of all that was tried so far: what, value, unit, bar, note."""
-    kept = Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept, end = (
+        Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in HANGS_ON)),
+        time.monotonic() + 60 * minutes,
+    )
     everything = [case for case in cases(count) if case.done != ("a gripper's joint",)]
+    mine = {c: [k for k, case in enumerate(everything) if c not in ONE_LOG or len(case.logs) == 1] for c in commands}
+    todo = {
+        f"{c} {some[0]}": (c, some)
+        for c in commands
+        for some in _batches(c, [k for k in mine[c] if f"{c} {k}" not in kept.found])
+    }
+    warm(sim, logs, drivers, safety, calib)
+    # all commands make progress in a slice, not the first one alone
+    order = sorted(todo, key=lambda key: (int(key.split()[1]), key))
+    jobs = ((key, partial(tried, todo[key][0], [everything[k] for k in todo[key][1]])) for key in order)
+    for done in forked(jobs, LONGEST, end):
+        command, some = todo[done.key]
+        for k, (code, cause) in zip(some, done.value or [(FAULT, done.fault)] * len(some), strict=True):
+            named = any(w in cause for w in everything[k].right)
+            kept.keep(f"{command} {k}", {"code": code, "named": named, "said": cause[:300]})
     rows = []
-    for command in commands:
-        end = time.monotonic() + 60 * minutes / len(commands)
-        mine = [(k, case) for k, case in enumerate(everything) if command not in ONE_LOG or len(case.logs) == 1]
-        todo = [(k, case) for k, case in mine if f"{command} {k}" not in kept.found]
-        size = AT_ONCE if command == "fleet" else 1
-        for some in (todo[at : at + size] for at in range(0, len(todo), size)):
-            if time.monotonic() > end:
-                break
-            with tempfile.TemporaryDirectory(prefix="calib-") as folder:
-                found = (
-                    fleet([c for _, c in some], Path(folder))
-                    if command == "fleet"
-                    else [through(command, some[0][1], Path(folder))]
-                )
-            for (k, case), (code, cause) in zip(some, found, strict=True):
-                kept.keep(f"{command} {k}", {"code": code, "named": any(w in cause for w in case.right), "said": cause[:300]})
-        rows += _rows(
-            command, [(case, kept.found[f"{command} {k}"]) for k, case in mine if f"{command} {k}" in kept.found], len(mine)
-        )
+    for c in commands:
+        rows += _rows(c, [(everything[k], kept.found[f"{c} {k}"]) for k in mine[c] if f"{c} {k}" in kept.found], len(mine[c]))
     return rows
+
+
+def tried(command: str, some: Sequence[Case]) -> list[tuple[int, str]]:
+    """Exit code and cause of each of the cases, of which only a fleet takes several."""
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        return fleet(some, Path(folder)) if command == "fleet" else [through(command, case, Path(folder)) for case in some]
+
+
+def _batches(command: str, cases: Sequence[int]) -> list[Sequence[int]]:
+    size = AT_ONCE if command == "fleet" else 1
+    return [cases[at : at + size] for at in range(0, len(cases), size)]
 
 
 def _rows(command: str, tried: Sequence[tuple[Case, dict[str, Any]]], wanted: int) -> list[dict[str, Any]]:
