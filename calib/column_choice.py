@@ -90,10 +90,19 @@ def _option(text: str, known: Sequence[str]) -> tuple[str, tuple[list[str], str 
         if colon and last not in known and last.rpartition(":")[0].strip() in known:
             raise ConfigError(f"--column {text!r:.120}: {given!r} is no unit of {channel}; {nearest(given, units)}")
         names = rest
-    parts = [name.strip() for name in names.split(",")]
+    parts = [column for name in names.split(",") for column in _columns_of(name.strip(), known)]
+    absent = next((name for name in parts if name and name not in known), None)
+    if absent is not None:
+        raise ConfigError(f"--column {text!r:.120}: the file has no column {absent!r:.80}; {nearest(absent[:80], known[:40])}")
     if channel == "time" and len(parts) != 1:
         raise ConfigError(f"--column {text!r:.120}: the time is one column")
     return channel, (parts, unit or None)
+
+
+def _columns_of(name: str, known: Sequence[str]) -> list[str]:
+    """The column of that name, or those of the matrix of that name: pos[0], pos[1], ..."""
+    parts = [column for column in known if column.startswith(f"{name}[") and column.endswith("]")]
+    return parts if parts and name not in known else [name]
 
 
 def _plain(stated: dict[str, tuple[list[str], str | None]], rate: float | None) -> dict[str, dict]:

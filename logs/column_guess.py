@@ -50,6 +50,8 @@ UNIT_WORDS = {
     "nmm": "N mm", "mnm": "mN m", "nm": "N m", "amp": "A", "rev": "rev", "celsius": "degC", "k": "K", "s": "s", "a": "A", "c": "degC",
 }  # fmt: skip
 TURNS = (2 * math.pi, 25.0)  # rad: a full turn; the range of many CAN drives' position field, -12.5 to 12.5
+SAME_SPEED = 0.15  # share by which a speed may be off the derivative of the position
+MOVES = 0.02  # rad/s in the median
 TURNING_SPEED = 100.0  # rad/s: beyond it a step of the position is no motion
 
 
@@ -98,6 +100,8 @@ def guess_map(
     for name, value in where.items():
         rows &= table.columns[name] == value
     channels["q"] = _turns(table, channels["q"], time, unit, rows, doubts)
+    if "dq" in channels:
+        channels["dq"] = _speeds(table, channels["dq"], channels["q"], time, unit, rows, doubts)
     return ColumnMap(names, time, unit, channels, None, where), doubts
 
 
@@ -216,6 +220,32 @@ def _integer(table: Table, columns: tuple[str, ...], doubts: list[str]) -> str |
             doubts.append(f"{name} holds {finding(table.columns[name], integer)}; it is taken as {integer}")
             return integer
     return None
+
+
+def _speeds(
+    table: Table, part: Columns, positions: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]
+) -> Columns:
+    """Speeds in the unit in which they are the derivative of the positions, where their names state none."""
+    if positions.wraps is not None or any(word in UNIT_WORDS for name in part.columns for word in _words(name)[1:]):
+        return part
+    t = table.columns[time].astype(float)[rows] * TIME[unit]
+    ratios = []
+    for of_q, of_dq in zip(positions.columns, part.columns, strict=True):
+        if not (of_q and of_dq):
+            continue
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            q, dq = table.columns[of_q][rows] * UNITS["q"][positions.unit], table.columns[of_dq][rows]
+            slope = np.diff(q) / np.diff(t)
+            ok = np.isfinite(slope) & np.isfinite(dq[1:])
+        size = float(np.median(np.abs(slope[ok]))) if ok.any() else 0.0
+        if size > MOVES:
+            ratios.append(float(np.median(np.abs(dq[1:][ok]))) / size)
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    likely = next((u for u, factor in UNITS["dq"].items() if abs(ratio * factor - 1) < SAME_SPEED), part.unit)
+    if likely != part.unit:
+        doubts.append(f"dq is the derivative of q in {likely}: it is taken as that")
+        return Columns(part.columns, likely, part.factor, part.wraps, part.integer)
+    return part
 
 
 def _turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]) -> Columns:

@@ -47,8 +47,8 @@ class Diagnosis:
 
 
 def unusable(arm: Arm, trusted: Sequence[GateCheck]) -> Diagnosis:
-    """The answer where the recordings cannot be used."""
-    return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted), (), None)
+    """The answer where the recordings cannot be used; no arm is written, for nothing was corrected."""
+    return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted) | {"arm_out": None}, (), None)
 
 
 def answer(

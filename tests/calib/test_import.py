@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 
 from calib.main import main
 from logs import State, read_log
@@ -125,6 +126,24 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
     ):
         assert main(["import", str(table_file), *wrong]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_a_matrix_is_named_once_and_speeds_are_guessed_by_their_positions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both in degrees in a MAT file: nothing in the names says so of the speeds, but they are the derivative of the positions."""
+    monkeypatch.chdir(tmp_path)
+    t = 0.002 * np.arange(1500)
+    q, dq = 0.6 * np.sin(np.outer(t, [2.0, 3.1])), 0.6 * np.array([2.0, 3.1]) * np.cos(np.outer(t, [2.0, 3.1]))
+    scipy.io.savemat("m.mat", {"time": t, "pos": np.degrees(q), "vel": np.degrees(dq), "torque": 4 * q})
+    named = ["--column", "time=time", "--column", "q=pos:deg", "--column", "dq=vel:deg/s", "--column", "tau=torque:Nm"]
+    for words, folder in ((named, "named"), (["--column", "q=pos:deg", "--yes"], "guessed")):
+        assert main(["import", "m.mat", *words, "--out", folder]) == 0
+        log = read_log(f"{folder}/m.mcap")
+        np.testing.assert_allclose(log.dq, dq, atol=1e-9)
+        np.testing.assert_allclose(log.tau, 4 * q, atol=1e-9)
+    assert main(["import", "m.mat", "--column", "q=pose:deg", "--yes", "--out", "none"]) == 2
+    assert "pose" in capsys.readouterr().err
 
 
 def test_options_for_tables_are_refused_elsewhere(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

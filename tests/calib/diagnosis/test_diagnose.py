@@ -191,6 +191,7 @@ def test_a_wrong_sign_or_unit_is_a_fault_of_the_recording(ur10e: Arm, factor: fl
     wrong = [replace(log, tau=log.tau * np.where(np.arange(6) == 1, factor, 1.0)) for log in logs]
     found = diagnose(ur10e, wrong)
     assert found.answer["verdict"] == "bad_data"
+    assert found.answer["arm_out"] is None  # an arm beside it would be taken for a corrected one
     assert [c["check"] for c in found.answer["data_checks"] if not c["ok"]] == [check]
     assert found.answer["effects"] == []
 
