@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.injection import Injection, Run, Trouble, Watched
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.results import digest
+from benchmarks.results import ROOT, digest
 from drivers.mock import MockDriver
 from safety import ClearedTrajectory
 from sim.arm import Arm, ArmEffect, load_arm
@@ -156,11 +156,21 @@ TROUBLES = (
     Trouble("stall of 50 ms", stalled(0.05)),
     Trouble("stall of 500 ms", stalled(0.5)),
     Trouble("contact with a hidden box", nothing, f"a box of {BOX:g} m, met by a face; seen by the residual of torque; what holds against a push is the angle of each joint, stop and room", plant=with_hidden_box, twin=without_box, pushed=True),
-    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises, and while the shoulder turns round its friction may hide that", plant=with_load, twin=with_load, payload=LOAD),
+    Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises; while the shoulder turns round its friction may hide that for up to 0.2 s", plant=with_load, twin=with_load, payload=LOAD),
 )  # fmt: skip
 CELL = "mock-ur10e"
+# files of safety/ that a run on the mock does not use: they begin, show, approve and watch real ones
+ASIDE = ("approval", "approach", "audit", "board", "confirmation", "control", "execution", "gravity_sweep", "hold_key", "joint_test",
+         "latency", "manifest", "plausible", "realtime", "signs", "stages", "watching")  # fmt: skip
 # what the outcome of a run hangs on
-HANGS_ON = ("safety", "drivers/mock.py", "sim/plant.py", "sim/rigid_body.py", "benchmarks/faults.py", "benchmarks/injection.py")
+HANGS_ON = (
+    *(f"safety/{file.name}" for file in sorted((ROOT / "safety").glob("*.py")) if file.stem not in ASIDE),
+    "drivers/mock.py",
+    "sim/plant.py",
+    "sim/rigid_body.py",
+    "benchmarks/faults.py",
+    "benchmarks/injection.py",
+)
 
 
 def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:

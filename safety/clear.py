@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from safety.monitor import compile_cycle
 from safety.plan import hashes_of
 from safety.reach import fastest_point
 from safety.sudden import sudden_change
-from safety.torque import check_torque, suffices, torque_interval
+from safety.torque import Torque, check_torque, suffices, torque_interval
 from safety.tube import tube_of
 from sim.arm import Arm
 from sim.cell import Cell
@@ -47,8 +47,8 @@ class ClearedTrajectory:
     """A motion that passed every check, as the samples that will be sent at `rate` Hz; only `clear` makes one.
 
     t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width, sudden (N, n) N m
-    how far it may be missed of a sudden, room (N,) rad the following error that is covered, braking (n,) rad/s^2 that our stop
-    may need: none can be written to.
+    how far it may be missed of a sudden, load (N, n) N m what the declared payload takes of tau_hat, room (N,) rad the following error that
+    is covered, braking (n,) rad/s^2 that our stop may need: none can be written to.
     """
 
     __slots__ = ("__weakref__", "_values")
@@ -129,12 +129,20 @@ def clear(
     values: dict[str, Any] = {name: _frozen(getattr(sent, name)) for name in ("t", "q", "dq", "ddq")}
     values |= {"tau_hat": _frozen(torque.tau_hat), "doubt": _frozen(torque.doubt)}
     values |= {"room": _frozen(tube.monitored(float(rate))), "braking": _frozen(tube.braking)}
-    values["sudden"] = _frozen(sudden_change(sent, arm, cell))
+    values["sudden"], values["load"] = _frozen(sudden_change(sent, arm, cell)), _load(sent, torque, arm, cell)
     values |= {
         "rate": float(rate), "arm_sha256": arm.sha256, "joint_names": arm.joint_names, "hashes": hashes_of(arm, cell),
         "verdict": verdict, "stop": stop, "latency": latency, "suffices": partial(suffices, arm=arm, cell=cell),
     }  # fmt: skip
     return ClearedTrajectory(_SEAL, values)
+
+
+def _load(motion: Trajectory, torque: Torque, arm: Arm, cell: Cell) -> np.ndarray:
+    """What the declared payload takes of tau_hat (N, n) N m; zeros where none is declared."""
+    if cell.table.payload is None:
+        return np.broadcast_to(np.zeros(arm.n), torque.tau_hat.shape)
+    bare = replace(cell, table=cell.table.model_copy(update={"payload": None}))
+    return _frozen(torque.tau_hat - torque_interval(motion, arm, bare).tau_hat)
 
 
 def _samples(motion: Trajectory, rate: float) -> Trajectory:

@@ -22,7 +22,7 @@ Row = IntEnum(
     "Q_LO Q_HI DQ_HI JUMP DQ_DOUBT MOVING RESIDUAL STEP TAU_MAX HAS_TAU HAS_TEMPERATURE TURNED_ALLOWED NOISE CONSTANT "
     "Q DQ TAU CURRENT TEMPERATURE Q_CMD TAU_HAT DOUBT SUDDEN "
     "LAST_Q PATH_END FROZEN COMMANDED_TURN LAST_CMD SLOW INSIDE WORST_ERROR WORST_RESIDUAL SPAN_DQ TURNED LAST_TAU SAME BEGAN MOVED "
-    "SWING_LO_HAT SWING_LO SWING_HI_HAT SWING_HI SWING_DOUBT",
+    "SWING_LO_HAT SWING_LO SWING_HI_HAT SWING_HI SWING_DOUBT LOAD MEAN_DOUBT MEAN_LOAD",
     start=0,
 )
 # single numbers: limits; this cycle; what is remembered
@@ -30,7 +30,7 @@ Of = IntEnum(
     "Of",
     "PERIOD LATE PAUSE_MAX GRAIN TEMPERATURE_MIN TEMPERATURE_MAX FROZEN_LEAST FROZEN_MOST BLEND SPIKE LAG CHANGED SIGMAS SWING_ROWS FOLLOWS "
     "BLOCK DRIFT JITTER ANY_TAU ANY_CONSTANT T T_DEVICE NOW EXPECTED ROOM LAST_T PAUSED COUNT WINDOW_COUNT SLOW_BEGUN SPAN_COUNT SPAN_LAST_T SWING_SEEN "
-    "BLOCK_END BLOCK_LEAST CLOCK_BEGAN CLOCK_T CLOCK_LEAST",
+    "BLOCK_END BLOCK_LEAST CLOCK_BEGAN CLOCK_T CLOCK_LEAST LOST LOST_ROWS LOAD_BEGUN LOAD_NOISE LOAD_SHARE",
     start=0,
 )
 ROWS, NUMBERS = len(Row), len(Of)
@@ -237,6 +237,27 @@ def sudden_torque(r, x, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def lost_load(r, x, out):  # type: ignore[no-untyped-def]
+    """Readings in a row in which the mean residual is beyond its doubt, and what is left without the declared load is within it.
+
+    All three are means over the while of `sudden_torque`. At a joint beyond its doubt, what is left is also small beside the load.
+    """
+    blend, beyond, fits = x[Of.BLEND] if x[Of.LOAD_BEGUN] > 0 else 1.0, NONE, True
+    for j in range(r.shape[1]):
+        r[Row.MEAN_DOUBT, j] += blend * (r[Row.DOUBT, j] - r[Row.MEAN_DOUBT, j])
+        r[Row.MEAN_LOAD, j] += blend * (r[Row.LOAD, j] - r[Row.MEAN_LOAD, j])
+        if r[Row.HAS_TAU, j] > 0:
+            load, band = r[Row.MEAN_LOAD, j], r[Row.MEAN_DOUBT, j] + x[Of.LOAD_NOISE] * r[Row.NOISE, j]
+            left = abs(r[Row.SLOW, j] + load)
+            if not (abs(r[Row.SLOW, j]) <= band and load == load) and not left > x[Of.LOAD_SHARE] * abs(load):
+                beyond, out[0], out[1] = j, abs(r[Row.SLOW, j]), band
+            fits = fits and not left > band
+    x[Of.LOAD_BEGUN] = 1.0
+    x[Of.LOST] = x[Of.LOST] + 1 if fits and beyond != NONE else 0.0
+    return NONE if x[Of.LOST] < x[Of.LOST_ROWS] else beyond
+
+
+@numba.njit(cache=True)
 def turned(r, x, span, out):  # type: ignore[no-untyped-def]
     """What a joint turned within SPAN s against the integral of its reported speed; span (K, 3 n + 1): angle, speed, integral, instant."""
     n, row, broken = r.shape[1], int(x[Of.SPAN_COUNT]) % len(span), NONE
@@ -338,7 +359,7 @@ def cycle(r, x, path, window, speeds, span, out):  # type: ignore[no-untyped-def
     """(rule, joint): the first rule that this reading breaks, by its place in `safety.monitor.RULES`; rule -1 where none is."""
     if x[Of.ANY_CONSTANT] > 0:
         take_torque(r)
-    for rule in range(16):
+    for rule in range(17):
         joint = NONE
         if rule == 0:
             joint = finite(r, x, out)
@@ -372,6 +393,8 @@ def cycle(r, x, path, window, speeds, span, out):  # type: ignore[no-untyped-def
             joint = swing(r, x, out)
         elif rule == 15:
             joint = clock(r, x, out)
+        elif rule == 16 and x[Of.EXPECTED] > 0 and x[Of.ANY_TAU] > 0:
+            joint = lost_load(r, x, out)
         if joint != NONE:
             return rule, joint
     return -1, NONE

@@ -31,6 +31,8 @@ STANDSTILL = 0.02
 STANDING_CYCLES = 5
 REST_TIME = 2.0
 SWITCH_ON_TIME = 1.0
+# what the guard does where it sends no sample of a motion
+HOLDS, STOPS, ENDED = -1, -2, -3
 # The arm must be seen to slow down this long after the first slower command, else the device is commanded to stop by itself
 SLOWER_AFTER = 0.2
 
@@ -58,7 +60,8 @@ class Guard:
     """Drives cleared motions of one connected driver, one after another, each beginning where the last one ended.
 
     A context manager: entered, it reads, switches the device on where that is needed, and begins to watch; left, the device is
-    commanded to stop, which is nothing new to an arm at rest.
+    commanded to stop, which is nothing new to an arm at rest. `sent(k, q)` gets every command, q (n,) rad, with the number of its sample, or
+    HOLDS or STOPS, and ENDED when the guard is left.
     `stop_requested()` returns the reason for which someone wants a stop, or None; it is called every cycle. `watch` gets every
     cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
     """
@@ -72,7 +75,9 @@ class Guard:
         stop_requested: Callable[[], str | None] = lambda: None,
         watch: Callable[[Cycle], None] = lambda cycle: None,
         latency: float = 0.0,
+        sent: Callable[[int, np.ndarray], None] = lambda k, q: None,
     ) -> None:
+        self._sent, self._doing = sent, HOLDS
         self._driver, self._arm, self._stop_requested, self._watch = driver, arm, stop_requested, watch
         self._cell, self._clearance, self._latency = cell, clearance, latency
         compile_cycle()  # before the arm is switched on
@@ -102,6 +107,7 @@ class Guard:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         try:
             self._driver.stop()
+            self._sent(ENDED, self._q_cmd)
         except CalibError:
             if error is None:  # what went wrong before is what is reported
                 raise
@@ -151,6 +157,7 @@ class Guard:
                 trip = self._cycle(window, k, expected) or self._check_stop_request()
                 if trip is not None:
                     self._stop(motion, k - 1, trip, what)
+                self._doing = k
                 self._send(motion.q[k], motion.dq[k])
                 expected = _expected(motion, k)
                 self._watch(Cycle(k, len(motion), self._samples.states[-1], self._q_cmd))
@@ -165,6 +172,7 @@ class Guard:
         """Stand at the last command for `seconds`, watched as in motion."""
         self._refuse_after_stop()
         self.monitor.pause()
+        self._doing = HOLDS
         try:
             for _ in range(max(1, round(seconds * self._driver.rate))):
                 trip = self._cycle(None, 0, None) or self._check_stop_request()
@@ -219,12 +227,13 @@ class Guard:
         if not (np.shape(sent) == q.shape and (np.abs(sent - q) <= QUANTISATION).all()):
             raise SafetyStop(f"the driver sent {sent!r} instead of {q!r}; it must send a command or raise")
         self._q_cmd, self._dq_cmd = q, dq
+        self._sent(self._doing, q)
 
     def _stop(
         self, motion: ClearedTrajectory | None, k: int, trip: Trip, what: str, cause: BaseException | None = None
     ) -> None:
         """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was commanded to stop."""
-        self._ended = str(trip)
+        self._ended, self._doing = str(trip), STOPS
         begin = self._samples.states[-1]
         good = self._samples.states[-2] if len(self._samples.states) > 1 else begin
         standstill: Standstill | None = None
@@ -305,7 +314,7 @@ class Guard:
 
 
 def _expected(motion: ClearedTrajectory, k: int) -> Expected:
-    return Expected(motion.tau_hat[k], motion.doubt[k], motion.sudden[k], float(motion.room[k]))
+    return Expected(motion.tau_hat[k], motion.doubt[k], motion.sudden[k], float(motion.room[k]), motion.load[k])
 
 
 def _standstill(

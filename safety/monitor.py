@@ -36,6 +36,11 @@ RESIDUAL_STEP = 0.05
 TWO_READINGS = 1.5
 # a reading by itself may be out by so much of the band on one joint: a drive's current has spikes, a blow lasts and meets several joints
 SPIKE = 2.0
+# s for which the torque must be that of the arm without its declared load; what is left of that load then, as a share of it, and the noise
+# of a mean whose first reading was one reading
+LOST = 0.2
+LOAD_SHARE = 0.5
+OF_A_MEAN = 0.25
 FROZEN = 10
 # a position that stays although the joint was commanded to turn by more than its grain, and says that it does, is frozen sooner: by then its
 # reading is too old. A joint that sticks where it was commanded to end or to turn back is not: a speed made of positions shows that late.
@@ -89,16 +94,22 @@ RULES = (
          "the torque does not follow the motion: check the sensor"),
     Rule("the device's clock against this computer's,", "s",
          "one of the clocks runs at a wrong rate or jumped: check time synchronisation, and the rate that the device states"),
+    Rule("torque of an arm without its declared load, beside expectation", "N m",
+         "the load has fallen off or was never there: look at the tool, and declare what is mounted"),
 )  # fmt: skip
 
 
 class Expected(NamedTuple):
-    """What a motion should take: torque (n,) N m, the half-width of its interval, how far it may be missed of a sudden, room rad beside it."""
+    """What a motion should take: torque (n,) N m, the half-width of its interval, how far it may be missed of a sudden, room rad beside it.
+
+    load (n,) N m is what the declared payload takes of tau_hat.
+    """
 
     tau_hat: np.ndarray
     doubt: np.ndarray
     sudden: np.ndarray
     room: float
+    load: np.ndarray | float = 0.0
 
 
 @cache
@@ -168,6 +179,7 @@ class Monitor:
         x[Of.LAG], x[Of.CHANGED], x[Of.SIGMAS] = LAG, CHANGED, SIGMAS
         x[Of.SWING_ROWS], x[Of.FOLLOWS] = max(8, round(SWING * rate)), FOLLOWS
         x[Of.BLOCK], x[Of.DRIFT], x[Of.JITTER] = BLOCK, DRIFT, JITTER
+        x[Of.LOST_ROWS], x[Of.LOAD_SHARE], x[Of.LOAD_NOISE] = max(4, round(LOST * rate)), LOAD_SHARE, OF_A_MEAN * SIGMAS
         x[Of.ANY_TAU] = has_tau.any()
         x[Of.ROOM], x[Of.LAST_T] = self._most, first.t_device
         x[Of.BLOCK_END], x[Of.BLOCK_LEAST] = first.t_device + BLOCK, np.inf
@@ -193,6 +205,7 @@ class Monitor:
         if expected is not None:
             x[Of.ROOM] = min(self._most, expected.room)
             r[Row.TAU_HAT], r[Row.DOUBT], r[Row.SUDDEN] = expected.tau_hat, expected.doubt, expected.sudden
+            r[Row.LOAD] = expected.load
         x[Of.EXPECTED] = expected is not None
         trip = self._check_device(state)
         if trip is None:
@@ -215,7 +228,7 @@ class Monitor:
     def pause(self) -> None:
         """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
         x = self._number
-        x[Of.PAUSED], x[Of.SLOW_BEGUN], x[Of.SPAN_COUNT] = 1.0, 0.0, 0.0
+        x[Of.PAUSED], x[Of.SLOW_BEGUN], x[Of.SPAN_COUNT], x[Of.LOAD_BEGUN], x[Of.LOST] = 1.0, 0.0, 0.0, 0.0, 0.0
         self._row[Row.SAME] = 0.0
         clear_swing(self._row, x)
 

@@ -101,3 +101,71 @@ def test_current_stands_for_torque_where_only_that_is_reported(arm: Arm, cell: C
     found = only_current.check(state_at(1, tau=nothing, current=torque(30.0)), PERIOD, HOME, NO_TORQUE)
     assert found is not None
     assert found.value == pytest.approx(300.0)
+
+
+LOST_LOAD = "torque of an arm without its declared load, beside expectation"
+
+
+def asked_with_load(monitor: Monitor, taus: np.ndarray, load: np.ndarray, doubt: float = 10.0) -> list[str | None]:
+    """What is found at each reading of torque taus (N, 6), of a standing arm whose declared payload takes `load` of a torque of none."""
+    expected = Expected(np.zeros(6), np.full(6, doubt), np.full(6, 1e3), 0.1, load)
+    return [
+        None if trip is None else trip.quantity
+        for trip in (monitor.check(state_at(k + 1, tau=tau), (k + 1) * PERIOD, HOME, expected) for k, tau in enumerate(taus))
+    ]
+
+
+LOAD = np.array([0.0, 40.0, 20.0, 5.0, 0.0, 0.0])
+
+
+def from_a_while_on(tau: np.ndarray, count: int = 400, at: int = 50) -> np.ndarray:
+    return np.vstack((np.zeros((at, 6)), np.tile(tau, (count - at, 1))))
+
+
+def test_a_load_that_is_gone_is_found_although_no_change_of_torque_would_be(monitor: Monitor) -> None:
+    found = asked_with_load(monitor, from_a_while_on(-LOAD), LOAD)
+    first = next(k for k, what in enumerate(found) if what is not None)
+    assert found[first] == LOST_LOAD
+    # the mean of FAST comes within its doubt of the torque without the load, and stays there for LOST s
+    assert rules.LOST / PERIOD < first - 50 < (rules.LOST + 2 * FAST) / PERIOD
+
+
+@pytest.mark.parametrize(
+    "tau",
+    [
+        -0.2 * LOAD,  # within the doubt
+        LOAD,  # twice the load
+        -2 * LOAD,  # something else, of the same direction
+        np.array([0.0, -40.0, 20.0, -5.0, 0.0, 0.0]),  # one joint as without the load, another as with two
+        np.array([0.0, -13.0, -6.0, 0.0, 0.0, 0.0]),  # beyond its doubt, but most of the load is there
+    ],
+)
+def test_other_torque_is_no_lost_load(monitor: Monitor, tau: np.ndarray) -> None:
+    assert set(asked_with_load(monitor, from_a_while_on(tau), LOAD)) == {None}
+
+
+def test_a_load_that_is_missed_for_a_moment_only_is_none(monitor: Monitor) -> None:
+    taus = from_a_while_on(-LOAD, 100 + round(rules.LOST / PERIOD))
+    taus[-60:] = 0.0
+    assert set(asked_with_load(monitor, taus, LOAD)) == {None}
+
+
+def test_a_pause_begins_the_search_for_a_lost_load_anew(monitor: Monitor) -> None:
+    found = asked_with_load(monitor, np.tile(-LOAD, (90, 1)), LOAD)
+    monitor.pause()
+    expected = Expected(np.zeros(6), np.full(6, 10.0), np.full(6, 1e3), 0.1, LOAD)
+    for k in range(90, 180):
+        trip = monitor.check(state_at(k + 1, tau=-LOAD), (k + 1) * PERIOD, HOME, expected)
+        found.append(None if trip is None else trip.quantity)
+    assert set(found) == {None}
+    for k in range(180, 200):
+        trip = monitor.check(state_at(k + 1, tau=-LOAD), (k + 1) * PERIOD, HOME, expected)
+    assert trip is not None
+    assert (trip.quantity, trip.joint) == (LOST_LOAD, "j3")
+    np.testing.assert_allclose([trip.value, trip.limit], [20.0, 10.0 + rules.OF_A_MEAN * rules.SIGMAS * 0.5], atol=1e-9)
+
+
+def test_an_expectation_that_is_no_number_is_a_lost_load(monitor: Monitor) -> None:
+    found = asked_with_load(monitor, np.zeros((150, 6)), np.full(6, np.nan))
+    assert found[round(rules.LOST / PERIOD) - 1] == LOST_LOAD
+    assert set(found[: round(rules.LOST / PERIOD) - 1]) == {None}

@@ -48,6 +48,7 @@ TARGETS = {
             "frozen_torque",
             "swing",
             "clock",
+            "lost_load",
             "cycle",
         ),
         ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
