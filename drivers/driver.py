@@ -103,6 +103,17 @@ class Driver(ABC):
             "and watch the log"
         )
 
+    def beside(self) -> str:
+        """Why a second driver of the same cell cannot `listen` beside this one and `halt` its device; empty where it can."""
+        return f"a device of driver {type(self).__name__} is heard by one program only"
+
+    def halt(self) -> None:
+        """After `listen`: bring the device to rest, whatever commanded it before; `close` then refuses where it must be held on.
+
+        DeviceError where this is not possible. Only the monitor process calls it, when nobody else commands any more.
+        """
+        raise DeviceError(f"{self.arm.name}: {self.beside()}, so nobody can stop it beside that program")
+
     def inspect(self) -> DeviceInfo:
         """Open the connection for checks: nothing moves and no control is taken. `connect` where that takes none."""
         return self.connect()

@@ -14,20 +14,27 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from drivers.driver import Driver
 from drivers.mock import MockOptions
 from safety import realtime
+from safety.audit import record
 from safety.board import Board
 from safety.execution import NEVER, RunProgress, RunResult, execute
 from safety.plan import Plan, load_plan
+from safety.signs import Signs
 from safety.stop_sources import REASONS, StopSignals, first_reason
+from safety.watcher import Watcher
+from safety.watching import Task as WatchTask
+from safety.watching import watch as watch_stages
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
-from sim.errors import DeviceError
+from sim.errors import CalibError, DeviceError
 from sim.strict import validated
 
 # The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
@@ -50,6 +57,7 @@ class _Task:
     stages: tuple[float, ...] | None
     operator: str
     parent: int
+    watcher: tuple[Signs, Connection] | None
 
 
 def is_simulated(cell: Cell) -> bool:
@@ -94,44 +102,65 @@ def drive(
     board = Board(arm.n, context)
     answer: Any = context.Queue()
     wanted = None if stages is None else tuple(stages)
-    task = _Task(
-        plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory, folder.resolve(),
-        audit.resolve(), wanted, operator, os.getpid(),
-    )  # fmt: skip
+    alone = _alone(driver_factory(cell, arm))
+    signs, ends = Signs(arm.n, context), context.Pipe()
+    files = plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory
+    task = _Task(*files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]))
     process = context.Process(target=_serve, args=(task, board, answer), name="calib control")
+    if alone:
+        record(audit, "no monitor process", reason=alone)
     over = threading.Event()
     with StopSignals() as signals:
         heart = threading.Thread(target=_beat, args=(board, over), daemon=True)
         board.beat()
         heart.start()
         process.start()
+        processes = [process]
+        if not alone:
+            assert process.pid is not None
+            seen = WatchTask(*files, audit.resolve(), process.pid)
+            processes.append(context.Process(target=_look, args=(seen, signs, ends[1], board), name="calib monitor"))
+            processes[1].start()
+        for end in ends:
+            end.close()
         try:
-            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch)
+            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
         except BaseException:
             board.request_stop("the command process failed")
-            _let_go(process, board, "the command process failed", held)
+            _let_go(processes, board, "the command process failed", held)
             raise
         finally:
             over.set()
             heart.join()
-    _let_go(process, board, str(value), held)
+    _let_go(processes, board, str(value), held)
     if kind == "error":
         raise value
     return value  # type: ignore[no-any-return]
 
 
-def _let_go(process: Any, board: Board, sentence: str, held: Callable[[str], None]) -> None:
-    """Wait for the control process; where it holds the arm, until Ctrl-C says that somebody supports it. Nothing else lets go."""
+def _alone(driver: Driver) -> str:
+    """Why no monitor process can look at this device beside the control process; empty where one can."""
+    if not hasattr(os, "pidfd_open"):
+        return "this system has no pidfd_open, so nobody could end a hung control process for certain"
+    return driver.beside()
+
+
+def _let_go(processes: list[Any], board: Board, sentence: str, held: Callable[[str], None]) -> None:
+    """Wait for the processes; where one holds the arm, until Ctrl-C says that somebody supports it. Nothing else lets go."""
+
+    def alive() -> bool:
+        return any(p.exitcode is None for p in processes)
+
     with StopSignals():
-        while process.exitcode is None and not board.held:
-            process.join(SHOW)
-    if process.exitcode is not None:
+        while alive() and not board.held:
+            time.sleep(SHOW)
+    if not alive():
         return
     held(f"{sentence}; the arm is HELD: support it, then press Ctrl-C to let it go")
-    while process.exitcode is None:
+    while alive():
         with StopSignals() as signals:
-            while process.exitcode is None and signals.reason() is None:
-                process.join(SHOW)
+            while alive() and signals.reason() is None:
+                time.sleep(SHOW)
         if signals.reason() == REASONS[signal.SIGINT]:
             board.let_go()
 
@@ -142,8 +171,9 @@ def _beat(board: Board, over: threading.Event) -> None:
 
 
 def _watched(
-    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None]
-) -> tuple[str, Any]:
+    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
+    signs: Signs,
+) -> tuple[str, Any]:  # fmt: skip
     """Show what the control process does until it answers; pass a wish to stop on to it."""
     while True:
         try:
@@ -154,6 +184,11 @@ def _watched(
             try:
                 return answer.get(timeout=1.0)  # type: ignore[no-any-return]
             except queue.Empty:
+                if signs.tripped is not None:
+                    raise DeviceError(
+                        f"the monitor process ended the control process and stopped the arm: {signs.tripped}; look at the arm before "
+                        "anything else, then recover the log with `calib import`"
+                    ) from None
                 raise DeviceError(
                     f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
                     "the arm: look at it before anything else, then recover the log with `calib import`"
@@ -168,6 +203,7 @@ def _watched(
 def _serve(task: _Task, board: Board, answer: Any) -> None:
     """The control process."""
     os.setsid()
+    watcher = None if task.watcher is None else Watcher(*task.watcher)
     try:
         plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
         realtime.prepare()
@@ -184,11 +220,24 @@ def _serve(task: _Task, board: Board, answer: Any) -> None:
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_requested=stop_requested, watch=board.show,
+            stop_requested=stop_requested, watch=board.show, watcher=watcher,
         )  # fmt: skip
         answer.put(("done", result))
     except BaseException as error:
         answer.put(("error", _portable(error)))
+    _remain(board)
+
+
+def _look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
+    """The monitor process, and beyond it for as long as its driver holds the arm."""
+    with suppress(CalibError):  # what the driver refuses to let go of, it holds
+        watch_stages(task, signs, talk)
+    talk.close()
+    _remain(board)
+
+
+def _remain(board: Board) -> None:
+    """Until nothing holds the arm any more, or somebody supports it."""
     # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
     others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
     for thread in others:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,6 +31,7 @@ from safety.realtime import unhurried
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
 from safety.trip import MotionStopped
+from safety.watcher import Watcher, seen
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock
@@ -97,12 +99,13 @@ def execute(
     stop_requested: Callable[[], str | None] = NEVER,
     watch: Callable[[RunProgress], None] = lambda progress: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    watcher: Watcher | None = None,
 ) -> RunResult:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
     stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
     reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
-    way; whatever was recorded then is closed as aborted.
+    way; whatever was recorded then is closed as aborted. watcher: the monitor process, where there is one.
     """
     check_plan(plan, arm, cell)
     approval = approval_of(plan)
@@ -130,13 +133,13 @@ def execute(
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())
-            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch)
+            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch, watcher)
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
         stopped = error.record() if isinstance(error, MotionStopped) else {}
         record(audit, "run stopped", now(), **facts, reason=str(error) or type(error).__name__, stop=stopped)
         raise
-    record(audit, "run completed", now(), **facts, logs=[str(p) for p in result.logs.values()])
+    record(audit, "run completed", now(), **facts, logs=[str(p) for p in result.logs.values()], monitor=run.monitored)
     if speeds == STAGES:
         record(
             audit,
@@ -166,7 +169,9 @@ class _Run:
     def __init__(
         self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
         stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
+        watcher: Watcher | None,
     ) -> None:  # fmt: skip
+        self.watcher, self.monitored = watcher, list[dict[str, float]]()
         self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
         self.operator, self.stop_requested, self.watch = operator, stop_requested, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
@@ -210,10 +215,11 @@ class _Run:
         try:
             for name, path in paths.items():
                 logs[name] = self._recording(path, name, speed)
-            watched = self.stop_requested, self._watch_cycle, self.latency
-            with Guard(self.driver, self.arm, self.cell, self.clearance, *watched) as guard:
-                for leg in legs:
+            with self._guarded(legs) as guard:
+                for number, leg in enumerate(legs):
                     self._what = leg.what
+                    if self.watcher is not None:
+                        self.watcher.leg = number
                     self._left -= len(leg.cleared) / self.driver.rate + PAUSE
                     guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
                     guard.hold(PAUSE, f"after {leg.what}")
@@ -225,10 +231,23 @@ class _Run:
                 except CalibError as second:
                     error.add_note(str(second))
             raise
+        if self.watcher is not None:
+            self.monitored.append(self.watcher.end())
         for log in logs.values():
             log.close()
         worst = guard.monitor.worst
         return StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))), paths
+
+    def _guarded(self, legs: Sequence[_Leg]) -> AbstractContextManager[Guard]:
+        """The guard of a stage; seen by the monitor process where there is one."""
+        given, watcher = (self.driver, self.arm, self.cell, self.clearance), self.watcher
+        if watcher is None:
+            return Guard(*given, self.stop_requested, self._watch_cycle, self.latency)
+        self.watch(RunProgress("the monitor process takes the verified motions", 0.0, None))
+        with unhurried():
+            watcher.begin([leg.cleared for leg in legs], self.driver.rate, self.latency, self.folder)
+        reason = first_reason(self.stop_requested, watcher.reason)
+        return seen(watcher, lambda sent: Guard(*given, reason, self._watch_cycle, self.latency, sent))
 
     def _legs(self, q: np.ndarray, speeds: Sequence[float]) -> dict[float, list[_Leg]]:
         """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""

@@ -100,6 +100,7 @@ class Guard:
                 first = self._following()
         except BaseException:
             self._driver.stop()
+            self._sent(ENDED, self._q_cmd)
             raise
         self.monitor = Monitor(self._arm, self._cell, self._driver.rate, self._clearance, first, self._latency)
         return self
@@ -107,10 +108,11 @@ class Guard:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         try:
             self._driver.stop()
-            self._sent(ENDED, self._q_cmd)
         except CalibError:
             if error is None:  # what went wrong before is what is reported
                 raise
+        finally:
+            self._sent(ENDED, self._q_cmd)
 
     @property
     def q(self) -> np.ndarray:
@@ -234,6 +236,7 @@ class Guard:
     ) -> None:
         """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was commanded to stop."""
         self._ended, self._doing = str(trip), STOPS
+        self._sent(STOPS, self._q_cmd)
         begin = self._samples.states[-1]
         good = self._samples.states[-2] if len(self._samples.states) > 1 else begin
         standstill: Standstill | None = None

@@ -115,6 +115,31 @@ class CanServo(Driver):
         where = self._listener.link.where
         return DeviceInfo(f"{self.arm.n} {self.options.protocols} drives", "", "not asked", self.rate, extra={"bus": where})
 
+    def beside(self) -> str:
+        """A bus that several programs can be on at once, with drives whose frames need no question."""
+        if self.options.interface == "virtual":
+            return "a virtual bus is within one process"
+        try:
+            require_audible(self.options)
+        except ConfigError as error:
+            return str(error)
+        return ""
+
+    def halt(self) -> None:
+        """Brake from what the drives answered last, then hold there until `release`: in place of the program that commanded them."""
+        listener = self._listener
+        if listener is None or listener.last is None:
+            raise DeviceError(f"{self.arm.name}: nobody has listened to the drives, so where they stand is not known")
+        with self._lock:
+            self.drives, self._link, self._listener, self._fault = list(listener.drives), listener.link, None, None
+            self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
+            self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
+            self._target.follow(listener.last.q, listener.last.dq, np.zeros(self.arm.n), self.clock.now())
+            self._on, self._requested = True, False
+        self.stop()
+        if self._background:
+            self._holder.hold()
+
     def read(self) -> JointState:
         """All joints' answers to the last command; without one, the drives get a request at the next instant of the schedule.
 

@@ -30,6 +30,7 @@ class Listener:
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float) -> None:
         self.drives, self.link, self.clock = drives, link, clock
         self.lost = 0
+        self.last: JointState | None = None
         self._sender = Senders(drives)
         windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
         self._speed = [Differentiator(w, d.q_step) if w else None for w, d in zip(windows, drives, strict=True)]
@@ -74,9 +75,10 @@ class Listener:
         q, tau, temperature = (np.array([getattr(r, key) for r in readings]) for key in ("q", "tau", "temperature"))
         wrong = "; ".join(f"{d.name}: {r.error}" for d, r in zip(self.drives, readings, strict=True) if r.error)
         status = Status.FAULT if wrong else Status.RUNNING
-        return JointState(
+        self.last = JointState(
             self.clock.now(), self._began, q, np.array(speeds), tau, np.full(len(q), np.nan), temperature, status, wrong
         )
+        return self.last
 
 
 def require_audible(options: CanOptions) -> None:

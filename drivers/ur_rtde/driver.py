@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from drivers.preflight import STANDSTILL, lifted
-from drivers.ur_rtde import checks, family, own_folder, primary
+from drivers.ur_rtde import checks, family, halting, own_folder, primary
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
 from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
@@ -117,6 +117,14 @@ class UrDriver(Driver):
         first = self._open()
         self._listening = True
         return self._info(first)
+
+    def beside(self) -> str:
+        """A controller serves several RTDE clients, and takes a program from any."""
+        return ""
+
+    def halt(self) -> None:
+        """Brake by stopj in a program of our own, which ends the one that plays."""
+        halting.halt(self.options.host, self.options.stop_deceleration)
 
     def inspect(self) -> DeviceInfo:
         """As `listen`: what the checks ask, RTDE, the dashboard server and the Robot API answer without any change."""

@@ -1,0 +1,118 @@
+"""The guard's side of the monitor process: hands it what was verified, shows it every command, and stops where it wants to or is silent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safety.clear import ClearedTrajectory
+from safety.guard import Guard
+from safety.monitor import PERIODS
+from safety.signs import Signs
+from sim.errors import SafetyStop
+
+ANSWER_TIME = 60.0  # s for the monitor process to load and check what a stage needs, on a busy computer
+SEEN_TIME = 6.0  # s in which it has to see the arm
+PAUSE = 0.1
+
+
+def tube_file(folder: Path, motions: Sequence[ClearedTrajectory]) -> Path:
+    """The samples of these motions in one file, for a `Tube`."""
+    file = folder / "tube.npy"
+    names = ("q", "tau_hat", "doubt", "sudden", "load")
+    out = np.lib.format.open_memmap(file, "w+", float, (sum(map(len, motions)), 5 * motions[0].q.shape[1] + 1))
+    begin = 0
+    for m in motions:
+        out[begin : begin + len(m)] = np.hstack([*(getattr(m, name) for name in names), m.room[:, None]])
+        begin += len(m)
+    out.flush()
+    return file
+
+
+def silence_of(rate: float, latency: float) -> float:
+    """s that either process may be silent: what a reading may be late."""
+    return max(PERIODS / rate, latency + 1.0 / rate)
+
+
+class Order(NamedTuple):
+    """A stage that is about to begin: where its tube is, samples of each motion, control rate Hz, latency s."""
+
+    file: Path
+    counts: tuple[int, ...]
+    rate: float
+    latency: float
+
+
+class Watcher:
+    """The guard's side of the monitor process."""
+
+    def __init__(self, signs: Signs, talk: Connection, clock: Callable[[], float] = time.monotonic) -> None:
+        self._signs, self._talk, self._clock = signs, talk, clock
+        self._silence = np.inf
+        self.leg = 0
+
+    def begin(self, motions: Sequence[ClearedTrajectory], rate: float, latency: float, folder: Path) -> None:
+        """Hand a stage over; SafetyStop where the monitor process refuses it, or does not answer."""
+        self._silence, self.leg = silence_of(rate, latency), 0
+        self._signs.looked(-np.inf)
+        file = tube_file(folder, motions)
+        try:
+            self._ask(Order(file, tuple(map(len, motions)), rate, latency))
+        finally:
+            file.unlink(missing_ok=True)
+
+    def end(self) -> dict[str, float]:
+        """What the monitor process did over the stage: cycles, and the time of them, us."""
+        answer = self._ask(None)
+        return answer if isinstance(answer, dict) else {}
+
+    def _ask(self, order: Order | None) -> Any:
+        try:
+            if order is not None:
+                self._talk.send(order)
+            answer = self._talk.recv() if self._talk.poll(ANSWER_TIME) else f"no answer in {ANSWER_TIME:g} s"
+        except (OSError, EOFError):
+            answer = "it has ended"
+        if isinstance(answer, str):
+            raise SafetyStop(f"the monitor process refuses the motion: {answer}")
+        return answer
+
+    def sent(self, k: int, q: np.ndarray) -> None:
+        """For `Guard`: every command."""
+        self._signs.sent(self._clock(), self.leg, k, q)
+
+    @property
+    def sees(self) -> bool:
+        """Whether the monitor process has checked a reading of this stage."""
+        return self._signs.looked_at > -np.inf
+
+    def reason(self) -> str | None:
+        """Why the guard must stop, or None: what the monitor process found, or that it is silent."""
+        tripped = self._signs.tripped
+        if tripped is not None:
+            return f"the monitor process found: {tripped}"
+        silent = self._clock() - self._signs.looked_at
+        if self.sees and not silent <= self._silence:
+            return f"the monitor process was silent for {1e3 * silent:.0f} ms, {1e3 * self._silence:.0f} ms are allowed"
+        return None
+
+
+@contextmanager
+def seen(watcher: Watcher, make: Callable[[Callable[[int, np.ndarray], None]], Guard]) -> Iterator[Guard]:
+    """The guard that `make` makes, entered, once the monitor process sees the arm; SafetyStop where it does not within SEEN_TIME."""
+    with make(watcher.sent) as guard:
+        for _ in range(round(SEEN_TIME / PAUSE)):
+            guard.hold(PAUSE, "until the monitor process sees the arm")
+            if watcher.sees:
+                break
+        else:
+            raise SafetyStop(
+                f"the monitor process saw no reading within {SEEN_TIME:g} s; see that a second program can hear the device"
+            )
+        yield guard

@@ -1,0 +1,257 @@
+"""The monitor process: a second look at the arm, by a connection of its own and with a stop of its own, that the guard cannot hold up.
+
+It loads arm, cell, plan and approval itself, maps the verified motions of a stage read-only, and checks every reading that it hears with
+the rules of `safety.monitor`. What it finds it shows to the guard, whose stop is the better one. Where the guard is silent, or
+goes on, or its stop does not end, it ends the control process and brakes the arm itself. The guard stops where the monitor process is silent.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from drivers.driver import Driver
+from safety import realtime
+from safety.approval import approval_of, check_approval
+from safety.audit import record
+from safety.collision import Clearance
+from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
+from safety.monitor import Expected, Monitor
+from safety.plan import check_plan, load_plan
+from safety.plausible import check_plausible
+from safety.signs import Sign, Signs
+from safety.watcher import Order, silence_of
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.errors import CalibError, DeviceError, SafetyStop
+from sim.joint_state import JointState
+
+# s after which a stopping arm must be slower than when its stop began, and after which it must stand
+SLOWER_AFTER = 0.4
+REST_AFTER = 4.0
+POLL = 5e-4
+KEPT = 1 << 20  # cycles whose time is kept
+
+
+class Tube:
+    """The verified motions of one stage, mapped read-only from a file that nobody else can open any more.
+
+    SafetyStop where a number is not finite, leaves the arm's range or speed, or has less room beside it than the cell asks for.
+    """
+
+    def __init__(self, file: Path, counts: Sequence[int], arm: Arm, cell: Cell, rate: float) -> None:
+        self._rows = np.load(file, mmap_mode="r")
+        file.unlink()
+        self._begins = np.concatenate(([0], np.cumsum(counts))).astype(int)
+        n, rows = arm.n, self._rows
+        if not (rows.ndim == 2 and rows.shape == (self._begins[-1], 5 * n + 1) and np.isfinite(rows).all()):
+            raise SafetyStop(f"monitor process: {rows.shape} verified samples, not {self._begins[-1]} of finite numbers")
+        self._n, motion = n, cell.table.motion
+        q, room = rows[:, :n], rows[:, 5 * n]
+        fast = [np.abs(np.diff(q[a:b], axis=0)) * rate <= arm.dq_max * (1 + 1e-6) for a, b in self._legs()]
+        inside = (q >= arm.q_min).all() and (q <= arm.q_max).all() and all(f.all() for f in fast)
+        if not (inside and (room >= motion.following_error * (1 - 1e-9)).all()):
+            raise SafetyStop(
+                "monitor process: a verified motion leaves the arm's range, its speed, or the room that the cell asks for"
+            )
+
+    def _legs(self) -> list[tuple[int, int]]:
+        return list(zip(self._begins[:-1].tolist(), self._begins[1:].tolist(), strict=True))
+
+    def last(self, leg: int) -> list[np.ndarray]:
+        """The last command (n,) rad of a leg; none where there is no such leg."""
+        return [self._rows[self._begins[leg + 1] - 1, : self._n]] if 0 <= leg < len(self._begins) - 1 else []
+
+    def sample(self, leg: int, k: int) -> tuple[np.ndarray, Expected] | None:
+        """The command (n,) rad of sample k of a leg and what its motion takes; None where there is no such sample."""
+        if not (0 <= leg < len(self._begins) - 1 and 0 <= k < self._begins[leg + 1] - self._begins[leg]):
+            return None
+        row, n = self._rows[self._begins[leg] + k], self._n
+        q, tau_hat, doubt, sudden, load = row[: 5 * n].reshape(5, n)
+        return q, Expected(tau_hat, doubt, sudden, float(row[5 * n]), load)
+
+
+class Watch:
+    """The rules of one stage. `look` at every reading; `trip` is why the guard was asked to stop, None as long as it was not."""
+
+    def __init__(
+        self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float, tube: Tube
+    ) -> None:
+        self.trip: str | None = None
+        self._monitor = Monitor(arm, cell, rate, clearance, first, latency)
+        self._tube, self._silence = tube, silence_of(rate, latency)
+        self._steps = 1 + int(np.ceil(self._silence * rate))
+        self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
+        self._leg, self._k = -1, ENDED
+        self._q: np.ndarray | None = None
+        self._tripped_at = self._stopping_since = self._fastest = np.inf
+
+    def look(self, state: JointState | None, now: float, sign: Sign) -> str | None:
+        """Why the arm must be taken from the guard now, or None. state is None where no reading came."""
+        if sign.k in (STOPS, ENDED):
+            return self._stopping(state, now)
+        if not now - sign.at <= self._silence:
+            return f"the guard was silent for {1e3 * (now - sign.at):.0f} ms, {1e3 * self._silence:.0f} ms are allowed"
+        if self.trip is None:
+            self.trip = self._rules(state, now, sign)
+            self._tripped_at = now
+        elif not now - self._tripped_at <= self._silence:
+            return f"the guard did not stop within {1e3 * self._silence:.0f} ms although: {self.trip}"
+        return None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm was seen to stand after the guard began to stop it, or ended."""
+        return self._fastest == 0.0
+
+    def _stopping(self, state: JointState | None, now: float) -> str | None:
+        speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
+        if state is not None and bool((np.abs(state.dq) <= self._noise).all()):
+            self._fastest = 0.0
+        if self.at_rest:
+            return None
+        if self._stopping_since == np.inf:
+            self._stopping_since, self._fastest = now, speed
+        since = now - self._stopping_since
+        if not since <= REST_AFTER:
+            return f"the arm does not stand {REST_AFTER:g} s after its stop began"
+        if not (since <= SLOWER_AFTER or speed < self._fastest):
+            return f"the arm is no slower {SLOWER_AFTER:g} s after its stop began"
+        return None
+
+    def _rules(self, state: JointState | None, now: float, sign: Sign) -> str | None:
+        """The first rule that is broken, as a sentence."""
+        if state is None:
+            return "the monitor process hears no readings any more"
+        found = None
+        if sign.k != HOLDS:
+            found = self._tube.sample(sign.leg, sign.k)
+            if found is None or not np.array_equal(sign.q, found[0]):
+                return f"command {sign.k} of motion {sign.leg} is not one that was verified"
+        elif self._q is not None and not any(np.array_equal(sign.q, q) for q in (self._q, *self._tube.last(self._leg))):
+            return "the command changes while the guard holds the arm"
+        if (sign.leg, sign.k == HOLDS) != (self._leg, self._k == HOLDS):
+            self._monitor.pause()
+            before = -1
+        else:
+            before = self._k
+        if sign.k != HOLDS and not before <= sign.k <= before + self._steps:
+            return f"command {sign.k} of motion {sign.leg} comes after {before}"
+        self._leg, self._k, self._q = sign.leg, sign.k, sign.q
+        trip = self._monitor.check(state, now, sign.q, None if found is None else found[1])
+        return None if trip is None else str(trip)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the monitor process loads by itself, and whom it watches."""
+
+    plan: Path
+    cell: Path
+    arm: Path
+    driver_factory: Callable[[Cell, Arm], Driver]
+    audit: Path
+    control: int
+
+
+def watch(task: Task, signs: Signs, talk: Connection) -> None:
+    """The monitor process, until the control process has ended or was ended. What it cannot do it says to the control process."""
+    os.setsid()
+    control = os.pidfd_open(task.control)
+    try:
+        plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
+        check_plan(plan, arm, cell)
+        approval = approval_of(plan)
+        if approval is None:
+            raise SafetyStop(f"{plan.folder}: nobody has approved this plan")
+        check_approval(approval, plan, arm, cell, datetime.now(UTC))
+        check_plausible(arm, cell)
+        driver = task.driver_factory(cell, arm)
+        process = _Process(arm, cell, driver, signs, talk, Clearance(arm, cell))
+        realtime.prepare()
+        reason = process.run()
+    except EOFError:  # the control process has ended, with the arm at rest
+        return
+    except CalibError as error:
+        talk.send(str(error))
+        return
+    if reason is not None:
+        signs.trip(reason)
+        with suppress(ProcessLookupError):
+            signal.pidfd_send_signal(control, signal.SIGKILL)
+        driver.halt()
+        record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
+    driver.close()
+
+
+class _Process:
+    """The loop of the monitor process."""
+
+    def __init__(self, arm: Arm, cell: Cell, driver: Driver, signs: Signs, talk: Connection, clearance: Clearance) -> None:
+        self._arm, self._cell, self._driver, self._signs, self._talk = arm, cell, driver, signs, talk
+        self._clearance, self._listens = clearance, False
+
+    def run(self) -> str | None:
+        """Stage after stage; why the arm must be taken from the guard. EOFError where the control process has ended."""
+        while True:
+            order: Order = self._talk.recv()
+            tube = Tube(order.file, order.counts, self._arm, self._cell, order.rate)
+            self._talk.send(True)
+            while self._signs.last().k == ENDED:
+                if self._talk.poll(POLL):
+                    self._talk.recv()  # nothing is sent before the stage ends: the other end is closed
+            reason, spent = self._stage(order, tube)
+            if reason is not None:
+                return reason
+            p50, p999 = np.percentile(spent, [50, 99.9]) * 1e6
+            self._talk.send(
+                {"cycles": len(spent), "p50 us": float(p50), "p99.9 us": float(p999), "max us": float(1e6 * spent.max())}
+            )
+
+    def _stage(self, order: Order, tube: Tube) -> tuple[str | None, np.ndarray]:
+        spent, count = np.zeros(KEPT), 0
+        state: JointState | None = self._newest(order.rate)
+        assert state is not None
+        rules = Watch(self._arm, self._cell, order.rate, self._clearance, state, order.latency, tube)
+        clock = self._driver.clock
+        while True:
+            state = self._heard(state)
+            begin, now, sign = time.thread_time(), clock.now(), self._signs.last()
+            reason = rules.look(state, now, sign)
+            if rules.trip is not None:
+                self._signs.trip(rules.trip)
+            self._signs.looked(now)
+            spent[count % KEPT], count = time.thread_time() - begin, count + 1
+            if reason is not None or (sign.k == ENDED and (rules.at_rest or state is None)):
+                return reason, spent[: min(count, KEPT)]
+            if rules.at_rest and self._talk.poll(0):
+                self._talk.recv()  # as above: the control process has ended
+
+    def _newest(self, rate: float) -> JointState:
+        """Begin to listen, or pass over what was heard while nobody looked."""
+        if not self._listens:
+            self._driver.listen()
+            self._listens = True
+        state = self._driver.read()
+        while self._driver.clock.now() - state.t > 2.0 / rate:
+            state = self._driver.read()
+        return state
+
+    def _heard(self, last: JointState | None) -> JointState | None:
+        """The next reading; none from the first on that did not come."""
+        if last is None:
+            time.sleep(POLL)
+            return None
+        try:
+            return self._driver.read()
+        except DeviceError:
+            return None
