@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -40,11 +41,21 @@ def silence_of(rate: float, latency: float) -> float:
     return max(PERIODS / rate, latency + 1.0 / rate)
 
 
+def write(talk: Connection, what: object) -> None:
+    """One message to the other process, as JSON."""
+    talk.send_bytes(json.dumps(what).encode())
+
+
+def read(talk: Connection) -> Any:
+    """The next message; EOFError where the other process has ended."""
+    return json.loads(talk.recv_bytes())
+
+
 class Order(NamedTuple):
     """A stage that is about to begin: where its tube is, samples of each motion, control rate Hz, latency s."""
 
-    file: Path
-    counts: tuple[int, ...]
+    file: str
+    counts: list[int]
     rate: float
     latency: float
 
@@ -63,7 +74,7 @@ class Watcher:
         self._signs.looked(-np.inf)
         file = tube_file(folder, motions)
         try:
-            self._ask(Order(file, tuple(map(len, motions)), rate, latency))
+            self._ask(Order(str(file), [len(m) for m in motions], rate, latency))
         finally:
             file.unlink(missing_ok=True)
 
@@ -75,8 +86,8 @@ class Watcher:
     def _ask(self, order: Order | None) -> Any:
         try:
             if order is not None:
-                self._talk.send(order)
-            answer = self._talk.recv() if self._talk.poll(ANSWER_TIME) else f"no answer in {ANSWER_TIME:g} s"
+                write(self._talk, order._asdict())
+            answer = read(self._talk) if self._talk.poll(ANSWER_TIME) else f"no answer in {ANSWER_TIME:g} s"
         except (OSError, EOFError):
             answer = "it has ended"
         if isinstance(answer, str):

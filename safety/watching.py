@@ -29,7 +29,7 @@ from safety.monitor import Expected, Monitor
 from safety.plan import check_plan, load_plan
 from safety.plausible import check_plausible
 from safety.signs import Sign, Signs
-from safety.watcher import Order, silence_of
+from safety.watcher import Order, read, silence_of, write
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import CalibError, DeviceError, SafetyStop
@@ -178,19 +178,26 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
         driver = task.driver_factory(cell, arm)
         process = _Process(arm, cell, driver, signs, talk, Clearance(arm, cell))
         realtime.prepare()
-        reason = process.run()
-    except EOFError:  # the control process has ended, with the arm at rest
-        return
     except CalibError as error:
-        talk.send(str(error))
+        write(talk, str(error))
         return
-    if reason is not None:
-        signs.trip(reason)
-        with suppress(ProcessLookupError):
-            signal.pidfd_send_signal(control, signal.SIGKILL)
-        driver.halt()
-        record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
-    driver.close()
+    try:
+        reason = process.run()
+        if reason is not None:
+            signs.trip(reason)
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(control, signal.SIGKILL)
+            try:
+                driver.halt()
+            except DeviceError as error:
+                reason = f"{reason}; {error}"
+            record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
+    except (EOFError, OSError):  # the control process has ended, with the arm at rest
+        pass
+    except CalibError as error:
+        write(talk, str(error))
+    finally:
+        driver.close()
 
 
 class _Process:
@@ -203,26 +210,26 @@ class _Process:
     def run(self) -> str | None:
         """Stage after stage; why the arm must be taken from the guard. EOFError where the control process has ended."""
         while True:
-            order: Order = self._talk.recv()
-            tube = Tube(order.file, order.counts, self._arm, self._cell, order.rate)
-            self._talk.send(True)
+            order = Order(**read(self._talk))
+            tube = Tube(Path(order.file), order.counts, self._arm, self._cell, order.rate)
+            write(self._talk, True)
             while self._signs.last().k == ENDED:
                 if self._talk.poll(POLL):
-                    self._talk.recv()  # nothing is sent before the stage ends: the other end is closed
+                    read(self._talk)  # nothing is sent before the stage ends: the other end is closed
             reason, spent = self._stage(order, tube)
             if reason is not None:
                 return reason
             p50, p999 = np.percentile(spent, [50, 99.9]) * 1e6
-            self._talk.send(
-                {"cycles": len(spent), "p50 us": float(p50), "p99.9 us": float(p999), "max us": float(1e6 * spent.max())}
+            write(
+                self._talk,
+                {"cycles": len(spent), "p50 us": float(p50), "p99.9 us": float(p999), "max us": float(1e6 * spent.max())},
             )
 
     def _stage(self, order: Order, tube: Tube) -> tuple[str | None, np.ndarray]:
         spent, count = np.zeros(KEPT), 0
-        state: JointState | None = self._newest(order.rate)
-        assert state is not None
-        rules = Watch(self._arm, self._cell, order.rate, self._clearance, state, order.latency, tube)
+        rules = Watch(self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate), order.latency, tube)
         clock = self._driver.clock
+        state: JointState | None = self._newest(order.rate)  # what came while the rules were made is old
         while True:
             state = self._heard(state)
             begin, now, sign = time.thread_time(), clock.now(), self._signs.last()
@@ -234,7 +241,7 @@ class _Process:
             if reason is not None or (sign.k == ENDED and (rules.at_rest or state is None)):
                 return reason, spent[: min(count, KEPT)]
             if rules.at_rest and self._talk.poll(0):
-                self._talk.recv()  # as above: the control process has ended
+                read(self._talk)  # as above: the control process has ended
 
     def _newest(self, rate: float) -> JointState:
         """Begin to listen, or pass over what was heard while nobody looked."""
