@@ -192,12 +192,19 @@ class Clearance:
             raise SafetyStop(
                 f"posture {q!r} has a number that is not finite or a wrong length; it is not checked for collision"
             )
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        geometry, data = self._geometry, self._geometry_data
-        found = np.array([pin.computeDistance(geometry, data, p).min_distance for p in (self._all if pairs is None else pairs)])
+        which = self._all if pairs is None else pairs
+        found = np.empty(len(which))
+        self.look(q, which, found)
         if not np.isfinite(found).all():
             raise SafetyStop(f"a distance is not a number at q={q.tolist()}; check the sizes of the arm's shapes and obstacles")
         return found
+
+    def look(self, q: np.ndarray, pairs: Sequence[int], found: np.ndarray) -> None:
+        """As `distances`, into `found`, for a caller who has checked q and refuses what is not a number himself."""
+        geometry, data = self._geometry, self._geometry_data
+        pin.updateGeometryPlacements(self._model, self._data, geometry, data, q)
+        for i, p in enumerate(pairs):
+            found[i] = pin.computeDistance(geometry, data, p).min_distance
 
     def needed(self, least: float) -> np.ndarray:
         """(P,) m that each pair must be apart at a posture, for every joint to be proved `least` rad beside it and the encoders' doubt more."""

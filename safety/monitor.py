@@ -65,6 +65,10 @@ DRIFT = 5e-4
 JITTER = 3e-3
 
 
+# plain numbers: a member of an enumeration takes longer to find than its number takes to write
+ROOM_AT, COUNT_AT, LAST_T_AT, PAUSED_AT = (int(place) for place in (Of.ROOM, Of.COUNT, Of.LAST_T, Of.PAUSED))
+
+
 class Rule(NamedTuple):
     """What is looked at, the unit, and what to look for where it is broken."""
 
@@ -144,6 +148,13 @@ class Monitor:
         self._seen = np.zeros(len(clearance.pairs))
         self._least, self._reach = clearance.margin - GJK, np.ascontiguousarray(clearance.reach)
         self._asked = np.zeros(len(clearance.pairs), dtype=np.int64)
+        self._found = np.zeros(len(clearance.pairs))
+        # rows that change with every reading, as views: finding them anew each time is half of a cycle
+        r = self._row
+        self._reading = (r[Row.Q], r[Row.DQ], r[Row.TAU], r[Row.CURRENT], r[Row.TEMPERATURE])
+        self._expected = (r[Row.TAU_HAT], r[Row.DOUBT], r[Row.SUDDEN], r[Row.LOAD])
+        self._command, self._last = r[Row.Q_CMD], r[Row.LAST_Q]
+        self._times = self._number[Of.T : Of.EXPECTED + 1]
         compile_cycle()
 
     def _begin(self, arm: Arm, rate: float, first: JointState, latency: float) -> None:
@@ -201,28 +212,23 @@ class Monitor:
 
         now s on the host's clock; q_cmd (n,) rad the last command; expected: the torque that it should take, None while the arm stands.
         """
-        r, x = self._row, self._number
+        x = self._number
         if expected is not None:
-            x[Of.ROOM] = min(self._most, expected.room)
-            r[Row.TAU_HAT], r[Row.DOUBT], r[Row.SUDDEN] = expected.tau_hat, expected.doubt, expected.sudden
-            r[Row.LOAD] = expected.load
-        x[Of.EXPECTED] = expected is not None
+            x[ROOM_AT] = min(self._most, expected.room)
+            tau_hat, doubt, sudden, load = self._expected
+            tau_hat[:], doubt[:], sudden[:], load[:] = expected.tau_hat, expected.doubt, expected.sudden, expected.load
         trip = self._check_device(state)
         if trip is None:
-            r[Row.Q], r[Row.DQ], r[Row.TAU], r[Row.CURRENT], r[Row.TEMPERATURE] = (
-                state.q,
-                state.dq,
-                state.tau,
-                state.current,
-                state.temperature,
-            )
-            r[Row.Q_CMD], x[Of.T], x[Of.T_DEVICE], x[Of.NOW] = q_cmd, state.t, state.t_device, now
-            rule, joint = cycle(r, x, self._path, self._window, self._speeds, self._span, self._out)
-            trip = self._broken(rule, joint) if joint != NONE else self._check_clearance(r[Row.Q])
-        x[Of.COUNT] += 1
+            q, dq, tau, current, temperature = self._reading
+            q[:], dq[:], tau[:], current[:], temperature[:] = state.q, state.dq, state.tau, state.current, state.temperature
+            self._command[:] = q_cmd
+            self._times[:] = state.t, state.t_device, now, expected is not None
+            rule, joint = cycle(self._row, x, self._path, self._window, self._speeds, self._span, self._out)
+            trip = self._broken(rule, joint) if joint != NONE else self._check_clearance(q)
+        x[COUNT_AT] += 1
         if state.n == self._n:
-            r[Row.LAST_Q], x[Of.LAST_T] = state.q, state.t_device
-        x[Of.PAUSED] = 0.0
+            self._last[:], x[LAST_T_AT] = state.q, state.t_device
+        x[PAUSED_AT] = 0.0
         return trip
 
     def pause(self) -> None:
@@ -250,16 +256,14 @@ class Monitor:
 
     def _check_clearance(self, q: np.ndarray) -> Trip | None:
         """Every pair in every cycle: those that may be too near since their distance was last looked at are looked at again."""
-        count = len(self._seen)
-        if not count:
+        if not len(self._seen):
             return None
-        turn = int(self._number[Of.COUNT])
+        turn = int(self._number[COUNT_AT])
         near = to_look_at(q, self._seen, self._seen_q, self._reach, self._least, turn, LOOKS, self._asked)
-        ask = self._asked[:near].tolist()
-        found = self._clearance.distances(q, ask)
-        k = nearest(q, found, self._asked, self._seen, self._seen_q, self._least)
+        self._clearance.look(q, self._asked[:near].tolist(), self._found)
+        k = nearest(q, self._found[:near], self._asked, self._seen, self._seen_q, self._least)
         if k >= 0:
-            p = ask[k]
-            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(found[k]), float(self._clearance.margin[p]), "m",
+            p = int(self._asked[k])
+            return Trip(f"clearance of {' and '.join(self._clearance.pairs[p])}", float(self._found[k]), float(self._clearance.margin[p]), "m",
                         "the arm is not where it was sent: look for a following error or a wrong model")  # fmt: skip
         return None

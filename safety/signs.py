@@ -35,12 +35,15 @@ class Signs:
         self._n = n
         self._memory = context.RawArray(ctypes.c_double, NUMBERS + n)
         self._text = context.RawArray(ctypes.c_char, TEXT)
-        numbers = self._numbers
-        numbers[K_AT], numbers[LOOKED_AT] = ENDED, -np.inf
+        self._numbers = np.frombuffer(self._memory)
+        self._numbers[K_AT], self._numbers[LOOKED_AT] = ENDED, -np.inf
 
-    @property
-    def _numbers(self) -> np.ndarray:
-        return np.frombuffer(self._memory)
+    def __getstate__(self) -> tuple[Any, ...]:
+        return self._n, self._memory, self._text
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self._n, self._memory, self._text = state
+        self._numbers = np.frombuffer(self._memory)
 
     def sent(self, at: float, leg: int, k: int, q: np.ndarray) -> None:
         """The guard: what was sent at s of the host's clock."""
