@@ -26,11 +26,10 @@ PAUSE = 0.1
 def tube_file(folder: Path, motions: Sequence[ClearedTrajectory]) -> Path:
     """The samples of these motions in one file, for a `Tube`."""
     file = folder / "tube.npy"
-    names = ("q", "tau_hat", "doubt", "sudden", "load")
     out = np.lib.format.open_memmap(file, "w+", float, (sum(map(len, motions)), 5 * motions[0].q.shape[1] + 1))
     begin = 0
     for m in motions:
-        out[begin : begin + len(m)] = np.hstack([*(getattr(m, name) for name in names), m.room[:, None]])
+        out[begin : begin + len(m)] = np.hstack((m.q, m.tau_hat, m.doubt, m.sudden, m.load, m.room[:, None]))
         begin += len(m)
     out.flush()
     return file

@@ -1,0 +1,415 @@
+"""Guard and monitor process together: the hand-over of a stage, what ends it, and what each does when the other is gone."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.driver import DeviceInfo
+from safety import audit, realtime, watching
+from safety.approval import approve
+from safety.clear import ClearedTrajectory
+from safety.collision import Clearance
+from safety.guard import ENDED, HOLDS, Guard
+from safety.monitor import Monitor
+from safety.plan import Motion, Plan, write_plan
+from safety.signs import Signs
+from safety.trip import MotionStopped
+from safety.watcher import ANSWER_TIME, Watcher, read, seen, write
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.clock import MonotonicClock
+from sim.errors import DeviceError, SafetyStop
+from sim.joint_state import JointState
+from tests.safety.conftest import sine, state_at
+from tests.safety.perfect import PerfectDriver
+
+RATE = 50.0
+CONTEXT = multiprocessing.get_context("spawn")
+
+
+class Ear(PerfectDriver):
+    """Hears what the arm of another driver does, from the readings that it gave; None ends what is heard."""
+
+    def __init__(self, arm: Arm, cell: Cell, heard: Callable[[], JointState | None]) -> None:
+        super().__init__(arm, cell, RATE, MonotonicClock())
+        self.heard, self.listens, self.halts, self.closes = heard, 0, 0, 0
+
+    def beside(self) -> str:
+        return ""
+
+    def listen(self) -> DeviceInfo:
+        self.listens += 1
+        return self.connect()
+
+    def read(self) -> JointState:
+        time.sleep(0.2 / RATE)
+        state = self.heard()
+        if state is None:
+            raise DeviceError("nothing is heard any more")
+        return state
+
+    def halt(self) -> None:
+        self.halts += 1
+
+    def close(self) -> None:
+        self.closes += 1
+
+
+@pytest.fixture
+def talk() -> Iterator[tuple[Connection, Connection]]:
+    ours, theirs = CONTEXT.Pipe()
+    yield ours, theirs
+    ours.close()
+    theirs.close()
+
+
+def answering(talk: Connection, answers: list[object]) -> tuple[threading.Thread, list[object]]:
+    """Another process that gives these answers, one to each message; and the messages."""
+    got: list[object] = []
+
+    def run() -> None:
+        for answer in answers:
+            got.append(read(talk))
+            write(talk, answer)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread, got
+
+
+def test_a_stage_is_handed_over_and_its_file_does_not_stay(
+    cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path
+) -> None:
+    watcher = Watcher(Signs(6, CONTEXT), talk[0])
+    thread, got = answering(talk[1], [True])
+    watcher.begin([cleared, cleared], RATE, 0.01, tmp_path)
+    thread.join()
+    assert got == [{"file": str(tmp_path / "tube.npy"), "counts": [len(cleared)] * 2, "rate": RATE, "latency": 0.01}]
+    assert list(tmp_path.iterdir()) == []
+    write(talk[1], {"cycles": 7})
+    assert watcher.end() == {"cycles": 7}
+
+
+@pytest.mark.parametrize("answer", ["the approval is for another cell", None])
+def test_a_monitor_process_that_refuses_or_has_ended_is_a_refusal(
+    cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, answer: str | None
+) -> None:
+    watcher = Watcher(Signs(6, CONTEXT), talk[0])
+    if answer is None:
+        talk[1].close()
+    else:
+        write(talk[1], answer)
+    with pytest.raises(SafetyStop, match="another cell" if answer else "it has ended"):
+        watcher.begin([cleared], RATE, 0.01, tmp_path)
+
+
+def test_a_monitor_process_that_does_not_answer_is_a_refusal(
+    cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ANSWER_TIME > 0
+    monkeypatch.setattr("safety.watcher.ANSWER_TIME", 0.01)
+    with pytest.raises(SafetyStop, match="no answer in"):
+        Watcher(Signs(6, CONTEXT), talk[0]).begin([cleared], RATE, 0.01, tmp_path)
+
+
+class At:
+    """A clock that a test sets."""
+
+    now = 5.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def watched(cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path) -> tuple[Watcher, Signs, At]:
+    signs, clock = Signs(6, CONTEXT), At()
+    watcher = Watcher(signs, talk[0], clock)
+    write(talk[1], True)
+    watcher.begin([cleared], 500.0, 0.01, tmp_path)
+    return watcher, signs, clock
+
+
+def test_the_guard_stops_where_the_monitor_process_is_silent(watched: tuple[Watcher, Signs, At]) -> None:
+    watcher, signs, clock = watched
+    assert watcher.reason() is None
+    assert not watcher.sees
+    signs.looked(5.0)
+    assert watcher.sees
+    clock.now = 5.0119
+    assert watcher.reason() is None
+    clock.now = 5.0121
+    assert watcher.reason() == "the monitor process was silent for 12 ms, 12 ms are allowed"
+    clock.now = float("nan")
+    assert "was silent" in str(watcher.reason())
+
+
+def test_the_guard_stops_where_the_monitor_process_wants_it_to(watched: tuple[Watcher, Signs, At]) -> None:
+    watcher, signs, _ = watched
+    signs.trip("j1: following error")
+    assert watcher.reason() == "the monitor process found: j1: following error"
+
+
+def test_every_command_is_shown(
+    watched: tuple[Watcher, Signs, At],
+    driver: PerfectDriver,
+    arm: Arm,
+    cell: Cell,
+    clearance: Clearance,
+    cleared: ClearedTrajectory,
+) -> None:
+    watcher, signs, _ = watched
+    shown: list[tuple[int, np.ndarray]] = []
+
+    def sent(k: int, q: np.ndarray) -> None:
+        watcher.sent(k, q)
+        signs.looked(5.0)
+        shown.append((signs.last().k, signs.last().q))
+
+    guard = Guard(driver, arm, cell, clearance, watcher.reason, sent=sent)
+    with guard:
+        guard.hold(0.01, "before")
+        watcher.leg = 3
+        guard.run(cleared, "the motion")
+        assert signs.last().leg == 3
+        guard.hold(0.01, "after")
+    ks = [k for k, _ in shown]
+    assert ks == [HOLDS] * 5 + list(range(len(cleared))) + [HOLDS] * 5 + [ENDED]
+    np.testing.assert_array_equal([q for _, q in shown[5:-6]], cleared.q)
+
+
+def test_the_guard_waits_until_it_is_seen(
+    watched: tuple[Watcher, Signs, At], driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance
+) -> None:
+    watcher, signs, _ = watched
+    with (
+        pytest.raises(SafetyStop, match="saw no reading"),
+        seen(watcher, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)),
+    ):
+        raise AssertionError("the guard was not seen")
+    assert signs.last().k == ENDED
+    signs.looked(5.0)
+    with seen(watcher, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)) as guard:
+        assert guard.q.shape == (6,)
+
+
+@pytest.fixture
+def place(tmp_path: Path, arm: Arm, cell: Cell) -> tuple[Plan, Arm, Cell]:
+    slow = load_arm(arm.model_path.parent)
+    plan = write_plan(tmp_path / "plan", slow, [Motion("friction", "friction", sine(duration=3.0))], cell)
+    approve(plan, slow, cell, "operator", datetime.now(UTC))
+    return plan, slow, load_cell(cell.path)
+
+
+class Beside:
+    """The monitor process in a thread of this one, its control process a child that sleeps."""
+
+    def __init__(
+        self, place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], folder: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(os, "setsid", lambda: None)
+        monkeypatch.setattr(realtime, "prepare", dict)
+        self.plan, self.arm, self.cell = place
+        self.signs = Signs(6, CONTEXT)
+        self.audit = folder / "audit.jsonl"
+        self.child = os.fork()
+        if self.child == 0:
+            for end in talk:
+                end.close()
+            time.sleep(60)
+            os._exit(0)
+        self.state: JointState | None = state_at(0, q=np.array(self.cell.table.home))
+        self.ear = Ear(self.arm, self.cell, self.heard)
+        self.watcher = Watcher(self.signs, talk[0])
+        task = watching.Task(
+            self.plan.folder, self.cell.path, self.arm.model_path.parent, lambda cell, arm: self.ear, self.audit, self.child
+        )
+        self.thread = threading.Thread(target=watching.watch, args=(task, self.signs, talk[1]))
+        self.thread.start()
+
+    def heard(self) -> JointState | None:
+        return (
+            None
+            if self.state is None
+            else JointState(
+                time.monotonic(),
+                time.monotonic(),
+                *(getattr(self.state, name) for name in ("q", "dq", "tau", "current", "temperature")),
+            )
+        )
+
+    def begin(self, cleared: ClearedTrajectory, folder: Path) -> None:
+        self.watcher.begin([cleared], RATE, 0.5, folder)
+        self.show(HOLDS, cleared.q[0])
+        while not self.watcher.sees:
+            self.show(HOLDS, cleared.q[0])
+            time.sleep(0.005)
+
+    def show(self, k: int, q: np.ndarray) -> None:
+        self.watcher.sent(k, q)
+
+    def ended(self) -> int | None:
+        """The signal that ended the control process, or None; waits a while for one."""
+        end = time.monotonic() + 0.5
+        while not (found := os.waitpid(self.child, os.WNOHANG))[0] and time.monotonic() < end:
+            time.sleep(0.01)
+        return os.WTERMSIG(found[1]) if found[0] else None
+
+
+@pytest.fixture
+def beside(
+    place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Beside]:
+    made = Beside(place, talk, tmp_path, monkeypatch)
+    yield made
+    talk[0].close()
+    made.thread.join(10.0)
+    assert not made.thread.is_alive()
+    try:
+        os.kill(made.child, signal.SIGKILL)
+        os.waitpid(made.child, 0)
+    except (ProcessLookupError, ChildProcessError):
+        pass
+
+
+def test_a_stage_ends_with_what_was_measured_and_another_may_follow(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    for _ in range(2):
+        beside.begin(cleared, tmp_path)
+        beside.show(ENDED, cleared.q[0])
+        found = beside.watcher.end()
+        assert found["cycles"] >= 1
+        assert 0 < found["p50 us"] <= found["p99.9 us"] <= found["max us"]
+    assert beside.ear.listens == 1
+    assert beside.ended() is None
+
+
+def test_the_control_process_that_is_silent_is_ended_and_the_arm_halted(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert beside.ended() == signal.SIGKILL
+    assert (beside.ear.halts, beside.ear.closes) == (1, 1)
+    assert "the guard was silent" in str(beside.signs.tripped)
+    (entry,) = audit.verify(beside.audit)
+    assert entry["event"] == "monitor took over"
+    assert "the guard was silent" in entry["facts"]["reason"]
+
+
+def test_a_device_that_takes_no_stop_is_written_down(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse() -> None:
+        raise DeviceError("the port is closed")
+
+    monkeypatch.setattr(beside.ear, "halt", refuse)
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert audit.verify(beside.audit)[0]["facts"]["reason"].endswith("the port is closed")
+
+
+def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: ClearedTrajectory, tmp_path: Path) -> None:
+    beside.begin(cleared, tmp_path)
+    beside.state = None
+    end = time.monotonic() + 5.0
+    while beside.signs.tripped is None:
+        assert time.monotonic() < end
+        beside.show(HOLDS, cleared.q[0])
+        time.sleep(0.005)
+    assert beside.watcher.reason() == "the monitor process found: the monitor process hears no readings any more"
+    beside.show(ENDED, cleared.q[0])
+    assert beside.watcher.end()["cycles"] > 0
+
+
+@pytest.mark.parametrize("when", ["before", "stopped"])
+def test_the_monitor_process_ends_with_the_control_process(
+    beside: Beside, cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, when: str
+) -> None:
+    if when == "before":
+        beside.watcher.begin([cleared], RATE, 0.5, tmp_path)
+    else:
+        beside.begin(cleared, tmp_path)
+        beside.show(-2, cleared.q[0])
+    talk[0].close()
+    beside.thread.join(10.0)
+    assert not beside.thread.is_alive()
+    assert (beside.ear.halts, beside.ear.closes) == (0, 1)
+
+
+def test_a_tube_that_is_no_good_is_refused(beside: Beside, talk: tuple[Connection, Connection], tmp_path: Path) -> None:
+    file = tmp_path / "tube.npy"
+    np.save(file, np.full((3, 31), np.nan))
+    write(talk[0], {"file": str(file), "counts": [3], "rate": RATE, "latency": 0.5})
+    assert "finite" in read(talk[0])
+    beside.thread.join(10.0)
+    assert beside.ear.closes == 1
+
+
+def test_an_approval_that_is_missing_is_refused(
+    place: tuple[Plan, Arm, Cell],
+    talk: tuple[Connection, Connection],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    cleared: ClearedTrajectory,
+) -> None:
+    (place[0].folder / "approval.toml").unlink()
+    made = Beside(place, talk, tmp_path, monkeypatch)
+    made.thread.join(20.0)
+    with pytest.raises(SafetyStop, match="nobody has approved"):
+        made.watcher.begin([cleared], RATE, 0.5, tmp_path)
+    os.kill(made.child, signal.SIGKILL)
+    os.waitpid(made.child, 0)
+
+
+def test_a_control_process_that_is_gone_already_is_no_hindrance(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    beside.begin(cleared, tmp_path)
+    os.kill(beside.child, signal.SIGKILL)
+    os.waitpid(beside.child, 0)
+    beside.thread.join(10.0)
+    assert beside.ear.halts == 1
+
+
+def test_old_readings_are_passed_over(arm: Arm, cell: Cell, talk: tuple[Connection, Connection], clearance: Clearance) -> None:
+    times = iter([-3.0, -1.0, 0.0, 0.0])
+    ear = Ear(arm, cell, lambda: state_at(0, t=time.monotonic() + next(times)))
+    process = watching._Process(arm, cell, ear, Signs(6, CONTEXT), talk[1], clearance)
+    assert time.monotonic() - process._newest(RATE).t < 1.0
+    assert len(list(times)) == 1
+
+
+def test_the_first_stop_of_the_monitor_process_is_the_guards(
+    watched: tuple[Watcher, Signs, At],
+    driver: PerfectDriver,
+    arm: Arm,
+    cell: Cell,
+    clearance: Clearance,
+    cleared: ClearedTrajectory,
+) -> None:
+    watcher, signs, _ = watched
+
+    def sent(k: int, q: np.ndarray) -> None:
+        watcher.sent(k, q)
+        if k == 400:
+            signs.trip("its clearance is gone")
+
+    guard = Guard(driver, arm, cell, clearance, watcher.reason, sent=sent)
+    with guard, pytest.raises(MotionStopped, match="the monitor process found: its clearance is gone") as stopped:
+        guard.run(cleared, "the motion")
+    assert stopped.value.where.endswith("sample 400")
+    assert stopped.value.standstill.at_rest
+    assert isinstance(guard.monitor, Monitor)

@@ -1,0 +1,293 @@
+"""The monitor process: what it takes as verified, when it wants a stop, and when it takes the arm from the guard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safety.clear import ClearedTrajectory, clear
+from safety.collision import Clearance
+from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
+from safety.signs import Sign
+from safety.watcher import silence_of, tube_file
+from safety.watching import REST_AFTER, SLOWER_AFTER, Tube, Watch
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import SafetyStop
+from tests.safety.conftest import PERIOD, sine, state_at
+
+RATE, LATENCY = 500.0, 0.01
+SILENCE = silence_of(RATE, LATENCY)
+
+
+@pytest.fixture(scope="module")
+def motions(arm: Arm, cell: Cell) -> list[ClearedTrajectory]:
+    return [clear(sine(duration=3.0), arm, cell), clear(sine(duration=2.0, amplitude=0.1), arm, cell)]
+
+
+@pytest.fixture
+def tube(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> Tube:
+    return Tube(tube_file(tmp_path, motions), [len(m) for m in motions], arm, cell, RATE)
+
+
+@pytest.fixture
+def watch(arm: Arm, cell: Cell, clearance: Clearance, tube: Tube) -> Watch:
+    return Watch(arm, cell, RATE, clearance, state_at(), LATENCY, tube)
+
+
+def test_a_tube_has_every_sample_of_every_motion_and_no_other(motions: list[ClearedTrajectory], tube: Tube) -> None:
+    for leg, motion in enumerate(motions):
+        for k in (0, 17, len(motion) - 1):
+            found = tube.sample(leg, k)
+            assert found is not None
+            q, expected = found
+            np.testing.assert_array_equal(q, motion.q[k])
+            np.testing.assert_array_equal(expected.tau_hat, motion.tau_hat[k])
+            np.testing.assert_array_equal(expected.doubt, motion.doubt[k])
+            np.testing.assert_array_equal(expected.sudden, motion.sudden[k])
+            np.testing.assert_array_equal(expected.load, motion.load[k])
+            assert expected.room == motion.room[k]
+        assert tube.sample(leg, len(motion)) is None
+        np.testing.assert_array_equal(tube.last(leg)[0], motion.q[-1])
+    for leg, k in ((0, -1), (-1, 0), (2, 0)):
+        assert tube.sample(leg, k) is None
+    assert tube.last(-1) == tube.last(2) == []
+
+
+def test_nobody_else_can_open_the_file_of_a_tube(
+    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path
+) -> None:
+    file = tube_file(tmp_path, motions)
+    Tube(file, [len(m) for m in motions], arm, cell, RATE)
+    assert not file.exists()
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        (0, np.nan, "finite"),
+        (20, np.inf, "finite"),
+        (2, 9.0, "range"),
+        (2, -9.0, "range"),
+        (30, 1e-6, "room"),
+        (3, -1.0, "speed"),
+    ],
+)
+def test_a_tube_that_is_not_fit_to_be_driven_is_refused(
+    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path, column: int, value: float, message: str
+) -> None:
+    file = tube_file(tmp_path, motions)
+    rows = np.load(file, mmap_mode="r+")
+    rows[100, column] = value
+    rows.flush()
+    with pytest.raises(SafetyStop, match=message):
+        Tube(file, [len(m) for m in motions], arm, cell, RATE)
+
+
+def test_a_tube_of_another_length_is_refused(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> None:
+    with pytest.raises(SafetyStop, match="verified samples"):
+        Tube(tube_file(tmp_path, motions), [len(motions[0])], arm, cell, RATE)
+
+
+def test_a_jump_from_one_motion_to_the_next_is_no_speed(
+    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path
+) -> None:
+    middle = [len(motions[0]) // 3, len(motions[0]) - len(motions[0]) // 3]
+    file = tube_file(tmp_path, motions[:1])
+    rows = np.load(file, mmap_mode="r+")
+    rows[middle[0] :, 0] += 0.3
+    rows.flush()
+    Tube(file, middle, arm, cell, RATE)
+
+
+class Seen:
+    """A guard that drives `motion` as leg 0 and an arm that is where it was commanded one period ago."""
+
+    def __init__(self, watch: Watch, motion: ClearedTrajectory) -> None:
+        self.watch, self.motion = watch, motion
+        self.i = 0
+
+    def look(
+        self,
+        k: int,
+        leg: int = 0,
+        silent: float = 0.0,
+        q: np.ndarray | None = None,
+        at: np.ndarray | None = None,
+        **changes: object,
+    ) -> str | None:
+        """The next reading, while the guard shows sample k."""
+        self.i += 1
+        row = min(max(k, 0), len(self.motion) - 1)
+        command = self.motion.q[row] if q is None else q
+        known = {
+            "q": self.motion.q[max(row - 1, 0)] if at is None else at,
+            "dq": self.motion.dq[max(row - 1, 0)],
+            "tau": self.motion.tau_hat[row],
+        }
+        state = state_at(self.i, **(known | changes))
+        return self.watch.look(state, self.i * PERIOD, Sign(self.i * PERIOD - silent, leg, k, command))
+
+    def drive(self, count: int, first: int = 0) -> None:
+        for k in range(first, first + count):
+            assert self.look(k) is None
+            assert self.watch.trip is None
+
+
+@pytest.fixture
+def seen(watch: Watch, motions: list[ClearedTrajectory]) -> Seen:
+    return Seen(watch, motions[0])
+
+
+def held(seen: Seen, k: int, count: int = 5) -> None:
+    for _ in range(count):
+        assert seen.look(HOLDS, q=seen.motion.q[k], dq=np.zeros(6)) is None
+
+
+def test_a_whole_motion_held_before_and_after_is_fine(seen: Seen) -> None:
+    held(seen, 0)
+    seen.drive(len(seen.motion))
+    for _ in range(5):
+        assert seen.look(HOLDS, q=seen.motion.q[-1], dq=np.zeros(6)) is None
+    assert seen.watch.trip is None
+
+
+def test_samples_that_were_not_seen_are_fine_and_so_is_a_hold_at_an_end_that_was_not(seen: Seen) -> None:
+    seen.drive(10)
+    assert seen.look(12) is None
+    held(seen, -1, 1)
+    assert seen.watch.trip is None
+
+
+def test_a_broken_rule_is_shown_and_the_guard_has_its_time(seen: Seen) -> None:
+    seen.drive(300)
+    assert seen.look(300, temperature=np.full(6, 90.0)) is None
+    assert seen.watch.trip is not None
+    assert "temperature" in seen.watch.trip
+    while seen.i * PERIOD < 301 * PERIOD + SILENCE - 1.5 * PERIOD:
+        assert seen.look(300) is None
+    found = seen.look(300)
+    assert found is not None
+    assert "the guard did not stop" in found
+    assert "temperature" in found
+
+
+def test_a_guard_that_is_silent_loses_the_arm(seen: Seen) -> None:
+    seen.drive(300)
+    assert seen.look(300, silent=SILENCE * 0.999) is None
+    found = seen.look(301, silent=SILENCE * 1.001)
+    assert found is not None
+    assert "the guard was silent" in found
+    assert "the guard was silent" in str(seen.look(302, silent=np.nan))
+
+
+def test_a_command_that_was_not_verified_is_a_reason_to_stop(seen: Seen) -> None:
+    seen.drive(300)
+    assert seen.look(300, q=seen.motion.q[300] + np.array([0, 0, 0, 0, 0, 1e-12])) is None
+    assert seen.watch.trip == "command 300 of motion 0 is not one that was verified"
+
+
+@pytest.mark.parametrize("k", [10_000, -7])
+def test_a_sample_that_there_is_not_is_a_reason_to_stop(seen: Seen, k: int) -> None:
+    seen.drive(300)
+    seen.look(k)
+    assert seen.watch.trip is not None
+    assert "is not one that was verified" in seen.watch.trip
+
+
+@pytest.mark.parametrize("k", [298, 300 + int(np.ceil(SILENCE * RATE)) + 1, 700])
+def test_samples_out_of_order_are_a_reason_to_stop(seen: Seen, k: int) -> None:
+    seen.drive(300)
+    seen.look(k)
+    assert seen.watch.trip == f"command {k} of motion 0 comes after 299"
+
+
+def test_a_motion_that_begins_in_its_middle_is_a_reason_to_stop(seen: Seen) -> None:
+    held(seen, 0)
+    seen.look(400, q=seen.motion.q[400])
+    assert seen.watch.trip == "command 400 of motion 0 comes after -1"
+
+
+def test_the_next_motion_begins_anew(seen: Seen, motions: list[ClearedTrajectory]) -> None:
+    seen.drive(len(seen.motion))
+    seen.motion = motions[1]
+    for k in range(3):
+        assert seen.look(k, leg=1) is None
+    assert seen.watch.trip is None
+
+
+def test_a_command_that_changes_while_the_guard_holds_is_a_reason_to_stop(seen: Seen) -> None:
+    held(seen, 0)
+    seen.look(HOLDS, q=seen.motion.q[0] + 1e-9)
+    assert seen.watch.trip == "the command changes while the guard holds the arm"
+
+
+def test_readings_that_end_are_a_reason_to_stop(seen: Seen, watch: Watch) -> None:
+    seen.drive(300)
+    now = (seen.i + 1) * PERIOD
+    assert watch.look(None, now, Sign(now, 0, 300, seen.motion.q[300])) is None
+    assert watch.trip == "the monitor process hears no readings any more"
+
+
+def stopping(watch: Watch, since: float, speed: float, k: int = STOPS) -> str | None:
+    return watch.look(state_at(0, dq=np.full(6, speed)), 10.0 + since, Sign(0.0, 0, k, np.zeros(6)))
+
+
+@pytest.mark.parametrize("k", [STOPS, ENDED])
+def test_a_stop_must_slow_the_arm_down_and_end(watch: Watch, k: int) -> None:
+    assert stopping(watch, 0.0, 0.5, k) is None
+    assert stopping(watch, SLOWER_AFTER - 0.01, 0.6, k) is None
+    assert stopping(watch, SLOWER_AFTER + 0.01, 0.49, k) is None
+    assert not watch.at_rest
+    assert "no slower" in str(stopping(watch, SLOWER_AFTER + 0.02, 0.5, k))
+    assert stopping(watch, REST_AFTER - 0.01, 0.1, k) is None
+    assert "does not stand" in str(stopping(watch, REST_AFTER + 0.01, 0.1, k))
+    assert stopping(watch, REST_AFTER + 0.02, 0.0, k) is None
+    assert watch.at_rest
+    assert stopping(watch, REST_AFTER + 9.0, 0.0, k) is None
+
+
+def test_a_speed_that_is_no_number_is_no_rest(watch: Watch) -> None:
+    assert stopping(watch, 0.0, np.nan) is None
+    assert not watch.at_rest
+    assert "no slower" in str(stopping(watch, SLOWER_AFTER + 0.01, np.nan))
+
+
+def test_who_hears_nothing_of_a_stop_does_not_wait_for_ever(watch: Watch, arm: Arm) -> None:
+    sign = Sign(0.0, 0, STOPS, np.zeros(6))
+    assert watch.look(None, 10.0, sign) is None
+    assert watch.look(None, 10.0 + SLOWER_AFTER - 0.01, sign) is None
+    assert "no slower" in str(watch.look(None, 10.0 + SLOWER_AFTER + 0.01, sign))
+
+
+def test_standing_is_what_the_guard_calls_it(watch: Watch, arm: Arm) -> None:
+    noise = STANDSTILL + 8 * arm.sensors.velocity_noise[0]
+    stopping(watch, 0.0, noise * 1.001)
+    assert not watch.at_rest
+    stopping(watch, 0.01, noise * 0.999)
+    assert watch.at_rest
+
+
+def test_either_process_may_be_silent_as_long_as_a_reading_may_be_late() -> None:
+    assert silence_of(500.0, 0.0) == pytest.approx(3.5 / 500)
+    assert silence_of(500.0, 0.04) == pytest.approx(0.042)
+
+
+def test_an_arm_that_leaves_its_tube_is_seen_without_the_guard(seen: Seen) -> None:
+    seen.drive(300)
+    off = np.zeros(6)
+    for k in range(300, 700):
+        off[0] += 0.5 * PERIOD
+        at = seen.motion.q[k - 1] + off
+        assert seen.look(k, leg=0, silent=0.0, q=seen.motion.q[k], **moved(seen, k, at)) is None
+        if seen.watch.trip is not None:
+            break
+    assert seen.watch.trip is not None
+    assert "j1: following error" in seen.watch.trip
+    assert off[0] < seen.motion.room.max() + 0.01
+
+
+def moved(seen: Seen, k: int, at: np.ndarray) -> dict[str, np.ndarray]:
+    return {"at": at, "dq": seen.motion.dq[k - 1] + np.array([0.5, 0, 0, 0, 0, 0])}
