@@ -77,7 +77,7 @@ class Driver(ABC):
     `rate` is the control and sampling rate, Hz; `clock` is the host clock on which `JointState.t` stands (the mock's is
     simulated). Only `safety.Guard` calls `send`. Every method returns or raises within a bounded time; a value that is older
     than three periods, or than `gap_max` s where that is longer, is never returned as new: that is a DeviceError; every stop has room for
-    `gap_max`. `ready` are the conditions in which `engage` may be called. `control` says what `connect` does to the device beyond
+    `gap_max`. `sole`: whoever else commands must be ended before `halt`, for its commands would go on. `ready` are the conditions in which `engage` may be called. `control` says what `connect` does to the device beyond
     listening, empty where nothing.
     """
 
@@ -87,6 +87,7 @@ class Driver(ABC):
     device_stop: DeviceStop = DeviceStop()
     gap_max: float = 0.0
     control: str = ""
+    sole: bool = False
     ready: frozenset[Status] = frozenset({Status.RUNNING})
 
     @abstractmethod

@@ -2,12 +2,13 @@
 
 It loads arm, cell, plan and approval itself, maps the verified motions of a stage read-only, and checks every reading that it hears with
 the rules of `safety.monitor`. What it finds it shows to the guard, whose stop is the better one. Where the guard is silent, or
-goes on, or its stop does not end, it ends the control process and brakes the arm itself. The guard stops where the monitor process is silent.
+goes on, or its stop does not end, it brakes the arm itself and ends the control process. The guard stops where the monitor process is silent.
 """
 
 from __future__ import annotations
 
 import os
+import select
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -38,6 +39,7 @@ from sim.joint_state import JointState
 # s after which a stopping arm must be slower than when its stop began, and after which it must stand
 SLOWER_AFTER = 0.4
 REST_AFTER = 4.0
+GRACE = 10.0  # s for the control process to end after its device was stopped
 POLL = 5e-4
 KEPT = 1 << 20  # cycles whose time is kept
 
@@ -185,12 +187,15 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
         reason = process.run()
         if reason is not None:
             signs.trip(reason)
-            with suppress(ProcessLookupError):
-                signal.pidfd_send_signal(control, signal.SIGKILL)
+            if driver.sole:
+                _end(control)
             try:
                 driver.halt()
             except DeviceError as error:
                 reason = f"{reason}; {error}"
+            # whoever finds the device stopped closes the log and says why; who hangs does not
+            if not select.select([control], [], [], GRACE)[0]:
+                _end(control)
             record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
     except (EOFError, OSError):  # the control process has ended, with the arm at rest
         pass
@@ -198,6 +203,12 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
         write(talk, str(error))
     finally:
         driver.close()
+
+
+def _end(process: int) -> None:
+    """SIGKILL to the process of a pidfd, where there still is one."""
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(process, signal.SIGKILL)
 
 
 class _Process:

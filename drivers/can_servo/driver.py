@@ -42,6 +42,7 @@ class CanServo(Driver):
     """
 
     ready = frozenset({Status.RUNNING, Status.IDLE})
+    sole = True
 
     def __init__(
         self, arm: Arm, options: CanOptions, rest: np.ndarray | None, clock: Clock, open_link: Callable[[], Link],

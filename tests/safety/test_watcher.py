@@ -220,6 +220,7 @@ class Beside:
     ) -> None:
         monkeypatch.setattr(os, "setsid", lambda: None)
         monkeypatch.setattr(realtime, "prepare", dict)
+        monkeypatch.setattr(watching, "GRACE", 0.3)
         self.plan, self.arm, self.cell = place
         self.signs = Signs(6, CONTEXT)
         self.audit = folder / "audit.jsonl"
@@ -307,6 +308,29 @@ def test_the_control_process_that_is_silent_is_ended_and_the_arm_halted(
     (entry,) = audit.verify(beside.audit)
     assert entry["event"] == "monitor took over"
     assert "the guard was silent" in entry["facts"]["reason"]
+
+
+@pytest.mark.parametrize("sole", [False, True])
+def test_who_must_be_alone_is_alone_before_the_halt(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sole: bool
+) -> None:
+    at_halt: list[int | None] = []
+    monkeypatch.setattr(Ear, "sole", sole)
+    monkeypatch.setattr(beside.ear, "halt", lambda: at_halt.append(beside.ended()))
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert at_halt == [signal.SIGKILL if sole else None]
+    if not sole:
+        assert beside.ended() == signal.SIGKILL
+
+
+def test_a_control_process_that_ends_by_itself_after_the_halt_is_not_killed(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(beside.ear, "halt", lambda: os.kill(beside.child, signal.SIGTERM))
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert beside.ended() == signal.SIGTERM
 
 
 def test_a_device_that_takes_no_stop_is_written_down(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
@@ -21,7 +22,7 @@ from sim.emulated.can.stepped import SteppedBus
 from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState
 from tests.drivers.can_servo.conftest import Bench, cell_of
-from tests.drivers.can_servo.test_wire import started, swing, wire_cell
+from tests.drivers.can_servo.test_wire import WATCHDOG, started, swing, wire_cell
 
 
 class Heard(can.BusABC):
@@ -173,3 +174,48 @@ def stating_ranges(cell: Cell, driver: CanServo) -> Cell:
     ]
     table = cell.table.model_copy(update={"options": {**cell.table.options, "servos": servos}})
     return dataclasses.replace(cell, table=table)
+
+
+def test_who_listened_brakes_and_holds_the_arm_in_place_of_a_program_that_is_gone(tmp_path, servo6) -> None:
+    emulator, cell = started(wire_cell("socketcand", tmp_path), servo6)
+    rest = np.array(cell.table.rest)
+    commanding = CanServo.from_cell(cell, servo6)
+    at_work = threading.Thread(target=swing, args=(commanding, rest, 20))
+    try:
+        commanding.connect()
+        listening = CanServo.from_cell(stating_ranges(cell, commanding), servo6)
+        assert listening.beside() == ""
+        assert listening.sole
+        at_work.start()
+        listening.listen()
+        while at_work.is_alive():
+            last = listening.read()
+        # the program is gone, and so is what held the arm for it; its drives would let go after WATCHDOG
+        commanding._holder.release()
+        assert commanding._link is not None
+        commanding._link.close()
+        listening.halt()
+        time.sleep(3 * WATCHDOG)
+        assert emulator.bus.body.live.all()
+        with pytest.raises(DeviceError, match="it is held"):
+            listening.close()
+        time.sleep(3 * WATCHDOG)
+        assert emulator.bus.body.live.all()
+        assert np.max(np.abs(emulator.bus.body.plant.read().q - last.q)) < 0.1
+        listening.release()
+        assert not emulator.bus.body.live.any()
+    finally:
+        at_work.join()
+        emulator.stop()
+
+
+def test_who_has_heard_nothing_does_not_command(tmp_path, servo6) -> None:
+    with pytest.raises(DeviceError, match="nobody has listened"):
+        CanServo.from_cell(wire_cell("socketcand", tmp_path), servo6).halt()
+
+
+@pytest.mark.parametrize(
+    ("interface", "why"), [("slcan", "nobody can listen"), ("virtual", "one process"), ("socketcand", "ranges")]
+)
+def test_why_a_second_program_cannot_hear_a_bus(tmp_path, servo6, interface: str, why: str) -> None:
+    assert why in CanServo.from_cell(wire_cell(interface, tmp_path), servo6).beside()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
 from drivers.ur_rtde.driver import UrDriver
 from sim.emulated.ur.robot import STOPPED
 from sim.errors import DeviceError
-from tests.drivers.ur_rtde.conftest import ZERO, Pair
+from sim.joint_state import Status
+from tests.drivers.ur_rtde.conftest import LONG, ZERO, Pair, stream
 
 
 def test_a_listener_hears_and_leaves_no_trace(pair: Pair) -> None:
@@ -48,3 +51,31 @@ def test_it_says_what_the_controller_believes_to_carry(pair: Pair) -> None:
     for _ in range(250):
         driver.read()
     assert driver.declared_payload() == (1.5, (0.0, 0.01, 0.05))
+
+
+def test_a_listener_halts_an_arm_that_another_moves(pair: Pair) -> None:
+    emulator, driver = pair()
+    listener = UrDriver(driver.arm, driver.options)
+    assert listener.beside() == ""
+    try:
+        with driver:
+            listener.listen()
+            assert stream(driver, 0.5, speed=0.3).dq[0] > 0.1
+            listener.halt()
+            end = time.monotonic() + LONG
+            while (state := driver.read()).status is Status.RUNNING:
+                assert time.monotonic() < end
+            assert "program" in state.detail
+            while np.max(np.abs(listener.read().dq)) > 1e-3:
+                assert time.monotonic() < end
+    finally:
+        listener.close()
+    assert emulator.robot.program_name in ("", "halt")
+
+
+def test_a_controller_that_takes_no_program_takes_no_halt(pair: Pair) -> None:
+    emulator, driver = pair()
+    driver.listen()
+    emulator.stop()
+    with pytest.raises(DeviceError, match="took no stop"):
+        driver.halt()
