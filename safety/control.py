@@ -26,10 +26,10 @@ from safety import realtime
 from safety.audit import record
 from safety.board import Board
 from safety.execution import NEVER, RunProgress, RunResult, execute
+from safety.monitor_link import MonitorLink
 from safety.plan import Plan, load_plan
 from safety.signs import Signs
 from safety.stop_sources import REASONS, StopSignals, first_reason
-from safety.watcher import Watcher
 from safety.watching import Task as WatchTask
 from safety.watching import watch as watch_stages
 from sim.arm import Arm, load_arm
@@ -57,7 +57,7 @@ class _Task:
     stages: tuple[float, ...] | None
     operator: str
     parent: int
-    watcher: tuple[Signs, Connection] | None
+    link: tuple[Signs, Connection] | None
 
 
 def is_simulated(cell: Cell) -> bool:
@@ -102,7 +102,7 @@ def drive(
     board = Board(arm.n, context)
     answer: Any = context.Queue()
     wanted = None if stages is None else tuple(stages)
-    alone = _alone(driver_factory(cell, arm))
+    alone = _alone(driver_factory, cell, arm)
     signs, ends = Signs(arm.n, context), context.Pipe()
     files = plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory
     task = _Task(*files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]))
@@ -138,11 +138,14 @@ def drive(
     return value  # type: ignore[no-any-return]
 
 
-def _alone(driver: Driver) -> str:
+def _alone(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm: Arm) -> str:
     """Why no monitor process can look at this device beside the control process; empty where one can."""
     if not hasattr(os, "pidfd_open"):
         return "this system has no pidfd_open, so nobody could end a hung control process for certain"
-    return driver.beside()
+    try:
+        return driver_factory(cell, arm).beside()
+    except Exception as error:  # the control process meets it too, and reports it
+        return f"its driver cannot be made: {error}"
 
 
 def _let_go(processes: list[Any], board: Board, sentence: str, held: Callable[[str], None]) -> None:
@@ -203,7 +206,7 @@ def _watched(
 def _serve(task: _Task, board: Board, answer: Any) -> None:
     """The control process."""
     os.setsid()
-    watcher = None if task.watcher is None else Watcher(*task.watcher)
+    link = None if task.link is None else MonitorLink(*task.link)
     try:
         plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
         realtime.prepare()
@@ -220,7 +223,7 @@ def _serve(task: _Task, board: Board, answer: Any) -> None:
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_requested=stop_requested, watch=board.show, watcher=watcher,
+            stop_requested=stop_requested, watch=board.show, link=link,
         )  # fmt: skip
         answer.put(("done", result))
     except BaseException as error:

@@ -25,13 +25,13 @@ from safety.guard import Cycle, Guard, Window
 from safety.latency import latency_of
 from safety.manifest import Manifest, device_facts, digest_of, require_same
 from safety.monitor import compile_cycle
+from safety.monitor_link import MonitorLink, seen
 from safety.plan import Plan, check_plan
 from safety.plausible import check_plausible
 from safety.realtime import unhurried
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
 from safety.trip import MotionStopped
-from safety.watcher import Watcher, seen
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock
@@ -99,13 +99,13 @@ def execute(
     stop_requested: Callable[[], str | None] = NEVER,
     watch: Callable[[RunProgress], None] = lambda progress: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
-    watcher: Watcher | None = None,
+    link: MonitorLink | None = None,
 ) -> RunResult:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
     stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
     reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
-    way; whatever was recorded then is closed as aborted. watcher: the monitor process, where there is one.
+    way; whatever was recorded then is closed as aborted. link: the monitor process, where there is one.
     """
     check_plan(plan, arm, cell)
     approval = approval_of(plan)
@@ -133,7 +133,7 @@ def execute(
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())
-            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch, watcher)
+            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch, link)
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
         stopped = error.record() if isinstance(error, MotionStopped) else {}
@@ -169,9 +169,9 @@ class _Run:
     def __init__(
         self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
         stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
-        watcher: Watcher | None,
+        link: MonitorLink | None,
     ) -> None:  # fmt: skip
-        self.watcher, self.monitored = watcher, list[dict[str, float]]()
+        self.link, self.monitored = link, list[dict[str, float]]()
         self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
         self.operator, self.stop_requested, self.watch = operator, stop_requested, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
@@ -218,8 +218,8 @@ class _Run:
             with self._guarded(legs) as guard:
                 for number, leg in enumerate(legs):
                     self._what = leg.what
-                    if self.watcher is not None:
-                        self.watcher.leg = number
+                    if self.link is not None:
+                        self.link.leg = number
                     self._left -= len(leg.cleared) / self.driver.rate + PAUSE
                     guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
                     guard.hold(PAUSE, f"after {leg.what}")
@@ -231,8 +231,8 @@ class _Run:
                 except CalibError as second:
                     error.add_note(str(second))
             raise
-        if self.watcher is not None:
-            self.monitored.append(self.watcher.end())
+        if self.link is not None:
+            self.monitored.append(self.link.end())
         for log in logs.values():
             log.close()
         worst = guard.monitor.worst
@@ -240,14 +240,14 @@ class _Run:
 
     def _guarded(self, legs: Sequence[_Leg]) -> AbstractContextManager[Guard]:
         """The guard of a stage; seen by the monitor process where there is one."""
-        given, watcher = (self.driver, self.arm, self.cell, self.clearance), self.watcher
-        if watcher is None:
+        given, link = (self.driver, self.arm, self.cell, self.clearance), self.link
+        if link is None:
             return Guard(*given, self.stop_requested, self._watch_cycle, self.latency)
         self.watch(RunProgress("the monitor process takes the verified motions", 0.0, None))
         with unhurried():
-            watcher.begin([leg.cleared for leg in legs], self.driver.rate, self.latency, self.folder)
-        reason = first_reason(self.stop_requested, watcher.reason)
-        return seen(watcher, lambda sent: Guard(*given, reason, self._watch_cycle, self.latency, sent))
+            link.begin([leg.cleared for leg in legs], self.driver.rate, self.latency, self.folder)
+        reason = first_reason(self.stop_requested, link.reason)
+        return seen(link, lambda sent: Guard(*given, reason, self._watch_cycle, self.latency, sent))
 
     def _legs(self, q: np.ndarray, speeds: Sequence[float]) -> dict[float, list[_Leg]]:
         """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""

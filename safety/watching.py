@@ -27,10 +27,10 @@ from safety.audit import record
 from safety.collision import Clearance
 from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
 from safety.monitor import Expected, Monitor
+from safety.monitor_link import Order, read, silence_of, write
 from safety.plan import check_plan, load_plan
 from safety.plausible import check_plausible
 from safety.signs import Sign, Signs
-from safety.watcher import Order, read, silence_of, write
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import CalibError, DeviceError, SafetyStop
@@ -44,7 +44,7 @@ POLL = 5e-4
 KEPT = 1 << 20  # cycles whose time is kept
 
 
-class Tube:
+class VerifiedSamples:
     """The verified motions of one stage, mapped read-only from a file that nobody else can open any more.
 
     SafetyStop where a number is not finite, leaves the arm's range or speed, or has less room beside it than the cell asks for.
@@ -86,7 +86,7 @@ class Watch:
     """The rules of one stage. `look` at every reading; `trip` is why the guard was asked to stop, None as long as it was not."""
 
     def __init__(
-        self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float, tube: Tube
+        self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float, tube: VerifiedSamples
     ) -> None:
         self.trip: str | None = None
         self._monitor = Monitor(arm, cell, rate, clearance, first, latency)
@@ -222,7 +222,7 @@ class _Process:
         """Stage after stage; why the arm must be taken from the guard. EOFError where the control process has ended."""
         while True:
             order = Order(**read(self._talk))
-            tube = Tube(Path(order.file), order.counts, self._arm, self._cell, order.rate)
+            tube = VerifiedSamples(Path(order.file), order.counts, self._arm, self._cell, order.rate)
             write(self._talk, True)
             while self._signs.last().k == ENDED:
                 if self._talk.poll(POLL):
@@ -236,7 +236,7 @@ class _Process:
                 {"cycles": len(spent), "p50 us": float(p50), "p99.9 us": float(p999), "max us": float(1e6 * spent.max())},
             )
 
-    def _stage(self, order: Order, tube: Tube) -> tuple[str | None, np.ndarray]:
+    def _stage(self, order: Order, tube: VerifiedSamples) -> tuple[str | None, np.ndarray]:
         spent, count = np.zeros(KEPT), 0
         rules = Watch(self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate), order.latency, tube)
         clock = self._driver.clock

@@ -10,9 +10,9 @@ import pytest
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
+from safety.monitor_link import silence_of, tube_file
 from safety.signs import Sign
-from safety.watcher import silence_of, tube_file
-from safety.watching import REST_AFTER, SLOWER_AFTER, Tube, Watch
+from safety.watching import REST_AFTER, SLOWER_AFTER, VerifiedSamples, Watch
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -28,16 +28,16 @@ def motions(arm: Arm, cell: Cell) -> list[ClearedTrajectory]:
 
 
 @pytest.fixture
-def tube(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> Tube:
-    return Tube(tube_file(tmp_path, motions), [len(m) for m in motions], arm, cell, RATE)
+def tube(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> VerifiedSamples:
+    return VerifiedSamples(tube_file(tmp_path, motions), [len(m) for m in motions], arm, cell, RATE)
 
 
 @pytest.fixture
-def watch(arm: Arm, cell: Cell, clearance: Clearance, tube: Tube) -> Watch:
+def watch(arm: Arm, cell: Cell, clearance: Clearance, tube: VerifiedSamples) -> Watch:
     return Watch(arm, cell, RATE, clearance, state_at(), LATENCY, tube)
 
 
-def test_a_tube_has_every_sample_of_every_motion_and_no_other(motions: list[ClearedTrajectory], tube: Tube) -> None:
+def test_a_tube_has_every_sample_of_every_motion_and_no_other(motions: list[ClearedTrajectory], tube: VerifiedSamples) -> None:
     for leg, motion in enumerate(motions):
         for k in (0, 17, len(motion) - 1):
             found = tube.sample(leg, k)
@@ -60,7 +60,7 @@ def test_nobody_else_can_open_the_file_of_a_tube(
     motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path
 ) -> None:
     file = tube_file(tmp_path, motions)
-    Tube(file, [len(m) for m in motions], arm, cell, RATE)
+    VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
     assert not file.exists()
 
 
@@ -83,12 +83,12 @@ def test_a_tube_that_is_not_fit_to_be_driven_is_refused(
     rows[100, column] = value
     rows.flush()
     with pytest.raises(SafetyStop, match=message):
-        Tube(file, [len(m) for m in motions], arm, cell, RATE)
+        VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
 
 
 def test_a_tube_of_another_length_is_refused(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> None:
     with pytest.raises(SafetyStop, match="verified samples"):
-        Tube(tube_file(tmp_path, motions), [len(motions[0])], arm, cell, RATE)
+        VerifiedSamples(tube_file(tmp_path, motions), [len(motions[0])], arm, cell, RATE)
 
 
 def test_a_jump_from_one_motion_to_the_next_is_no_speed(
@@ -99,7 +99,7 @@ def test_a_jump_from_one_motion_to_the_next_is_no_speed(
     rows = np.load(file, mmap_mode="r+")
     rows[middle[0] :, 0] += 0.3
     rows.flush()
-    Tube(file, middle, arm, cell, RATE)
+    VerifiedSamples(file, middle, arm, cell, RATE)
 
 
 class Seen:

@@ -22,10 +22,10 @@ from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
 from safety.guard import ENDED, HOLDS, Guard
 from safety.monitor import Monitor
+from safety.monitor_link import ANSWER_TIME, MonitorLink, read, seen, write
 from safety.plan import Motion, Plan, write_plan
 from safety.signs import Signs
 from safety.trip import MotionStopped
-from safety.watcher import ANSWER_TIME, Watcher, read, seen, write
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.clock import MonotonicClock
@@ -91,36 +91,36 @@ def answering(talk: Connection, answers: list[object]) -> tuple[threading.Thread
 def test_a_stage_is_handed_over_and_its_file_does_not_stay(
     cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path
 ) -> None:
-    watcher = Watcher(Signs(6, CONTEXT), talk[0])
+    link = MonitorLink(Signs(6, CONTEXT), talk[0])
     thread, got = answering(talk[1], [True])
-    watcher.begin([cleared, cleared], RATE, 0.01, tmp_path)
+    link.begin([cleared, cleared], RATE, 0.01, tmp_path)
     thread.join()
     assert got == [{"file": str(tmp_path / "tube.npy"), "counts": [len(cleared)] * 2, "rate": RATE, "latency": 0.01}]
     assert list(tmp_path.iterdir()) == []
     write(talk[1], {"cycles": 7})
-    assert watcher.end() == {"cycles": 7}
+    assert link.end() == {"cycles": 7}
 
 
 @pytest.mark.parametrize("answer", ["the approval is for another cell", None])
 def test_a_monitor_process_that_refuses_or_has_ended_is_a_refusal(
     cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, answer: str | None
 ) -> None:
-    watcher = Watcher(Signs(6, CONTEXT), talk[0])
+    link = MonitorLink(Signs(6, CONTEXT), talk[0])
     if answer is None:
         talk[1].close()
     else:
         write(talk[1], answer)
     with pytest.raises(SafetyStop, match="another cell" if answer else "it has ended"):
-        watcher.begin([cleared], RATE, 0.01, tmp_path)
+        link.begin([cleared], RATE, 0.01, tmp_path)
 
 
 def test_a_monitor_process_that_does_not_answer_is_a_refusal(
     cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert ANSWER_TIME > 0
-    monkeypatch.setattr("safety.watcher.ANSWER_TIME", 0.01)
+    monkeypatch.setattr("safety.monitor_link.ANSWER_TIME", 0.01)
     with pytest.raises(SafetyStop, match="no answer in"):
-        Watcher(Signs(6, CONTEXT), talk[0]).begin([cleared], RATE, 0.01, tmp_path)
+        MonitorLink(Signs(6, CONTEXT), talk[0]).begin([cleared], RATE, 0.01, tmp_path)
 
 
 class At:
@@ -133,54 +133,54 @@ class At:
 
 
 @pytest.fixture
-def watched(cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path) -> tuple[Watcher, Signs, At]:
+def watched(cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path) -> tuple[MonitorLink, Signs, At]:
     signs, clock = Signs(6, CONTEXT), At()
-    watcher = Watcher(signs, talk[0], clock)
+    link = MonitorLink(signs, talk[0], clock)
     write(talk[1], True)
-    watcher.begin([cleared], 500.0, 0.01, tmp_path)
-    return watcher, signs, clock
+    link.begin([cleared], 500.0, 0.01, tmp_path)
+    return link, signs, clock
 
 
-def test_the_guard_stops_where_the_monitor_process_is_silent(watched: tuple[Watcher, Signs, At]) -> None:
-    watcher, signs, clock = watched
-    assert watcher.reason() is None
-    assert not watcher.sees
+def test_the_guard_stops_where_the_monitor_process_is_silent(watched: tuple[MonitorLink, Signs, At]) -> None:
+    link, signs, clock = watched
+    assert link.reason() is None
+    assert not link.sees
     signs.looked(5.0)
-    assert watcher.sees
+    assert link.sees
     clock.now = 5.0119
-    assert watcher.reason() is None
+    assert link.reason() is None
     clock.now = 5.0121
-    assert watcher.reason() == "the monitor process was silent for 12 ms, 12 ms are allowed"
+    assert link.reason() == "the monitor process was silent for 12 ms, 12 ms are allowed"
     clock.now = float("nan")
-    assert "was silent" in str(watcher.reason())
+    assert "was silent" in str(link.reason())
 
 
-def test_the_guard_stops_where_the_monitor_process_wants_it_to(watched: tuple[Watcher, Signs, At]) -> None:
-    watcher, signs, _ = watched
+def test_the_guard_stops_where_the_monitor_process_wants_it_to(watched: tuple[MonitorLink, Signs, At]) -> None:
+    link, signs, _ = watched
     signs.trip("j1: following error")
-    assert watcher.reason() == "the monitor process found: j1: following error"
+    assert link.reason() == "the monitor process found: j1: following error"
 
 
 def test_every_command_is_shown(
-    watched: tuple[Watcher, Signs, At],
+    watched: tuple[MonitorLink, Signs, At],
     driver: PerfectDriver,
     arm: Arm,
     cell: Cell,
     clearance: Clearance,
     cleared: ClearedTrajectory,
 ) -> None:
-    watcher, signs, _ = watched
+    link, signs, _ = watched
     shown: list[tuple[int, np.ndarray]] = []
 
     def sent(k: int, q: np.ndarray) -> None:
-        watcher.sent(k, q)
+        link.sent(k, q)
         signs.looked(5.0)
         shown.append((signs.last().k, signs.last().q))
 
-    guard = Guard(driver, arm, cell, clearance, watcher.reason, sent=sent)
+    guard = Guard(driver, arm, cell, clearance, link.reason, sent=sent)
     with guard:
         guard.hold(0.01, "before")
-        watcher.leg = 3
+        link.leg = 3
         guard.run(cleared, "the motion")
         assert signs.last().leg == 3
         guard.hold(0.01, "after")
@@ -190,17 +190,17 @@ def test_every_command_is_shown(
 
 
 def test_the_guard_waits_until_it_is_seen(
-    watched: tuple[Watcher, Signs, At], driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance
+    watched: tuple[MonitorLink, Signs, At], driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance
 ) -> None:
-    watcher, signs, _ = watched
+    link, signs, _ = watched
     with (
         pytest.raises(SafetyStop, match="saw no reading"),
-        seen(watcher, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)),
+        seen(link, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)),
     ):
         raise AssertionError("the guard was not seen")
     assert signs.last().k == ENDED
     signs.looked(5.0)
-    with seen(watcher, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)) as guard:
+    with seen(link, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)) as guard:
         assert guard.q.shape == (6,)
 
 
@@ -232,7 +232,7 @@ class Beside:
             os._exit(0)
         self.state: JointState | None = state_at(0, q=np.array(self.cell.table.home))
         self.ear = Ear(self.arm, self.cell, self.heard)
-        self.watcher = Watcher(self.signs, talk[0])
+        self.link = MonitorLink(self.signs, talk[0])
         task = watching.Task(
             self.plan.folder, self.cell.path, self.arm.model_path.parent, lambda cell, arm: self.ear, self.audit, self.child
         )
@@ -251,14 +251,14 @@ class Beside:
         )
 
     def begin(self, cleared: ClearedTrajectory, folder: Path) -> None:
-        self.watcher.begin([cleared], RATE, 0.5, folder)
+        self.link.begin([cleared], RATE, 0.5, folder)
         self.show(HOLDS, cleared.q[0])
-        while not self.watcher.sees:
+        while not self.link.sees:
             self.show(HOLDS, cleared.q[0])
             time.sleep(0.005)
 
     def show(self, k: int, q: np.ndarray) -> None:
-        self.watcher.sent(k, q)
+        self.link.sent(k, q)
 
     def ended(self) -> int | None:
         """The signal that ended the control process, or None; waits a while for one."""
@@ -290,7 +290,7 @@ def test_a_stage_ends_with_what_was_measured_and_another_may_follow(
     for _ in range(2):
         beside.begin(cleared, tmp_path)
         beside.show(ENDED, cleared.q[0])
-        found = beside.watcher.end()
+        found = beside.link.end()
         assert found["cycles"] >= 1
         assert 0 < found["p50 us"] <= found["p99.9 us"] <= found["max us"]
     assert beside.ear.listens == 1
@@ -353,9 +353,9 @@ def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: Clear
         assert time.monotonic() < end
         beside.show(HOLDS, cleared.q[0])
         time.sleep(0.005)
-    assert beside.watcher.reason() == "the monitor process found: the monitor process hears no readings any more"
+    assert beside.link.reason() == "the monitor process found: the monitor process hears no readings any more"
     beside.show(ENDED, cleared.q[0])
-    assert beside.watcher.end()["cycles"] > 0
+    assert beside.link.end()["cycles"] > 0
 
 
 @pytest.mark.parametrize("when", ["before", "stopped"])
@@ -363,7 +363,7 @@ def test_the_monitor_process_ends_with_the_control_process(
     beside: Beside, cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, when: str
 ) -> None:
     if when == "before":
-        beside.watcher.begin([cleared], RATE, 0.5, tmp_path)
+        beside.link.begin([cleared], RATE, 0.5, tmp_path)
     else:
         beside.begin(cleared, tmp_path)
         beside.show(-2, cleared.q[0])
@@ -393,7 +393,7 @@ def test_an_approval_that_is_missing_is_refused(
     made = Beside(place, talk, tmp_path, monkeypatch)
     made.thread.join(20.0)
     with pytest.raises(SafetyStop, match="nobody has approved"):
-        made.watcher.begin([cleared], RATE, 0.5, tmp_path)
+        made.link.begin([cleared], RATE, 0.5, tmp_path)
     os.kill(made.child, signal.SIGKILL)
     os.waitpid(made.child, 0)
 
@@ -417,21 +417,21 @@ def test_old_readings_are_passed_over(arm: Arm, cell: Cell, talk: tuple[Connecti
 
 
 def test_the_first_stop_of_the_monitor_process_is_the_guards(
-    watched: tuple[Watcher, Signs, At],
+    watched: tuple[MonitorLink, Signs, At],
     driver: PerfectDriver,
     arm: Arm,
     cell: Cell,
     clearance: Clearance,
     cleared: ClearedTrajectory,
 ) -> None:
-    watcher, signs, _ = watched
+    link, signs, _ = watched
 
     def sent(k: int, q: np.ndarray) -> None:
-        watcher.sent(k, q)
+        link.sent(k, q)
         if k == 400:
             signs.trip("its clearance is gone")
 
-    guard = Guard(driver, arm, cell, clearance, watcher.reason, sent=sent)
+    guard = Guard(driver, arm, cell, clearance, link.reason, sent=sent)
     with guard, pytest.raises(MotionStopped, match="the monitor process found: its clearance is gone") as stopped:
         guard.run(cleared, "the motion")
     assert stopped.value.where.endswith("sample 400")

@@ -24,7 +24,7 @@ PAUSE = 0.1
 
 
 def tube_file(folder: Path, motions: Sequence[ClearedTrajectory]) -> Path:
-    """The samples of these motions in one file, for a `Tube`."""
+    """The samples of these motions in one file, for a `VerifiedSamples`."""
     file = folder / "tube.npy"
     out = np.lib.format.open_memmap(file, "w+", float, (sum(map(len, motions)), 5 * motions[0].q.shape[1] + 1))
     begin = 0
@@ -59,7 +59,7 @@ class Order(NamedTuple):
     latency: float
 
 
-class Watcher:
+class MonitorLink:
     """The guard's side of the monitor process."""
 
     def __init__(self, signs: Signs, talk: Connection, clock: Callable[[], float] = time.monotonic) -> None:
@@ -114,12 +114,12 @@ class Watcher:
 
 
 @contextmanager
-def seen(watcher: Watcher, make: Callable[[Callable[[int, np.ndarray], None]], Guard]) -> Iterator[Guard]:
+def seen(link: MonitorLink, make: Callable[[Callable[[int, np.ndarray], None]], Guard]) -> Iterator[Guard]:
     """The guard that `make` makes, entered, once the monitor process sees the arm; SafetyStop where it does not within SEEN_TIME."""
-    with make(watcher.sent) as guard:
+    with make(link.sent) as guard:
         for _ in range(round(SEEN_TIME / PAUSE)):
             guard.hold(PAUSE, "until the monitor process sees the arm")
-            if watcher.sees:
+            if link.sees:
                 break
         else:
             raise SafetyStop(
