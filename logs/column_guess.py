@@ -147,7 +147,9 @@ def _groups(table: Table, time: str) -> dict[str, list[dict[str, str]]]:
         if name == time or set(words) & ACCELERATIONS:
             continue
         hit = next((word for word in WORDS if word in words), None)
-        commanded = bool(set(words) & COMMANDED)
+        inside = re.search(r"\[(.*)\]$", name)
+        named = bool(inside and not inside[1].isdigit())  # by its joint, which may be called d or ref
+        commanded = bool(set(_words(name.partition("[")[0]) if named else words) & COMMANDED)
         if hit is None and "action" not in words:
             continue
         channel = WORDS[hit] if hit else "q"
@@ -157,8 +159,7 @@ def _groups(table: Table, time: str) -> dict[str, list[dict[str, str]]]:
             continue
         numbers = [word for word in words if word.isdigit()]
         rest = [word for word in words if word not in {hit} | COMMANDED | MEASURED | set(UNIT_WORDS) - {"a", "s", "c", "k"}]
-        inside = re.search(r"\[(.*)\]$", name)
-        if inside and not inside[1].isdigit():
+        if inside and named:
             key, stem = re.sub(r"[._ ](pos|position)$", "", inside[1]), name[: inside.start()]
         elif numbers:
             key, stem = numbers[-1], " ".join(word for word in words if not word.isdigit())

@@ -95,7 +95,8 @@ class Correction:
             case "scale":
                 whose = f"of {at[0]} " if at else "of every joint "
                 return f"{reading} {whose}is {self.factor:.3g} times too large (gear ratio or unit)"
-        return f"the torque (or current) lags the positions by {self.factor:+.2f} s: another clock"
+        way = "lags" if self.factor > 0 else "leads"
+        return f"the torque (or current) {way} the positions by {abs(self.factor):.3g} s: another clock"
 
 
 def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None = None) -> Log:

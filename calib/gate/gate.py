@@ -154,7 +154,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
     other = _other(arm, s, fit, sizes, family) if known else None
-    out.append(_columns(arm, found, ties))
+    out.append(_columns(arm, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))
     return out
 
@@ -180,14 +180,17 @@ def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
     return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
 
 
-def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep]) -> GateCheck:
+def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep], gains: np.ndarray) -> GateCheck:
+    """gains (n,): logarithm of every joint's residual as recorded over that of the corrected reading."""
     if not found:
         return GateCheck("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
-    whole = sum(step.gain for step in found)
     shown = [*found, *ties]
     causes = tuple(Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown)
-    detail = f"the torque (or current) does not match the motion; read another way, the residual is {1 - math.exp(-whole):.0%} smaller"
+    detail = "the torque (or current) does not match the motion"
+    if np.isfinite(gains).any():
+        joint = int(np.nanargmax(gains))
+        detail += f"; read another way, the residual of {names[joint]} is {1 - math.exp(-gains[joint]):.0%} smaller"
     return GateCheck("torque", False, detail, causes, names)
 
 

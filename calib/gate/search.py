@@ -23,6 +23,9 @@ SURE_GAIN = 0.4  # twice what any gained as a whole: a short chirp among frictio
 LEAST_SHIFT_GAIN = 0.25
 PARTS = 3
 MOST_STEPS = 5
+FAR_STEP, FARTHEST, FAR_SHARE, FAR_GAIN = 0.2, 20.0, 0.4, 0.5  # s; share of the recording; what more it must gain
+HARDLY, ALONE_GAIN = 0.5, 2.0  # of a joint's readings, in the median; and what a shift must gain that nothing else speaks for
+TRIED, FINER = 17, 3  # shifts at once, and how often an eighth of their range is looked at again
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def _each(s: Signals, part: str, change: Callable[[np.ndarray], np.ndarray]) -> 
     if part in ("tau", "all"):
         out["load"] = change(s.load)
         out["late"] = np.stack([change(x) for x in s.late]) if len(s.late) else s.late
+        out["series"] = change(s.series)
     return replace(s, **out)
 
 
@@ -70,18 +74,53 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep]
     rivals: list[GainStep] = []
     for _ in range(MOST_STEPS):
         ways = ranked(arm, s, shifts)
-        if not ways or not (ways[0].gain > SURE_GAIN or _holds(arm, s, ways[0].correction)):
+        best = ways[0] if ways and (ways[0].gain > SURE_GAIN or _holds(arm, s, ways[0].correction)) else None
+        best = _far(arm, s, best) if len(shifts) else best
+        if best is None:
             break
-        best = ways[0]
-        rivals = rivals if out else ways[1:]
-        out.append(best)
+        rivals = rivals if out else [w for w in ways if w is not best]
         if best.correction.kind == "shift":
-            k = list(shifts).index(best.correction.factor)
-            s = replace(s, load=s.late[k], late=s.late[:0])
+            best = _exactly(arm, s, best, shifts)
+            s = replace(s, load=s.later(best.correction.factor), late=s.late[:0])
             shifts = ()
         else:
             s = read_as(s, best.correction)
+        out.append(best)
     return out, rivals, s
+
+
+def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
+    """The shift by any seconds that makes the model fit far better than what was found; where nothing was, of a model that hardly fits."""
+    equations = normal(s, model_torque(arm, s))
+    base = equations.own(s.load)
+    if found is None:
+        left = np.diagonal(equations.left(s.load))
+        if not np.isfinite(left).any() or np.nanmedian(left) < HARDLY:
+            return None
+    most = min(FARTHEST, FAR_SHARE * float(np.ptp(s.t)) if len(s) else 0.0)
+    every = [side * by for by in np.arange(FAR_STEP, most, FAR_STEP) for side in (-1.0, 1.0)]
+    gains = [_gain(base, left) for left in own_of([(equations, s.later(by)) for by in every])] if every else []
+    k = int(np.argmax(gains)) if gains else -1
+    if k < 0 or not gains[k] > (ALONE_GAIN if found is None else found.gain + FAR_GAIN):
+        return found
+    return GainStep(Correction("shift", "tau", (), float(every[k])), gains[k])
+
+
+def _exactly(arm: Arm, s: Signals, found: GainStep, shifts: Sequence[float]) -> GainStep:
+    """The shift between the neighbours of the one that was found, of `shifts`, at which the model fits best."""
+    equations = normal(s, model_torque(arm, s))
+    base, known, by = equations.own(s.load), sorted({0.0, *shifts}), found.correction.factor
+    k = known.index(by) if by in known else -1
+    low, high = (known[max(k - 1, 0)], known[min(k + 1, len(known) - 1)]) if k >= 0 else (by - FAR_STEP, by + FAR_STEP)
+    best, gained = found.correction, found.gain
+    for _ in range(FINER):
+        every = np.linspace(low, high, TRIED)
+        gains = [_gain(base, left) for left in own_of([(equations, s.later(by)) for by in every])]
+        k = int(np.argmax(gains))
+        if gains[k] > gained:
+            best, gained = replace(found.correction, factor=float(f"{every[k]:.3g}")), gains[k]
+        low, high = every[max(k - 1, 0)], every[min(k + 1, TRIED - 1)]
+    return replace(found, correction=best)  # its gain stays that of the shifts that were compared with other ways of reading
 
 
 def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[GainStep]:
@@ -109,7 +148,7 @@ def _holds(arm: Arm, s: Signals, c: Correction) -> bool:
 
 def _rows(s: Signals, keep: np.ndarray) -> Signals:
     late = s.late[:, keep] if len(s.late) else s.late
-    arrays = {name: getattr(s, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log")}
+    arrays = {name: getattr(s, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log", "place")}
     return replace(s, late=late, **arrays)
 
 

@@ -27,7 +27,8 @@ MOVING = 0.02  # of a joint's fastest
 class Signals:
     """R rows of n joints: t (R,) s, q dq ddq (R, n) from the position, read (R, n) the speed as recorded, load (R, n) what was recorded of
     the drives, N m or A, NaN where nothing was; all through one filter. log (R,) which recording each row is of. late (L, R, n) the load
-    at instants later by `SHIFTS`."""
+    at instants later by `SHIFTS`. series (K, n) the whole course of the load, and place (R, 4) where each row lies in it: sample, first and
+    last sample of its recording, samples a second."""
 
     t: np.ndarray
     q: np.ndarray
@@ -37,6 +38,15 @@ class Signals:
     load: np.ndarray
     log: np.ndarray
     late: np.ndarray
+    series: np.ndarray
+    place: np.ndarray
+
+    def later(self, by: float) -> np.ndarray:
+        """(R, n) the load at instants later by so many s; at the ends of a recording its first or last."""
+        at = np.clip(self.place[:, 0] + by * self.place[:, 3], self.place[:, 1], self.place[:, 2])
+        k = np.minimum(at.astype(int), np.maximum(len(self.series) - 2, 0))
+        share = (at - k)[:, None]
+        return np.asarray(self.series[k] * (1 - share) + self.series[np.minimum(k + 1, len(self.series) - 1)] * share)
 
     @property
     def n(self) -> int:
@@ -52,12 +62,21 @@ def signals(logs: Sequence[Log], load: Sequence[np.ndarray], most: int = MOST_RO
     parts = [_of_log(log, x, max(most // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
     t, q, dq, ddq, read, x = (np.concatenate([part[k] for part in parts]) for k in range(6))
     late = np.concatenate([part[6] for part in parts], axis=1)
-    return Signals(t, q, dq, ddq, read, x, np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)]), late)
+    first = np.cumsum([0, *(len(part[7]) for part in parts)])
+    place = np.concatenate([part[8] + [at, at, at, 0.0] for part, at in zip(parts, first[:-1], strict=True)])
+    which = np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)])
+    return Signals(t, q, dq, ddq, read, x, which, late, np.concatenate([part[7] for part in parts]), place)
 
 
 def _of_log(log: Log, load: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
     n = log.q.shape[1]
-    nothing = (np.zeros(0), *(np.zeros((0, n)) for _ in range(5)), np.zeros((len(SHIFTS), 0, n)))
+    nothing = (
+        np.zeros(0),
+        *(np.zeros((0, n)) for _ in range(5)),
+        np.zeros((len(SHIFTS), 0, n)),
+        np.zeros((0, n)),
+        np.zeros((0, 4)),
+    )
     sound = np.isfinite(log.q).all(axis=1) & np.isfinite(log.t)
     t = log.t[sound]
     keep = np.r_[True, np.diff(t) > 0] if len(t) else np.zeros(0, dtype=bool)
@@ -85,9 +104,12 @@ def _of_log(log: Log, load: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
     rows = _chosen(view, taps[1], n, most, at, t, h * window / 2)
     part = view[rows]
     smooth = part @ taps[0]
-    late = np.stack([view[np.clip(rows + round(by / h), 0, len(view) - 1), 2 * n :] @ taps[0] for by in SHIFTS])
+    series = view[:, 2 * n :] @ taps[0]
+    late = np.stack([series[np.clip(rows + round(by / h), 0, len(view) - 1)] for by in SHIFTS])
+    end = np.full(len(rows), len(view) - 1)
+    place = np.column_stack([rows, np.zeros(len(rows)), end, np.full(len(rows), 1 / h)])
     return (
-        at[rows], smooth[:, :n], part[:, :n] @ taps[1], part[:, :n] @ taps[2], smooth[:, n : 2 * n], smooth[:, 2 * n :], late,
+        at[rows], smooth[:, :n], part[:, :n] @ taps[1], part[:, :n] @ taps[2], smooth[:, n : 2 * n], smooth[:, 2 * n :], late, series, place,
     )  # fmt: skip
 
 

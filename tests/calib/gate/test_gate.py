@@ -13,6 +13,8 @@ import pytest
 
 from benchmarks.wrong_data import BASES, arm, base, cases, changes, family, named_first
 from calib.gate import Correction, applied, gate, parsed
+from calib.gate.fit import fitted, model_torque
+from calib.gate.signals import signals
 from logs import read_log
 from logs.log import Log
 from sim.arm import Arm
@@ -323,3 +325,39 @@ def test_seconds_of_motion_are_counted() -> None:
     gappy = np.arange(len(log)) % 7 != 3  # gaps of a sample cost nothing but themselves
     assert gate(of, [replace(log, **{name: getattr(log, name)[gappy] for name in ("t", "t_host", "q", "dq", "tau", "current",
                      "temperature", "q_cmd", "dq_cmd", "tau_cmd")})], least_motion=20.0).refusal is None  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [
+        *((name, by) for name in ("ur10e sample", "servo6 2") for by in (-1.37, -0.63, -0.2, 0.31, 0.8)),
+        ("ur5e 1", -4.4),
+        ("ur5e 1", 6.3),
+    ],
+)
+def test_another_clock_is_stated_as_exactly_as_it_can_be_undone(name: str, by: float) -> None:
+    """One word of --assume is enough, and it is the shift that was made."""
+    of, log = base(name)
+    late = {
+        key: np.stack([np.interp(log.t - by, log.t, x) for x in getattr(log, key).T], axis=1)
+        for key in ("tau", "current")
+        if np.isfinite(getattr(log, key)).any()
+    }
+    found = gate(of, [replace(log, **late)])
+    (correction,) = found.causes[0].corrections
+    assert correction.kind == "shift"
+    assert correction.factor == pytest.approx(by, abs=0.02)
+    assert ("lags" if by > 0 else "leads") in found.causes[0].sentence
+    assert gate(of, [replace(log, **late)], [correction.word(of.joint_names)]).refusal is None
+
+
+def test_by_how_much_a_residual_is_smaller_is_so_at_the_joint_that_is_named() -> None:
+    """Of a current whose sign is flipped, by the fit of that joint alone."""
+    of, log = base("ur5e 1")
+    wrong, _ = changes(of)["load reversed, elbow_joint"](log, of, np.random.default_rng(0))
+    refusal = str(gate(of, [wrong]).refusal)
+    left = []
+    for read in (wrong, log):
+        s = signals([read], [read.tau])
+        left.append(fitted(s, model_torque(of, s)).left[2])
+    assert f"the residual of elbow_joint is {1 - left[1] / left[0]:.0%} smaller" in refusal
