@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import pkgutil
@@ -47,6 +48,7 @@ def forked(
 
     A child that takes over `longest` s is killed with all that it started. The caller must have no other thread.
     """
+    gc.freeze()  # a collection in a child would copy every page that holds an object of this process
     waiting, running = iter(jobs), {}
     while True:
         while len(running) < workers and time.monotonic() < until and (job := next(waiting, None)):

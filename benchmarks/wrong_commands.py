@@ -32,7 +32,7 @@ from logs.convert import write_log
 COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
 ONE_LOG = ("watch", "import")
 HANGS_ON = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
-AT_ONCE = 25  # cases of a fleet
+AT_ONCE, IN_A_CHILD = 25, 10  # cases of a fleet, and of any other command one after the other
 LONGEST = 600.0  # s that one call may take
 FAULT = -1  # code of a call whose process ended with a fault, or not at all
 
@@ -93,6 +93,8 @@ def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COM
         for some in _batches(c, [k for k in mine[c] if f"{c} {k}" not in kept.found])
     }
     warm(sim, logs, drivers, safety, calib)
+    for command in commands:  # what a command loads when it is first called is then there for every child
+        tried(command, everything[:1])
     # all commands make progress in a slice, not the first one alone
     order = sorted(todo, key=lambda key: (int(key.split()[1]), key))
     jobs = ((key, partial(tried, todo[key][0], [everything[k] for k in todo[key][1]])) for key in order)
@@ -109,12 +111,18 @@ def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COM
 
 def tried(command: str, some: Sequence[Case]) -> list[tuple[int, str]]:
     """Exit code and cause of each of the cases, of which only a fleet takes several."""
-    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
-        return fleet(some, Path(folder)) if command == "fleet" else [through(command, case, Path(folder)) for case in some]
+    if command == "fleet":
+        with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+            return fleet(some, Path(folder))
+    out = []
+    for case in some:
+        with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+            out.append(through(command, case, Path(folder)))
+    return out
 
 
 def _batches(command: str, cases: Sequence[int]) -> list[Sequence[int]]:
-    size = AT_ONCE if command == "fleet" else 1
+    size = AT_ONCE if command == "fleet" else IN_A_CHILD
     return [cases[at : at + size] for at in range(0, len(cases), size)]
 
 
