@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from calib import console
 from calib.gate.commands import read_as
 from calib.run_folder import LATEST, RUNS, list_runs
@@ -152,3 +154,18 @@ def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
         )
     for finding in log.findings:
         console.warn(f"{path}: {finding}")
+    for sentence in _sampling(log):
+        console.warn(f"{path}: {sentence}")
+
+
+def _sampling(log: Log | Pieces) -> tuple[str, ...]:
+    """What of its samples (of the first piece) an import would put right: jittered stamps, samples sent twice; nothing where it has two clocks."""
+    from logs.convert import sampling_of
+
+    first = log[0] if isinstance(log, Pieces) and len(log) else log
+    if isinstance(first, Pieces) or not len(first) or np.isfinite(first.t_host).any() or np.any(np.diff(first.t) < 0):
+        return ()
+    found = sampling_of(first)
+    if not (found.rebuilt or found.repeated):
+        return ()
+    return (*found.findings, "they are used as they are; `calib import` puts right what can be")

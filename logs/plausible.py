@@ -18,7 +18,7 @@ STEP_RATIO, STEP_QUANTILE, STEP_ROWS = (
     0.9,
     50,
 )  # times the speed that a tenth of the steps exceeds, where so many steps show it
-STEP_SLACK = 0.01  # rad: two readings may share a stamp
+STEP_SLACK = 0.01  # rad, of a reading's own noise
 ROWS = 1 << 16  # looked at together: an hour's arrays are never held twice
 
 
@@ -86,13 +86,20 @@ def _step_speed(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.clip(STEP_RATIO * np.quantile(speed, STEP_QUANTILE, axis=0), STEP_SPEED_MAX, STEP_SPEED_WILD)
 
 
+def _usual_step(t: np.ndarray) -> float:
+    """s, the median step: the stamps of a late host come in bursts, and the time between two of a burst says nothing of the motion."""
+    steps = np.diff(t)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return usual if np.isfinite(usual) and usual > 0 else 0.0
+
+
 def _steps(t: np.ndarray, q: np.ndarray) -> np.ndarray:
-    most = _step_speed(t, q)
+    most, usual = _step_speed(t, q), _usual_step(t)
     out = np.empty((max(len(q) - 1, 0), q.shape[1]), dtype=bool)
     with np.errstate(invalid="ignore", over="ignore"):
         for at in range(0, len(out), ROWS):
             part = slice(at, at + ROWS + 1)
-            reach = np.abs(np.diff(t[part]))[:, None] * most + STEP_SLACK
+            reach = np.maximum(np.abs(np.diff(t[part])), usual)[:, None] * most + STEP_SLACK
             out[at : at + ROWS] = np.abs(np.diff(q[part], axis=0)) > reach
     return out
 
@@ -113,14 +120,14 @@ def _off_level(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     off = np.zeros(len(t), dtype=bool)
     if not len(cuts):
         return off
-    most = _step_speed(t, q)
+    most, usual = _step_speed(t, q), _usual_step(t)
     starts, ends = np.r_[0, cuts], np.r_[cuts, len(t)]
     longest = int(np.argmax(ends - starts))
     for order, edge in ((range(longest + 1, len(starts)), 1), (range(longest - 1, -1, -1), -1)):
         anchor = ends[longest] - 1 if edge > 0 else starts[longest]
         for k in order:
             near, far = (starts[k], ends[k] - 1) if edge > 0 else (ends[k] - 1, starts[k])
-            reach = most * max(abs(t[near] - t[anchor]), 0.0) + STEP_SLACK
+            reach = most * max(abs(t[near] - t[anchor]), usual) + STEP_SLACK
             if np.all(np.abs(q[near] - q[anchor]) <= reach):
                 anchor = far
             else:
