@@ -15,28 +15,6 @@ from sim.tree import Shape
 POINTS = 5  # along a capsule, for its distance from a box
 
 
-def segment_closest(
-    a0: np.ndarray, a1: np.ndarray, b0: np.ndarray, b1: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of segments a0-a1 and b0-b1, shares s and t along them of the nearest points, and a(s) - b(t); arrays (..., 3).
-
-    C. Ericson, Real-Time Collision Detection, section 5.1.9.
-    """
-    d1, d2, r = a1 - a0, b1 - b0, a0 - b0
-    a, e, f = np.sum(d1 * d1, -1), np.sum(d2 * d2, -1), np.sum(d2 * r, -1)
-    b, c = np.sum(d1 * d2, -1), np.sum(d1 * r, -1)
-    denominator = a * e - b * b
-    tiny = 1e-15
-    s = np.where(denominator > tiny, np.clip((b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0, 1.0), 0.0)
-    t = (b * s + f) / np.maximum(e, tiny)
-    clipped = np.clip(t, 0.0, 1.0)
-    s = np.where(t == clipped, s, np.clip((b * clipped - c) / np.maximum(a, tiny), 0.0, 1.0))
-    s = np.where(a <= tiny, 0.0, s)
-    clipped = np.where(e <= tiny, 0.0, clipped)
-    apart = r + d1 * s[..., None] - d2 * clipped[..., None]
-    return np.linalg.norm(apart, axis=-1), s, clipped, apart
-
-
 def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
     """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
 
@@ -64,14 +42,6 @@ def _enclosing(points: bytes, faces: bytes) -> list[tuple[np.ndarray, float]]:
     """The capsules of a mesh, found once: a plan asks for them of every start."""
     corners, triangles = np.frombuffer(points).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3)
     return [(c.ends, c.radius) for c in enclosing_capsules(corners, triangles)]
-
-
-def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' formula, (N, 3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    c, s = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
 
 
 def rpy_matrix(rpy: Sequence[float]) -> np.ndarray:

@@ -82,7 +82,7 @@ def discriminating(
         raise AnswerIsNo(f"{room.arm.name}: no motion fits that distinguishes these effects; give a freer posture with --home")
     if iterations:
         apart = Apart(room, pairs, best[0], stop)
-        x, _, _ = lowest(apart, best[0].x, iterations)
+        x, *_ = lowest(apart, best[0].x, iterations)
         found = fitted_to_room(room, Fourier(best[0].basis, home, x), grow=False)
         least = apart.separation(found) if found else 0.0
         if found and least > best[1]:

@@ -1,4 +1,4 @@
-"""Distances of many pairs of capsules at once, compiled: planning asks for them at every sample of every motion that it tries."""
+"""Frames, distances of capsules and their slopes at many postures at once, compiled: planning asks for them at every sample that it tries."""
 
 from __future__ import annotations
 
@@ -11,35 +11,150 @@ TINY = 1e-15
 
 
 @njit(cache=True)
+def _closest(first: np.ndarray, second: np.ndarray, apart: np.ndarray) -> tuple[float, float, float]:
+    """Distance of two segments (2, 3), shares s and t along them of their nearest points; a(s) - b(t) goes to apart (3,).
+
+    C. Ericson, Real-Time Collision Detection, section 5.1.9.
+    """
+    aa = ee = ff = bb = cc = 0.0
+    for i in range(3):
+        d1, d2, r = first[1, i] - first[0, i], second[1, i] - second[0, i], first[0, i] - second[0, i]
+        aa += d1 * d1
+        ee += d2 * d2
+        ff += d2 * r
+        bb += d1 * d2
+        cc += d1 * r
+    denominator = aa * ee - bb * bb
+    s = min(max((bb * ff - cc * ee) / denominator, 0.0), 1.0) if denominator > TINY else 0.0
+    t = (bb * s + ff) / max(ee, TINY)
+    if t < 0.0 or t > 1.0:
+        t = min(max(t, 0.0), 1.0)
+        s = min(max((bb * t - cc) / max(aa, TINY), 0.0), 1.0)
+    s = 0.0 if aa <= TINY else s
+    t = 0.0 if ee <= TINY else t
+    total = 0.0
+    for i in range(3):
+        apart[i] = first[0, i] + (first[1, i] - first[0, i]) * s - second[0, i] - (second[1, i] - second[0, i]) * t
+        total += apart[i] * apart[i]
+    return math.sqrt(total), s, t
+
+
+@njit(cache=True)
 def pair_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N, P) distance m of the segments a (P,) and b (P,) of ends (N, segments, 2, 3); as `calib.excitation.capsules.segment_closest`."""
-    count, pairs = len(ends), len(a)
-    out = np.empty((count, pairs))
-    d1, d2, r = np.empty(3), np.empty(3), np.empty(3)
+    """(N, P) distance m of the segments a (P,) and b (P,) of ends (N, segments, 2, 3)."""
+    out, apart = np.empty((len(ends), len(a))), np.empty(3)
+    for k in range(len(ends)):
+        for p in range(len(a)):
+            out[k, p] = _closest(ends[k, a[p]], ends[k, b[p]], apart)[0]
+    return out
+
+
+@njit(cache=True)
+def too_near(ends: np.ndarray, a: np.ndarray, b: np.ndarray, least: np.ndarray, pull: np.ndarray) -> float:
+    """Sum of squares (m^2) of what the distances of pairs lack to least (P,) m; its slopes by the ends are added to pull, shaped as ends."""
+    apart, value = np.empty(3), 0.0
+    for k in range(len(ends)):
+        for p in range(len(a)):
+            distance, s, t = _closest(ends[k, a[p]], ends[k, b[p]], apart)
+            lack = least[p] - distance
+            if not lack > 0.0:
+                continue
+            value += lack * lack
+            push = -2.0 * lack / max(distance, 1e-9)
+            for i in range(3):
+                pull[k, a[p], 0, i] += (1.0 - s) * push * apart[i]
+                pull[k, a[p], 1, i] += s * push * apart[i]
+                pull[k, b[p], 0, i] -= (1.0 - t) * push * apart[i]
+                pull[k, b[p], 1, i] -= t * push * apart[i]
+    return value
+
+
+@njit(cache=True)
+def joint_frames(
+    q: np.ndarray, parent: np.ndarray, fixed: np.ndarray, place: np.ndarray, axis: np.ndarray, prismatic: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base; fixed (n, 3, 3) and place (n, 3) in the frame before."""
+    count, n = q.shape
+    rotation, origin, own = np.empty((count, n, 3, 3)), np.empty((count, n, 3)), np.empty((3, 3))
     for k in range(count):
-        for p in range(pairs):
-            first, second = ends[k, a[p]], ends[k, b[p]]
-            aa = ee = ff = bb = cc = 0.0
-            for i in range(3):
-                d1[i] = first[1, i] - first[0, i]
-                d2[i] = second[1, i] - second[0, i]
-                r[i] = first[0, i] - second[0, i]
-                aa += d1[i] * d1[i]
-                ee += d2[i] * d2[i]
-                ff += d2[i] * r[i]
-                bb += d1[i] * d2[i]
-                cc += d1[i] * r[i]
-            denominator = aa * ee - bb * bb
-            s = min(max((bb * ff - cc * ee) / denominator, 0.0), 1.0) if denominator > TINY else 0.0
-            t = (bb * s + ff) / max(ee, TINY)
-            if t < 0.0 or t > 1.0:
-                t = min(max(t, 0.0), 1.0)
-                s = min(max((bb * t - cc) / max(aa, TINY), 0.0), 1.0)
-            s = 0.0 if aa <= TINY else s
-            t = 0.0 if ee <= TINY else t
-            total = 0.0
-            for i in range(3):
-                x = r[i] + d1[i] * s - d2[i] * t
-                total += x * x
-            out[k, p] = math.sqrt(total)
+        for j in range(n):
+            x, y, z = axis[j]
+            if prismatic[j]:
+                c, s = 1.0, 0.0
+            else:
+                c, s = math.cos(q[k, j]), math.sin(q[k, j])
+            v = 1.0 - c
+            own[0, 0], own[0, 1], own[0, 2] = c + x * x * v, x * y * v - z * s, x * z * v + y * s
+            own[1, 0], own[1, 1], own[1, 2] = y * x * v + z * s, c + y * y * v, y * z * v - x * s
+            own[2, 0], own[2, 1], own[2, 2] = z * x * v - y * s, z * y * v + x * s, c + z * z * v
+            up = parent[j]
+            for a in range(3):
+                for b in range(3):
+                    total = 0.0
+                    for m in range(3):
+                        total += fixed[j, a, m] * own[m, b]
+                    rotation[k, j, a, b] = total
+                origin[k, j, a] = place[j, a]
+                if prismatic[j]:
+                    for m in range(3):
+                        origin[k, j, a] += q[k, j] * fixed[j, a, m] * axis[j, m]
+            if up < 0:
+                continue
+            own[:] = rotation[k, j]
+            x, y, z = origin[k, j]
+            for a in range(3):
+                r0, r1, r2 = rotation[k, up, a, 0], rotation[k, up, a, 1], rotation[k, up, a, 2]
+                origin[k, j, a] = origin[k, up, a] + r0 * x + r1 * y + r2 * z
+                for b in range(3):
+                    rotation[k, j, a, b] = r0 * own[0, b] + r1 * own[1, b] + r2 * own[2, b]
+    return rotation, origin
+
+
+@njit(cache=True)
+def slopes_by_joints(
+    pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray, axis: np.ndarray, prismatic: np.ndarray, moves: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """J^T pull (N, n) of pull (N, segments, 2, 3) at the ends; moves (n, segments): which a joint carries."""
+    count, shapes = pull.shape[:2]
+    n = len(axis)
+    out, force, moment = np.zeros((count, n)), np.empty((shapes, 3)), np.empty((shapes, 3))
+    for k in range(count):
+        for i in range(shapes):
+            force[i] = 0.0
+            moment[i] = 0.0
+            for e in range(2):
+                p, f = ends[k, i, e], pull[k, i, e]
+                force[i] += f
+                moment[i, 0] += p[1] * f[2] - p[2] * f[1]
+                moment[i, 1] += p[2] * f[0] - p[0] * f[2]
+                moment[i, 2] += p[0] * f[1] - p[1] * f[0]
+        for j in range(n):
+            fx = fy = fz = mx = my = mz = 0.0
+            for i in range(shapes):
+                if moves[j, i]:
+                    fx, fy, fz = fx + force[i, 0], fy + force[i, 1], fz + force[i, 2]
+                    mx, my, mz = mx + moment[i, 0], my + moment[i, 1], mz + moment[i, 2]
+            if not prismatic[j]:
+                o = origin[k, j]
+                fx, fy, fz = mx - (o[1] * fz - o[2] * fy), my - (o[2] * fx - o[0] * fz), mz - (o[0] * fy - o[1] * fx)
+            for m in range(3):
+                out[k, j] += axis[j, m] * (rotation[k, j, 0, m] * fx + rotation[k, j, 1, m] * fy + rotation[k, j, 2, m] * fz)
+    return out
+
+
+@njit(cache=True)
+def carried(ends: np.ndarray, links: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """(N, segments, 2, 3) m in the base of ends (segments, 2, 3) in the frames of their links, which are -1 for what stands still."""
+    out = np.empty((len(rotation), *ends.shape))
+    for k in range(len(rotation)):
+        for i in range(len(ends)):
+            j = links[i]
+            if j < 0:
+                out[k, i] = ends[i]
+                continue
+            for e in range(2):
+                x, y, z = ends[i, e]
+                for a in range(3):
+                    r = rotation[k, j, a]
+                    out[k, i, e, a] = origin[k, j, a] + r[0] * x + r[1] * y + r[2] * z
     return out

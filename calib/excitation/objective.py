@@ -23,7 +23,8 @@ from safety.parameters import friction_of, parameter_box
 from safety.torque import POWER_MAX
 
 STEP = 1e-5
-CONDITION_AIM = 33.0
+CONDITION_AIM = 34.0
+SMOOTH = 8
 CONDITION_WEIGHT = 400.0
 RIDGE = 1e-8
 # A descent aims a little inside what the room asks for, so that its end needs no shrinking
@@ -84,6 +85,10 @@ class Objective:
         columns = self._columns(self._full(q, dq, ddq), q, dq)
         return np.einsum("kjp,j,kjr->pr", columns, self.inverse_variance, columns, optimize=True)
 
+    def log_det(self, x: np.ndarray) -> float:
+        """Nats, of the information of the motion with coefficients x (n, f) and the prior."""
+        return float(np.linalg.slogdet(self.information(x) + self.prior)[1])
+
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient (n, f)."""
         q, dq, ddq, jerk = (b @ x.T for b in self._basis)
@@ -142,18 +147,20 @@ class Objective:
         return float(value), -2 * weighted @ inverse
 
     def _condition(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
-        """(log cond - log aim)^2 above the aim, of the base regressor in raw SI units, times a weight."""
+        """(log cond - log aim)^2 above the aim, of the base regressor in raw SI units, times a weight.
+
+        cond^2 = (sum l^P)^(1/P) (sum l^-P)^(1/P) over the eigenvalues l: never below the true one, and smooth where two of them meet.
+        """
         base = columns[:, :, : len(self.model.base)]
         eigen, vectors = np.linalg.eigh(np.einsum("kjp,kjr->pr", base, base, optimize=True))
-        low = max(float(eigen[0]), 1e-12 * float(eigen[-1]))
-        over = 0.5 * np.log(eigen[-1] / low) - np.log(CONDITION_AIM)
+        high, low = eigen[-1], max(float(eigen[0]), 1e-12 * float(eigen[-1]))
+        large, small = (eigen / high) ** SMOOTH, (low / np.maximum(eigen, low)) ** SMOOTH
+        over = 0.5 * (np.log(high / low) + np.log(large.sum() * small.sum()) / SMOOTH) - np.log(CONDITION_AIM)
         if over <= 0 or not self.capped:
             return 0.0, np.zeros_like(base)
-        weight = CONDITION_WEIGHT
-        factor = 2 * weight * over
-        first, last = vectors[:, 0], vectors[:, -1]
-        slope = (base @ last)[..., None] * last / eigen[-1] - (base @ first)[..., None] * first / low
-        return weight * over**2, factor * slope
+        by_log = large / large.sum() - small / small.sum()
+        slope = (base @ vectors) * (by_log / np.maximum(eigen, low)) @ vectors.T
+        return CONDITION_WEIGHT * over**2, 2 * CONDITION_WEIGHT * over * slope
 
     def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Penalty of torque beyond its limit, doubt included, and its slope (K, n) by torque."""

@@ -1,8 +1,8 @@
 """Several starts, each descended a little; the better half further, the best two to their end, where all limits are kept.
 
-The descent is L-BFGS (R. Byrd, P. Lu, J. Nocedal, C. Zhu 1995, doi:10.1137/0916069) on the smooth objective, first with limits that may
-be passed a little and few samples, then with a weight on the limits that grows until the end needs no shrinking. How much more another
-motion could determine is estimated by the duality gap of D-optimal design (`calib.excitation.gap`).
+The descent is BFGS (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 6.1) with its whole inverse Hessian, which goes on from
+stage to stage: first with limits that may be passed a little and few samples, then with a weight on the limits that grows until the end
+needs no shrinking. How much more another motion could determine is estimated by the duality gap of D-optimal design (`calib.excitation.gap`).
 """
 
 from __future__ import annotations
@@ -30,16 +30,18 @@ CONDITION_CAP = 40.0
 TRIES = 10
 # (weight of the limits, iterations, samples) of a descent's stages: from every start, from the better half, and from the best two
 Stage = tuple[float, int, int]
-SCOUT: tuple[Stage, ...] = ((30.0, 150, 60),)
-FURTHER: tuple[Stage, ...] = ((30.0, 300, 60),)
-TO_THE_END: tuple[Stage, ...] = ((300.0, 200, 60), (3e3, 150, 90), (3e4, 100, 120))
+SCOUT: tuple[Stage, ...] = ((30.0, 80, 60), (300.0, 120, 60))
+FURTHER: tuple[Stage, ...] = ((300.0, 120, 60), (300.0, 120, 60))
+TO_THE_END: tuple[Stage, ...] = (*((300.0, 150, 60),) * 3, (3e3, 100, 80), (3e4, 100, 100))
+# where the end does not fit, as it came near to what the stage did not look at
+AGAIN: Stage = (3e4, 60, 100)
+REPAIRS, WHOLE = 3, 0.99
 LEFT = 2
-# up to this weight a descent passes limits a little anyway: it looks at them only at its samples
-COARSE = 1e3
+# below this weight a descent passes limits a little anyway: it looks at them only at its samples
+COARSE = 100.0
 # ascents towards the motion that adds most to those found
 ASCENT: tuple[Stage, ...] = ((30.0, 150, 60), (300.0, 80, 60))
 ASCENTS, ROUNDS = 2, 3
-MEMORY = 30  # corrections that L-BFGS keeps
 Progress = Callable[[str, float], None]
 
 
@@ -57,16 +59,24 @@ class Site:
 class Start:
     """Where one descent began and what came of it; worth is that of the motion after it was fitted to its room.
 
-    x (n, f) rad/s and value are the end itself and its objective at the last weight; gain is by how many nats the last tenth of
-    its iterations lowered it.
+    information: nats, log det of all that the search maximises, of that motion: candidates of a diagnosis and what is known beside the
+    parameters. x (n, f) rad/s and value are the end itself and its objective at the last weight; gain is by how many nats the last tenth of
+    its iterations lowered it; inverse (n f, n f) is the inverse Hessian there.
     """
 
     motion: Fourier
     worth: Worth
+    information: float
     seconds: float
     x: np.ndarray
     value: float
     gain: float
+    inverse: np.ndarray | None
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Order of ends: those below the condition cap first, then by what they determine."""
+        return self.worth.condition <= CONDITION_CAP, self.information
 
 
 @dataclass(frozen=True)
@@ -91,10 +101,10 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
     with workers(min(processes, starts)) as pool:
         found = pool.run(scouted, [(site, best, seed + k if k else None) for k in range(starts)], part(0))
         found.sort(key=lambda s: s.value)
-        found[:half] = pool.run(descended, [(site, s.motion, s.x, FURTHER) for s in found[:half]], part(1))
+        found[:half] = pool.run(descended, [(site, s.motion, s.x, s.inverse, FURTHER) for s in found[:half]], part(1))
         found[:half] = sorted(found[:half], key=lambda s: s.value)
-        found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, TO_THE_END) for s in found[:LEFT]], part(2))
-        found[:LEFT] = sorted(found[:LEFT], key=lambda s: preference(s.worth), reverse=True)
+        found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, s.inverse, TO_THE_END) for s in found[:LEFT]], part(2))
+        found[:LEFT] = sorted(found[:LEFT], key=lambda s: s.rank, reverse=True)
         gap = _gap(pool, site, found, part(3))
     progress("optimising", 1.0)
     return Search(tuple(found), gap)
@@ -112,33 +122,45 @@ def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
         information = Information(model := TorqueModel.of_arm(site.arm), noise_of(model))
         rng = np.random.default_rng(seed)
         start, _ = random_start(Room(site.arm, site.cell), information, start.basis, start.home, rng, TRIES)
-    return descended((site, start, start.x, SCOUT))
+    return descended((site, start, start.x, None, SCOUT))
 
 
-def descended(task: tuple[Site, Fourier, np.ndarray, tuple[Stage, ...]]) -> Start:
+def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[Stage, ...]]) -> Start:
     """From coefficients x (n, f) through the stages; where the end does not fit into its room, the start."""
-    site, start, x, stages = task
+    site, start, x, inverse, stages = task
     began = time.process_time()
     room, model = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm)
     information = Information(model, noise_of(model))
     value = gain = np.inf
-    for weight, iterations, samples in stages:
+    ended, repairs, left = None, 0, list(stages)
+    while left:
+        weight, iterations, samples = left.pop(0)
         fine = weight > COARSE
         about = x if fine else None
         objective = Objective(
             room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=fine, about=about
         )
-        x, value, gain = lowest(objective, x, iterations)
-    ended = fitted_to_room(room, Fourier(start.basis, start.home, x), grow=False)
+        x, value, gain, inverse = lowest(objective, x, iterations, inverse)
+        if not left:
+            ended = fitted_to_room(room, Fourier(start.basis, start.home, x), grow=False)
+            whole = ended is not None and np.linalg.norm(ended.x) >= WHOLE * np.linalg.norm(x)
+            if weight == AGAIN[0] and not whole and repairs < REPAIRS:
+                left, repairs = [AGAIN], repairs + 1
     # a start that passes limits, or that safety.clear would refuse, may well be worth more: it does not compete
     motion = start if ended is None else ended
-    return Start(motion, information.worth(coarse(motion)), time.process_time() - began, x, value, gain)
+    spent = time.process_time() - began
+    return Start(motion, information.worth(coarse(motion)), objective.log_det(motion.x), spent, x, value, gain, inverse)
 
 
 def lowest(
-    objective: Callable[[np.ndarray], tuple[float, np.ndarray]], x: np.ndarray, iterations: int
-) -> tuple[np.ndarray, float, float]:
-    """(x, value, gain): the end of L-BFGS after at most that many iterations, and by how much the last tenth lowered the value."""
+    objective: Callable[[np.ndarray], tuple[float, np.ndarray]],
+    x: np.ndarray,
+    iterations: int,
+    inverse: np.ndarray | None = None,
+) -> tuple[np.ndarray, float, float, np.ndarray | None]:
+    """(x, value, gain, inverse): the end of BFGS after at most that many iterations, by how much the last tenth lowered the value, and
+    the inverse Hessian, with which another descent may begin; None where it is not positive.
+    """
     values: list[float] = []
 
     def call(flat: np.ndarray) -> tuple[float, np.ndarray]:
@@ -148,10 +170,12 @@ def lowest(
     def note(intermediate_result: Any) -> None:
         values.append(float(intermediate_result.fun))
 
-    options = {"maxiter": iterations, "maxfun": iterations + iterations // 4 + 5, "maxcor": MEMORY}
-    found = scipy.optimize.minimize(call, x.ravel(), jac=True, method="L-BFGS-B", callback=note, options=options)
+    options = {"maxiter": iterations, "hess_inv0": inverse}
+    found = scipy.optimize.minimize(call, x.ravel(), jac=True, method="BFGS", callback=note, options=options)
     before = values[-1 - len(values) // 10] if values else float(found.fun)
-    return found.x.reshape(x.shape), float(found.fun), before - float(found.fun)
+    bend = (found.hess_inv + found.hess_inv.T) / 2
+    positive = np.all(np.isfinite(bend)) and np.linalg.eigvalsh(bend)[0] > 0
+    return found.x.reshape(x.shape), float(found.fun), before - float(found.fun), bend if positive else None
 
 
 def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
@@ -160,7 +184,7 @@ def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
     room, model, x = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm), start.x
     for weight, iterations, samples in ASCENT:
         objective = Objective(room, model, noise_of(model), start, samples, weight, False, site.stop, slope)
-        x, _, _ = lowest(objective, x, iterations)
+        x, *_ = lowest(objective, x, iterations)
     return x
 
 
@@ -178,7 +202,7 @@ def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], 
         done((k + 1) / ROUNDS)
         motions += more
         mixture.add([objective.information(m.x) for m in more])
-    return mixture.bound() - mixture.log_det(objective.information(best.x))
+    return mixture.bound() - objective.log_det(best.x)
 
 
 def _work(stages: tuple[Stage, ...]) -> float:

@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.excitation.capsules import capsules, from_box, rpy_matrix, segment_closest, turn
-from calib.excitation.distances import pair_distances
+from calib.excitation.capsules import capsules, from_box, rpy_matrix
+from calib.excitation.distances import carried, joint_frames, pair_distances, slopes_by_joints, too_near
 from calib.excitation.stops import stops_of
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
@@ -91,20 +91,11 @@ class Room:
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base, q (N, n)."""
-        tree, count = self.arm.tree, len(q)
-        rotation, origin = np.empty((count, tree.n, 3, 3)), np.empty((count, tree.n, 3))
-        for i in range(tree.n):
-            up = int(tree.parent[i])
-            r_up = rotation[:, up] if up >= 0 else np.broadcast_to(np.eye(3), (count, 3, 3))
-            p_up = origin[:, up] if up >= 0 else np.zeros((count, 3))
-            r, p = tree.rotation[i], np.broadcast_to(tree.position[i], (count, 3))
-            if tree.prismatic[i]:
-                p = p + q[:, i : i + 1] * (r @ tree.axis[i])
-                rotation[:, i] = r_up @ r
-            else:
-                rotation[:, i] = r_up @ (r @ turn(tree.axis[i], q[:, i]))
-            origin[:, i] = p_up + np.einsum("kab,kb->ka", r_up, p)
-        return rotation, origin
+        tree = self.arm.tree
+        found: tuple[np.ndarray, np.ndarray] = joint_frames(
+            np.ascontiguousarray(q, dtype=float), tree.parent, tree.rotation, tree.position, tree.axis, tree.prismatic
+        )
+        return found
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends (N, shapes, 2, 3) m of every shape's enclosing capsule in the base, and radii (shapes,) m."""
@@ -112,28 +103,13 @@ class Room:
 
     def segments_at(self, rotation: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`segments` from frames that are known."""
-        out = np.empty((len(rotation), len(self._ends), 2, 3))
-        for k, (ends, _) in enumerate(self._ends):
-            link = self._links[k]
-            out[:, k] = ends if link < 0 else ends @ rotation[:, link].transpose(0, 2, 1) + origin[:, link, None]
-        return out, np.array([r for _, r in self._ends])
+        ends = np.array([ends for ends, _ in self._ends]).reshape(-1, 2, 3)
+        return carried(ends, np.array(self._links, dtype=np.int64), rotation, origin), self._radius
 
     def onto_joints(self, pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """Slopes (N, n) by q of a value whose slopes by the ends of the capsules are pull (N, shapes, 2, 3): J^T pull."""
         tree = self.arm.tree
-        out = np.zeros((len(ends), tree.n))
-        for j in range(tree.n):
-            axis = rotation[:, j] @ tree.axis[j]
-            carried = [k for k, link in enumerate(self._links) if self._carries(j, link)]
-            if not carried:
-                continue
-            force = pull[:, carried]
-            if tree.prismatic[j]:
-                out[:, j] = np.einsum("ka,ksea->k", axis, force)
-            else:
-                arm = ends[:, carried] - origin[:, None, None, j]
-                out[:, j] = np.einsum("ka,ka->k", axis, np.cross(arm, force).sum(axis=(1, 2)))
-        return out
+        return np.asarray(slopes_by_joints(pull, ends, rotation, origin, tree.axis, tree.prismatic, self._moves))
 
     def turning(self, rotation: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes (N, n, 3) of the hinges in the base, zero for a slide, and angular velocity (N, n, 3) rad/s of every link."""
@@ -155,6 +131,11 @@ class Room:
         return by_q, np.einsum("lj,kla,kja->kj", self._moved_by, force, axes)
 
     @cached_property
+    def _moves(self) -> np.ndarray:
+        """(n, shapes) bool: which capsules a joint carries."""
+        return np.array([[self._carries(j, link) for link in self._links] for j in range(self.arm.n)])
+
+    @cached_property
     def on_link(self) -> np.ndarray:
         """(n, shapes): 1 where a shape is carried by that link; a column of zeros for what stands still."""
         links = np.array(self._links)
@@ -172,14 +153,7 @@ class Room:
         value = 0.0
         if self.pairs:
             a, b, margin = (x[self._parted] for x in self._pair_arrays[:3])
-            distance, s, t, apart = segment_closest(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
-            lack = np.maximum(wanted - (distance - self._radius[a] - self._radius[b] - margin), 0.0)
-            value += float(np.sum(lack**2))
-            for k in np.flatnonzero(lack.any(axis=0)):
-                push = (-2 * lack[:, k] / np.maximum(distance[:, k], 1e-9))[:, None] * apart[:, k]
-                for shape, share, sign in ((a[k], s[:, k], 1.0), (b[k], t[:, k], -1.0)):
-                    pull[:, shape, 0] += sign * (1 - share)[:, None] * push
-                    pull[:, shape, 1] += sign * share[:, None] * push
+            value += float(too_near(ends, a, b, wanted + self._radius[a] + self._radius[b] + margin, pull))
         for obstacle in self.cell.table.obstacles:
             if obstacle.kind == "box":
                 value += self._near_box(obstacle, ends, wanted, pull)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from calib import main as program
-from calib.excitation.capsules import segment_closest
 from calib.excitation.design import Information, fitted_to_room, noise_of, random_start, too_small
+from calib.excitation.distances import pair_distances
 from calib.excitation.fourier import Basis, random_fourier
 from calib.excitation.home import home_of, open_cell, posture
 from calib.excitation.room import Room
@@ -64,10 +64,14 @@ def test_capsules_agree_with_the_geometry_that_decides() -> None:
 def test_distances_of_segments() -> None:
     z = np.zeros(3)
     x, y, up = np.eye(3)
-    assert segment_closest(z, x, y, x + y)[0] == pytest.approx(1.0)
-    assert segment_closest(-x, x, -y + up, y + up)[0] == pytest.approx(1.0)
-    assert segment_closest(z, z, 3 * x, 4 * x)[0] == pytest.approx(3.0)
-    assert segment_closest(z, x, 2 * x, 5 * x)[0] == pytest.approx(1.0)
+
+    def apart(*ends: np.ndarray) -> float:
+        return float(pair_distances(np.array(ends).reshape(1, 2, 2, 3), np.array([0]), np.array([1]))[0, 0])
+
+    assert apart(z, x, y, x + y) == pytest.approx(1.0)
+    assert apart(-x, x, -y + up, y + up) == pytest.approx(1.0)
+    assert apart(z, z, 3 * x, 4 * x) == pytest.approx(3.0)
+    assert apart(z, x, 2 * x, 5 * x) == pytest.approx(1.0)
 
 
 def test_a_random_motion_fitted_to_its_room_is_cleared() -> None:

@@ -77,7 +77,7 @@ def test_a_short_descent_already_determines_more() -> None:
     room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
     start, before = random_start(room, information, Basis(4, 10.0), HOME, np.random.default_rng(1), 1)
     objective = Objective(room, MODEL, noise_of(MODEL), start, samples=60)
-    x, value, gain = lowest(objective, start.x, 60)
+    x, value, gain, _ = lowest(objective, start.x, 60)
     assert value < objective(start.x)[0] - 10
     assert 0 <= gain < objective(start.x)[0] - value
     ended = fitted_to_room(room, Fourier(start.basis, HOME, x), grow=False)
