@@ -58,7 +58,7 @@ SLOW = (
     "ur_load",
 )
 # in slices: a run goes on where the last one ended
-SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "published", "public_arms", "peers")
+SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "published", "public_arms", "peers", "tracking")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),

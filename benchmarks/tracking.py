@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,25 @@ from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 
-SEEDS = (11, 1, 4)  # a payload, a spring at the elbow, ripple at wrist 1
+SEEDS = (11, 14, 1, 9, 4, 8)  # two payloads, two springs, two ripples
 HANGS_ON = ("calib", "drivers", "safety", "sim")
 
 
-def run() -> list[dict[str, Any]]:
-    """Rows of every seed: what, value, unit, bar, note."""
+def run(minutes: float = 10.0) -> list[dict[str, Any]]:
+    """A slice of the seeds, then rows of all that were run so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "tracking.jsonl", " ".join(map(digest, HANGS_ON)))
     for seed in SEEDS:
-        if str(seed) not in kept.found:
+        if str(seed) not in kept.found and time.monotonic() < end:
             kept.keep(str(seed), demonstrated(seed))
-    return [row for seed in SEEDS for row in rows(kept.found[str(seed)])]
+    found = [kept.found[str(seed)] for seed in SEEDS if str(seed) in kept.found]
+    if not found:
+        return [{"what": "demos", "value": "none so far", "note": "give more --minutes; the next run goes on"}]
+    worst = max(map(ratio, found))
+    whole = f"{len(found)} demos" if len(found) == len(SEEDS) else f"{len(found)} of {len(SEEDS)} demos so far"
+    return [row(demo) for demo in found] + [
+        {"what": "tracking error after calibration, of before: the worst", "value": f"{worst:.2f}", "unit": "", "bar": "<= 0.3", "note": whole}
+    ]  # fmt: skip
 
 
 def demonstrated(seed: int) -> dict[str, Any]:
@@ -41,13 +50,18 @@ def demonstrated(seed: int) -> dict[str, Any]:
         return answer
 
 
-def rows(demo: dict[str, Any]) -> list[dict[str, Any]]:
+def ratio(demo: dict[str, Any]) -> float:
+    """RMS tracking error with the calibrated model in the controller, over that with the nominal one."""
+    tracking = demo["tracking"]
+    return float(tracking["calibrated"]["error_mrad"] / tracking["nominal"]["error_mrad"])
+
+
+def row(demo: dict[str, Any]) -> dict[str, Any]:
     """Before, after, and what is left with the truth itself in the controller."""
     hidden, error = demo["hidden"], {name: t["error_mrad"] for name, t in demo["tracking"].items()}
     where = f"{hidden['effect'].replace('_', ' ')} at {hidden['joint'] or 'the whole arm'}"
     note = f"RMS {error['nominal']:.2f} mrad before, {error['calibrated']:.2f} after, {error['the truth itself']:.2f} with the truth itself"
-    ratio = error["calibrated"] / error["nominal"]
-    return [
-        {"what": f"tracking error after calibration, of before: {where}", "value": f"{ratio:.2f}", "unit": "", "bar": "<= 0.3",
-         "note": f"{note}; {'named' if demo['right'] else 'not named'}"},
-    ]  # fmt: skip
+    return {
+        "what": f"tracking error after calibration, of before: {where}", "value": f"{ratio(demo):.2f}", "unit": "", "bar": "<= 0.3",
+        "note": f"{note}; {'named' if demo['right'] else 'not named'}",
+    }  # fmt: skip
