@@ -128,6 +128,10 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
 def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[GateCheck]:
     """Speed against position, limits, and the arm's model against torques or currents."""
     load, from_current, known = _loads(arm, logs)
+    possible = [readings.silent(log, x) for log, x in zip(logs, load, strict=True)]
+    possible += [readings.loads(log, x, arm) for log, x in zip(logs, load, strict=True)] if known else []
+    if any(not check.ok for check in possible):
+        return possible
     s = signals(logs, load)
     if not len(s):
         return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]

@@ -23,6 +23,8 @@ USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
 MOST_LOST = 0.3
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
+USUAL, BETWEEN, OVER_OFFSET = 0.8, 0.2, 1.5  # share of samples of a joint's own size; of those beyond; times tau_max
+MOVES, FAST, MOVED = 0.05, 0.1, 0.1  # rad/s, share of the fastest, rad
 SHARE = 0.005  # of the samples
 FACTOR = 2.2  # dq over dq/dt of q: units and gears are beyond, filters within
 NEAR = 1.25  # a ratio is a unit's factor within this
@@ -136,11 +138,15 @@ def losses(log: Log) -> GateCheck:
 
 
 def frozen(log: Log) -> GateCheck:
-    """No joint's position and load stand to the last bit while others move."""
+    """No joint's position and load stand to the last bit while others move, or while a speed that stands as well says that one does."""
     name, period = name_of(log), float(np.median(np.diff(log.t)))
     load = np.where(np.isfinite(log.tau).any(axis=0), log.tau, log.current)
     still = (np.diff(log.q, axis=0) == 0) & (np.diff(load, axis=0) == 0)
     moving_any = ~(np.diff(log.q, axis=0) == 0).all(axis=1)
+    with np.errstate(invalid="ignore"):  # a speed that says motion, of a position that stands
+        stands = (np.diff(log.dq, axis=0) == 0).all(axis=1)
+        fast = np.abs(log.dq) > np.maximum(MOVES, FAST * np.nanmax(np.abs(log.dq), axis=0, initial=0.0))
+        moving_any |= stands & fast.any(axis=1)[1:]
     worst, joint = 0, ""
     for j in range(log.n):
         run = _longest(still[:, j] & moving_any)
@@ -152,6 +158,44 @@ def frozen(log: Log) -> GateCheck:
     return GateCheck(
         "frozen joints", False, f"{name}: the readings of {joint} are constant for {worst * period:.2f} s", (cause,)
     )
+
+
+def loads(log: Log, load: np.ndarray, arm: Arm) -> GateCheck:
+    """load (N, n) N m: no joint gives now and then, or all the time by one offset, what its drive cannot give, its other readings being of its size."""
+    name, most = name_of(log), np.where(arm.tau_max > 0, arm.tau_max, np.inf)
+    load = np.where(np.isfinite(load).any(axis=0), load, 0.0)
+    size = np.abs(load)
+    beyond = size > OVER_LOAD * most
+    good = GateCheck("loads", True, f"{name}: torques are within what the joints can give, or all of them in another unit")
+    if not beyond.any():
+        return good
+    middle = np.nanmedian(load, axis=0)
+    usual = np.nanquantile(size, USUAL, axis=0) < most  # in another unit most readings are too large
+    steady = np.nanquantile(np.abs(load - middle), USUAL, axis=0) < most
+    j = int(np.argmax(beyond.mean(axis=0)))
+    joint, limit = arm.joint_names[j], f"its drive gives at most {most[j]:.3g}"
+    others = np.delete(np.arange(arm.n), j)
+    if usual.all():
+        between = int(((size[:, j] > 1.2 * most[j]) & ~beyond[:, j]).sum())
+        if between > BETWEEN * beyond[:, j].sum():
+            return good
+        detail = f"{name}: torque of {joint} reaches {size[:, j][beyond[:, j]].max():.4g} N m in {int(beyond[:, j].sum())} samples, {limit}"
+        return GateCheck("loads", False, detail, (Cause(f"single readings of {joint} are damaged: leave out those samples"),))
+    if steady[j] and abs(middle[j]) > OVER_OFFSET * most[j] and usual[others].all():
+        detail = f"{name}: torque of {joint} is {middle[j]:.4g} N m in the median, {limit}"
+        return GateCheck("loads", False, detail, (Cause(f"the torque (or current) of {joint} has an offset: take it off"),))
+    return good
+
+
+def silent(log: Log, load: np.ndarray) -> GateCheck:
+    """Of an arm that moves, not every joint's torque (or current) is one and the same number throughout."""
+    name = name_of(log)
+    read = load[:, np.isfinite(load).all(axis=0)]
+    moved = float(np.fmax.reduce(np.fmax.reduce(log.q) - np.fmin.reduce(log.q)))
+    if read.size and np.ptp(read, axis=0).max() == 0 and moved > MOVED:
+        cause = Cause("torques (or currents) were not recorded: choose the topic or column that holds them")
+        return GateCheck("loads", False, f"{name}: every joint's torque (or current) is constant while the arm moves", (cause,))
+    return GateCheck("loads", True, f"{name}: torques (or currents) were read")
 
 
 def _longest(flags: np.ndarray) -> int:

@@ -361,3 +361,27 @@ def test_by_how_much_a_residual_is_smaller_is_so_at_the_joint_that_is_named() ->
         s = signals([read], [read.tau])
         left.append(fitted(s, model_torque(of, s)).left[2])
     assert f"the residual of elbow_joint is {1 - left[1] / left[0]:.0%} smaller" in refusal
+
+
+def spoilt(log: Log, channel: str, at: slice, joint: int | slice, value: float | np.ndarray) -> Log:
+    x = np.array(getattr(log, channel))
+    x[at, joint] = value
+    return replace(log, **{channel: x})
+
+
+def test_readings_that_no_drive_gives_are_named_as_such() -> None:
+    """Spikes, an offset, a feed that stopped in motion, a torque that was never recorded: none is a gear ratio or another column."""
+    of, log = base("ur10e 3")
+    half = slice(len(log) // 2, None)
+    stopped = log
+    for channel in ("q", "dq", "tau"):
+        stopped = spoilt(stopped, channel, half, slice(None), getattr(log, channel)[len(log) // 2])
+    for wrong, words in (
+        (spoilt(log, "tau", slice(100, None, 97), 1, 9e4), "single readings of shoulder_lift_joint are damaged"),
+        (spoilt(log, "tau", slice(None), 1, log.tau[:, 1] + 2000.0), "shoulder_lift_joint has an offset"),
+        (stopped, "stopped being updated"),
+        (spoilt(log, "tau", slice(None), slice(None), 0.0), "were not recorded"),
+    ):
+        found = gate(of, [wrong], family=family)
+        assert found.refusal is not None
+        assert words in found.causes[0].sentence
