@@ -1,28 +1,31 @@
-"""What the pages draw beside the numbers: curves of a log that was kept apart, and the candidates that came near."""
+"""What the pages draw beside the numbers: curves of a log that was kept apart, candidates that came near, and the torque with and without each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from calib.diagnosis.answer import Diagnosis
+from calib.diagnosis.model import CONTACT
 from calib.diagnosis.selection import THRESHOLD
 from calib.validation import LogCheck, checked
 from logs.log import Log
 from sim.arm import Arm
+from sim.effects import with_effect
+from sim.prediction import predict
 
 MOST_ROWS = 20_000
 MOST_CANDIDATES = 12
 MOST_OTHERS = 3
+MOST_SWITCHED = 8  # effects that the page switches on and off
 
 
 def of_check(check: LogCheck) -> dict[str, Any]:
     """Rows of one validated log, filtered as a fit's rows are: `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)."""
-    m = check.measurement
-    index = np.flatnonzero(m.row_usable.any(axis=1))
-    index = index[:: max(1, len(index) // MOST_ROWS)]
+    m, index = check.measurement, _shown(check)
     return {
         "log": check.log,
         "joint_names": m.joint_names,
@@ -34,21 +37,58 @@ def of_check(check: LogCheck) -> dict[str, Any]:
     }
 
 
+def _shown(check: LogCheck) -> np.ndarray:
+    index = np.flatnonzero(check.measurement.row_usable.any(axis=1))
+    return index[:: max(1, len(index) // MOST_ROWS)]
+
+
 def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: Sequence[Log] = ()) -> dict[str, Any]:
     """What `calib.report.diagnosis.write` draws: the arm before and after on one log; the candidates.
 
-    `others` are further held-out logs, of which only torques are drawn. A log that was found to be bad gives none of it.
+    `others` are further held-out logs, of which only torques are drawn. `switched` of each log are the effects that the page switches on and
+    off: `effect`, `joint`, `identified`, and `tau` (N, n), of the corrected arm without an identified effect, of the nominal arm with any
+    other. A log that was found to be bad gives none of it.
     """
     if found.answer["verdict"] == "bad_data":
         return {}
     first, last = (checked(a, log, None) for a in (arm, corrected))
     curves = of_check(first)
     curves["before"], curves["after"] = curves.pop("tau_hat"), of_check(last)["tau_hat"]
+    arms = _switched(arm, found)
+    curves["switched"] = _with_and_without(first, arms)
     curves["others"] = []
     for other in others[:MOST_OTHERS]:
-        both = [of_check(checked(a, other, None)) for a in (arm, corrected)]
-        curves["others"].append(both[0] | {"before": both[0]["tau_hat"], "after": both[1]["tau_hat"]})
+        checks = [checked(a, other, None) for a in (arm, corrected)]
+        both = [of_check(check) for check in checks]
+        both[0] |= {"before": both[0]["tau_hat"], "after": both[1]["tau_hat"]}
+        curves["others"].append(both[0] | {"switched": _with_and_without(checks[0], arms)})
     return curves | {"candidates": _candidates(found), "threshold": THRESHOLD}
+
+
+def _switched(arm: Arm, found: Diagnosis) -> list[tuple[str, str | None, bool, Arm]]:
+    """Effect, joint, whether it was identified, and the arm that shows it: corrected without it, or nominal with it.
+
+    A contact is an event of one log and no property of an arm. Of the others, those that promised most at the first step of the search.
+    """
+    change, keys = found.correction, {(e.effect, e.joint) for e in found.accepted if e.effect != CONTACT}
+    out = []
+    for effect, joint in sorted(keys, key=str) if change is not None else ():
+        rest = tuple(e for e in change.effects if (e.effect, e.joint) != (effect, joint))
+        if len(rest) < len(change.effects):
+            out.append((effect, joint, True, replace(change, effects=rest).of(arm)))
+    for step in found.found.ladder[0] if found.found and found.found.ladder else ():
+        if step.key not in keys and step.key[0] != CONTACT and len(out) < MOST_SWITCHED:
+            out.append((*step.key, False, with_effect(arm, step.effect)))
+    return out
+
+
+def _with_and_without(check: LogCheck, arms: Sequence[tuple[str, str | None, bool, Arm]]) -> list[dict[str, Any]]:
+    """`tau` (N, n) N m along the rows that `of_check` shows, for each of the arms."""
+    m, index = check.measurement, _shown(check)
+    return [
+        {"effect": effect, "joint": joint, "identified": identified, "tau": m.rows(predict(shown, m.trajectory))[index]}
+        for effect, joint, identified, shown in arms
+    ]
 
 
 def _candidates(found: Diagnosis) -> list[tuple[str, str | None, float]]:

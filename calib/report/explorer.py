@@ -1,4 +1,4 @@
-"""The interactive part of a page: the arm in 3D with the torque residual as heat on its links, and zoomable curves with one cursor."""
+"""The interactive part of a page: the arm in 3D with the torque residual as heat on its links, zoomable curves with one cursor, effects to click."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from calib.claims.diagnosis_sentences import words as effect_words
 from calib.report.page import Page, asset, template
 from calib.report.scene import scene
 from sim.arm import Arm
 
-MOST_ROWS = 1500
+MOST_ROWS = 1200
 MOST_LOGS = 4
 FRAMES_PER_SECOND = 12
 WORDS = {"before": "nominal arm", "after": "corrected arm"}
@@ -27,7 +28,8 @@ def add(
 ) -> Page:  # fmt: skip
     """Embed it in the page.
 
-    logs   each with `log`, its name; `t` (N,) s; `tau`, `q`, `dq` (N, n), and (N, n) for each of `roles`: the predicted torque
+    logs   each with `log`, its name; `t` (N,) s; `tau`, `q`, `dq` (N, n), and (N, n) for each of `roles`: the predicted torque; optionally
+           `switched`, the same effects for each log, as `calib.evidence.of_diagnosis` has them
     roles  `before`, `after`, or one of them; the heat is that of the first one
     words  what the roles are called; joint: the one shown first
     """
@@ -41,8 +43,14 @@ def add(
     data = {
         "joints": names, "joint": names.index(joint) if joint in names else _worst(shown, roles[0]), "roles": list(roles), "unit": unit,
         "words": {role: (words or WORDS).get(role, role) for role in ("before", "after")}, "step": step,
+        "effects": [
+            {"name": effect_words(e["effect"], e["joint"]), "joint": names.index(e["joint"]) if e["joint"] in names else None, "identified": e["identified"]}
+            for e in shown[0]["switched"]
+        ],
         "logs": [
-            {"name": log["log"], "t": _short(log["t"]), **{k: _short(log[k]) for k in ("tau", "q", "dq", *roles)}} for log in shown
+            {"name": log["log"], "t": _short(log["t"]), **{k: _short(log[k]) for k in ("tau", "q", "dq", *roles)},
+             "effects": [_changed(log, e) for e in log["switched"]]}
+            for log in shown
         ],
     }  # fmt: skip
     return _embedded(page, scene(arm, None) | {"motions": moved, "heat": label}, data)
@@ -84,7 +92,17 @@ def _thinned(log: Mapping[str, Any], roles: Sequence[str]) -> dict[str, Any]:
     """At most MOST_ROWS rows, evenly spread: every one of them is a row of the filtered log."""
     count = len(log["t"])
     rows = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))
-    return {"log": str(log["log"]), **{k: np.asarray(log[k], float)[rows] for k in ("t", "tau", "q", "dq", *roles)}}
+    switched = [dict(e) | {"tau": np.asarray(e["tau"], float)[rows]} for e in log.get("switched", ())]
+    return {
+        "log": str(log["log"]), "switched": switched, **{k: np.asarray(log[k], float)[rows] for k in ("t", "tau", "q", "dq", *roles)}
+    }  # fmt: skip
+
+
+def _changed(log: Mapping[str, Any], effect: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """The columns of torque that the effect changes, by the joint's number; the others are those of the arm with which it is compared."""
+    beside = log["after" if effect["identified"] else "before"]
+    apart = np.abs(effect["tau"] - beside).max(axis=0) > 1e-3 * np.abs(beside).max()
+    return {str(j): _short(effect["tau"][:, j]) for j in np.flatnonzero(apart)}
 
 
 def _moved(log: Mapping[str, Any], role: str) -> dict[str, Any]:
@@ -96,7 +114,7 @@ def _moved(log: Mapping[str, Any], role: str) -> dict[str, Any]:
     heat = residual / np.where(most > 0, most, 1.0)
     q, hot = (np.stack([np.interp(grid, t, x) for x in values.T], axis=1) for values in (log["q"], heat))
     return {
-        "name": log["log"], "kind": "recording", "t": np.round(grid, 3), "q": np.round(q, 4), "trail": [], "closest": None,
+        "name": log["log"], "kind": "recording", "t": np.round(grid, 3), "q": np.round(q, 4), "trail": [],
         "heat": np.round(hot, 2),
     }  # fmt: skip
 

@@ -22,6 +22,7 @@ from sim.trajectory import Trajectory
 FRAMES_PER_SECOND = 25
 MOST_FRAMES = 3000
 LOOKS = 300
+PLACES = ("the cell", "itself")
 PARAMETERS = {
     "Ia": "reflected inertia", "coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "torque offset",
 }  # fmt: skip
@@ -50,18 +51,25 @@ class Distances(Protocol):
 
 
 @dataclass(frozen=True)
+class _Near:
+    """Clearance of one kind: distance (K,) m of the nearest pair, spare (K,) m beyond the margin; the pair, its distance m and the time s where spare is least."""
+
+    distance: np.ndarray
+    spare: np.ndarray
+    pair: str
+    least: float
+    at: float
+
+
+@dataclass(frozen=True)
 class _Looks:
-    """What is drawn of one motion: t (K,) s, q (K, n), speed (K,) m/s of the flange, gap (K,) m or None, the closest moment."""
+    """What is drawn of one motion: t (K,) s, q (K, n), flange (K, 3) m, speed (K,) m/s of the flange; clearance to each of PLACES, where known."""
 
     t: np.ndarray
     q: np.ndarray
     flange: np.ndarray
     speed: np.ndarray
-    gap: np.ndarray | None
-    margin: float
-    closest: float | None
-    pair: str
-    near: dict[str, tuple[str, float]] = field(default_factory=dict)
+    near: dict[str, _Near] = field(default_factory=dict)
 
 
 def write(
@@ -106,28 +114,17 @@ def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
     speed = np.linalg.norm(np.einsum("kcj,kj->kc", linear, dq), axis=1)
     flange = np.array([_flange(arm, row) for row in q])
     if clearance is None or not clearance.pairs:
-        return _Looks(grid, q, flange, speed, None, 0.0, None, "")
+        return _Looks(grid, q, flange, speed)
     rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
-    spare = np.array([clearance.distances(q[k]) - clearance.margin for k in rows])
-    k, p = np.unravel_index(int(np.argmin(spare)), spare.shape)
+    distance = np.array([clearance.distances(q[k]) for k in rows])
     near = {}
-    for place, which in (("the cell", ~clearance.of_self), ("itself", clearance.of_self)):
+    for place, which in zip(PLACES, (~clearance.of_self, clearance.of_self), strict=True):
         if which.any():
-            at, pair = np.unravel_index(int(np.argmin(np.where(which, spare, np.inf))), spare.shape)
-            near[place] = (" and ".join(clearance.pairs[pair]), float(spare[at, pair] + clearance.margin[pair]))
-    least = np.argmin(spare, axis=1)
-    gap = np.interp(grid, grid[rows], spare[np.arange(len(rows)), least])
-    return _Looks(
-        grid,
-        q,
-        flange,
-        speed,
-        gap,
-        float(clearance.margin[p]),
-        float(grid[rows[k]]),
-        " and ".join(clearance.pairs[p]),
-        near,
-    )
+            spare = np.where(which, distance - clearance.margin, np.inf)
+            k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
+            kept = [np.interp(grid, grid[rows], x.min(axis=1)) for x in (np.where(which, distance, np.inf), spare)]
+            near[place] = _Near(*kept, " and ".join(clearance.pairs[pair]), float(distance[k, pair]), float(grid[rows[k]]))
+    return _Looks(grid, q, flange, speed, near)
 
 
 def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
@@ -154,12 +151,13 @@ def _played(motion: NamedMotion, look: _Looks) -> dict[str, Any]:
     thin = max(1, len(look.t) // 600)
     return {
         "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
-        "trail": np.round(look.flange[::thin], 3), "closest": look.closest,
+        "trail": np.round(look.flange[::thin], 3),
+        "near": [{"to": place, "at": n.at, "distance": np.round(n.distance, 4)} for place, n in look.near.items()],
     }  # fmt: skip
 
 
 def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: _Looks) -> Markup:
-    rows = ["position", "speed", "acceleration", "flange", *(["clearance"] if look.gap is not None else [])]
+    rows = ["position", "speed", "acceleration", "flange", *look.near]
     figure, panel = mosaic([[row] for row in rows], height=1.45, sharex=True)
     t = motion.trajectory.t - motion.trajectory.t[0]
     middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
@@ -178,11 +176,11 @@ def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: _Looks) -> M
     name(panel["flange"], "speed of the flange", y="m/s")
     if cell is not None:
         _limits(panel["flange"], cell.table.motion.point_speed_max, both=False)
-    if look.gap is not None and look.closest is not None:
-        draw_line(panel["clearance"], look.t, 1000 * look.gap, 300, color=ROLES["ink"], linewidth=1.1)
-        name(panel["clearance"], f"clearance beyond the margin; closest: {look.pair} at {look.closest:.2f} s", y="mm")
-        panel["clearance"].axvline(look.closest, color=ROLES["bad"], linewidth=1.0, linestyle=(0, (4, 2)))
-        _limits(panel["clearance"], 0.0, both=False)
+    for place, near in look.near.items():
+        draw_line(panel[place], look.t, 1000 * near.spare, 300, color=ROLES["ink"], linewidth=1.1)
+        name(panel[place], f"clearance to {place} beyond the margin; closest: {near.pair} at {near.at:.2f} s", y="mm")
+        panel[place].axvline(near.at, color=ROLES["bad"], linewidth=1.0, linestyle=(0, (4, 2)))
+        _limits(panel[place], 0.0, both=False)
     panel[rows[-1]].set_xlabel("t [s]")
     panel[rows[-1]].set_xlim(0, t[-1])
     figure.legend(*panel["position"].get_legend_handles_labels(), loc="outside upper center", ncols=6, fontsize=8)
@@ -198,11 +196,11 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks
     place = f" in {cell.name}" if cell is not None else ""
     fastest = max(float(look.speed.max()) for look in looks.values())
     text = f"{arm.name} will move for {_clock(total)}{place} in {len(motions)} motion{'s' * (len(motions) != 1)}, its flange at up to {fastest:.2f} m/s"
-    for place in ("the cell", "itself"):
+    for place in PLACES:
         near = [look.near[place] for look in looks.values() if place in look.near]
         if near:
-            pair, distance = min(near, key=lambda found: found[1])
-            text += f"; nearest to {place}: {pair}, {1000 * distance:.0f} mm"
+            closest = min(near, key=lambda found: found.least)
+            text += f"; nearest to {place}: {closest.pair}, {1000 * closest.least:.0f} mm"
     return text
 
 
@@ -216,7 +214,7 @@ def _facts(
     if worth.get("identified") is not None:
         count = len(worth["identified"])
         facts.append(("identifies", f"{count} of {count + len(worth.get('not_identified', []))} parameters"))
-    if all(look.gap is None for look in looks.values()):
+    if not any(look.near for look in looks.values()):
         facts.append(("clearance", "not drawn: no cell was given"))
     return facts
 
@@ -226,14 +224,17 @@ def _caption(motion: NamedMotion, look: _Looks) -> str:
 
 
 def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, _Looks]) -> None:
+    places = [place for place in PLACES if any(place in look.near for look in looks.values())]
     rows = []
     for motion in motions:
         look = looks[motion.name]
-        least = None if look.gap is None else 1000 * float(np.min(look.gap)) + 1000 * look.margin
-        rows.append(
-            [motion.name, motion.kind, motion.trajectory.duration, float(look.speed.max()), least, look.pair, look.closest]
-        )
-    headers = ["motion", "kind", "duration [s]", "flange [m/s]", "closest [mm]", "between", "at [s]"]
+        row: list[Any] = [motion.name, motion.kind, motion.trajectory.duration, float(look.speed.max())]
+        for place in places:
+            near = look.near.get(place)
+            row += [None, None, None] if near is None else [1000 * near.least, near.pair, near.at]
+        rows.append(row)
+    headers = ["motion", "kind", "duration [s]", "flange [m/s]"]
+    headers += [head for place in places for head in (f"closest to {place} [mm]", "between", "at [s]")]
     page.section("Motions").table(headers, rows)
 
 

@@ -1,33 +1,41 @@
 "use strict";
-// Curves of a log: torque and residual over time, residual over speed, position and load, with one cursor for all of them and the 3D player.
+// Curves of a log: torque and residual over time, residual over speed, position and load, with one cursor for all of them and the 3D player;
+// the residual with and without an effect that is clicked; the residual of all held-out logs side by side.
 // Data: <script type="application/json" id="explorer">. Wheel or + and - zoom in time, drag or Shift with arrows moves, arrows move the cursor.
 (() => {
   const data = JSON.parse(document.getElementById("explorer").textContent);
   const root = document.getElementById("explorer-view");
   const find = (name) => root.querySelector(`[data-part=${name}]`);
-  const [jointBox, logBox, toggles, readout, canvas] = ["joint", "log", "series", "readout", "curves"].map(find);
+  const [jointBox, logBox, toggles, readout, canvas, choices, share] =
+    ["joint", "log", "series", "readout", "curves", "effects", "share"].map(find);
   const ink = canvas.getContext("2d");
-  const state = { log: 0, joint: data.joint, from: 0, to: 1, at: 0, on: {} };
+  const state = { log: 0, joint: data.joint, effect: -1, from: 0, to: 1, at: 0, on: {} };
   const names = { measured: "measured", before: data.words.before, after: data.words.after };
   const roles = data.roles;
+  const effects = data.effects || [];
   let boxes = [];
 
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   const log = () => data.logs[state.log];
-  const column = (key, j = state.joint) => log()[key].map((row) => row[j]);
-  const dash = { before: [5, 3], after: [], measured: [] };
+  const dash = { before: [5, 3], after: [], effect: [2, 2], measured: [] };
+  // an identified effect is shown by the corrected arm without it, any other by the nominal arm with it
+  const beside = () => (effects[state.effect].identified ? "after" : "before");
+  const every = () => (state.effect < 0 ? roles : [...roles, "effect"]);
 
-  function cached() {
-    const l = log();
-    const key = `${state.log}/${state.joint}`;
-    if (cached.key === key) return cached.value;
+  const kept = new Map();
+  function curves(number = state.log) {
+    const key = `${number}/${state.joint}/${state.effect}`;
+    if (kept.has(key)) return kept.get(key);
+    const l = data.logs[number];
+    const column = (name) => l[name].map((row) => row[state.joint]);
     const tau = column("tau");
     const value = { t: l.t, tau, q: column("q"), dq: column("dq"), predicted: {}, residual: {} };
-    for (const role of roles) {
-      value.predicted[role] = column(role);
+    for (const role of every()) {
+      value.predicted[role] = role !== "effect" ? column(role) : l.effects[state.effect][state.joint] || value.predicted[beside()];
       value.residual[role] = tau.map((x, k) => x - value.predicted[role][k]);
     }
-    [cached.key, cached.value] = [key, value];
+    if (kept.size > 40) kept.clear();
+    kept.set(key, value);
     return value;
   }
 
@@ -94,7 +102,7 @@
 
   function line(box, xs, ys, indices, role) {
     clip(box, () => {
-      ink.strokeStyle = css(role === "measured" ? "ink" : role);
+      ink.strokeStyle = css({ measured: "ink", effect: "refit" }[role] || role);
       ink.lineWidth = role === "measured" ? 1 : 1.4;
       ink.setLineDash(dash[role]);
       ink.beginPath();
@@ -112,7 +120,7 @@
 
   function cloud(box, xs, ys, indices, role) {
     clip(box, () => {
-      ink.fillStyle = css(role);
+      ink.fillStyle = css(role === "effect" ? "refit" : role);
       ink.globalAlpha = 0.45;
       for (const k of indices) ink.fillRect(px(box, xs[k]) - 1, py(box, ys[k]) - 1, 2, 2);
       ink.globalAlpha = 1;
@@ -140,7 +148,9 @@
   function draw() {
     const wide = canvas.clientWidth;
     const narrow = wide < 620;
-    const tall = narrow ? 900 : 620;
+    const many = data.logs.length > 1;
+    const below = narrow ? 900 : 620;
+    const tall = below + (many ? (narrow ? 150 * data.logs.length : 160) : 0);
     const scale = Math.min(devicePixelRatio || 1, 2);
     canvas.style.height = `${tall}px`;
     canvas.width = wide * scale;
@@ -148,9 +158,9 @@
     ink.setTransform(scale, 0, 0, scale, 0, 0);
     ink.clearRect(0, 0, wide, tall);
     ink.font = "12px system-ui, sans-serif";
-    const c = cached();
+    const c = curves();
     const indices = visible();
-    const shown = roles.filter((role) => state.on[role]);
+    const shown = every().filter((role) => state.on[role]);
     const end = c.t[c.t.length - 1];
     const left = 56, width = wide - left - 12;
     const unit = data.unit;
@@ -177,12 +187,70 @@
       frame(part, narrow || k === 0 ? `residual [${unit}]` : "", label);
       for (const role of shown) cloud(part, xs, c.residual[role], indices, role);
     });
+    if (many) sideBySide(shown, below, left, wide, narrow);
     cursor(c, shown);
+    compare(c, indices);
+  }
+
+  // The residual of this joint on every log, on one scale.
+  function sideBySide(shown, top, left, wide, narrow) {
+    const all = data.logs.map((l, k) => [l, curves(k), l.t.map((_, row) => row)]);
+    const ranges = all.map(([, c, rows]) => extent(shown.length ? shown.map((role) => c.residual[role]) : [c.tau.map(() => 0)], rows));
+    const range = [Math.min(...ranges.map((r) => r[0])), Math.max(...ranges.map((r) => r[1]))];
+    const each = narrow ? wide - left - 12 : (wide - 12) / data.logs.length - left;
+    all.forEach(([l, c, rows], k) => {
+      const [x, y] = narrow ? [left, top + 22 + 150 * k] : [left + k * (each + left), top + 22];
+      const box = { kind: "log", log: k, x, y, w: each, h: 100, xs: c.t, x0: 0, x1: c.t[c.t.length - 1], y0: range[0], y1: range[1] };
+      boxes.push(box);
+      frame(box, fitted(`${k === state.log ? "▸ " : ""}${l.name}`, each - 60), "time [s]");
+      for (const role of shown) line(box, c.t, c.residual[role], rows, role);
+    });
+  }
+
+  function fitted(text, width) {
+    if (ink.measureText(text).width <= width) return text;
+    while (text.length > 4 && ink.measureText(`${text}…`).width > width) text = text.slice(0, -1);
+    return `${text}…`;
+  }
+
+  const rms = (list, indices) => Math.sqrt(indices.reduce((sum, k) => sum + list[k] ** 2, 0) / Math.max(1, indices.length));
+
+  // What the clicked effect does to the residual of what is seen.
+  function compare(c, indices) {
+    if (state.effect < 0) { share.textContent = ""; return; }
+    const { name, identified } = effects[state.effect];
+    const [here, changed] = [beside(), "effect"].map((role) => `${short(rms(c.residual[role], indices))} ${data.unit}`);
+    const [withIt, without] = identified ? [here, changed] : [changed, here];
+    const of = identified ? `the ${names.after}` : `the ${names.before}`;
+    share.textContent = `${name}: residual RMS of ${data.joints[state.joint]}, in what is shown: ${of} with it ${withIt}, without it ${without}`;
+  }
+
+  function choose(k) {
+    state.effect = state.effect === k ? -1 : k;
+    const found = effects[state.effect];
+    if (found && found.joint !== null) { state.joint = found.joint; jointBox.value = String(found.joint); }
+    for (const role of roles) state.on[role] = !found || role === beside();
+    names.effect = found ? `${found.identified ? names.after : names.before} ${found.identified ? "without" : "with"} ${found.name}` : "";
+    [...choices.querySelectorAll("button")].forEach((b, i) => b.setAttribute("aria-pressed", String(i === state.effect)));
+    marks();
+    draw();
+  }
+
+  function marks() {
+    toggles.replaceChildren(...["measured", ...every()].map((role) => {
+      const label = document.createElement("label");
+      const tick = Object.assign(document.createElement("input"), { type: "checkbox", checked: state.on[role] });
+      const mark = Object.assign(document.createElement("span"), { className: `mark mark-${role}`, textContent: " " });
+      tick.addEventListener("change", () => { state.on[role] = tick.checked; draw(); });
+      label.append(tick, mark, ` ${names[role]}`);
+      return label;
+    }));
   }
 
   function cursor(c, shown) {
     const k = nearest(state.at);
     for (const b of boxes) {
+      if (b.kind === "log" && b.log !== state.log) continue;
       ink.strokeStyle = css("accent");
       ink.lineWidth = 1;
       const x = px(b, b.xs[k]);
@@ -230,9 +298,13 @@
   function point(event) {
     const [b, x, y] = inside(event);
     if (!b) return;
-    if (b.kind === "time") { seek(b.x0 + ((x - b.x) / b.w) * (b.x1 - b.x0)); return; }
-    const c = cached();
-    const role = roles.filter((r) => state.on[r]).pop();
+    if (b.kind === "log") {
+      if (event.type !== "click" && b.log !== state.log) return; // another log is chosen by a click, not in passing
+      if (b.log !== state.log) { state.log = b.log; logBox.value = String(b.log); }
+    }
+    if (b.kind !== "cloud") { seek(b.x0 + ((x - b.x) / b.w) * (b.x1 - b.x0)); return; }
+    const c = curves();
+    const role = every().filter((r) => state.on[r]).pop();
     if (!role) return;
     let best = -1, least = 400;
     for (const k of visible()) {
@@ -274,22 +346,25 @@
   for (const [box, list, key] of [[jointBox, data.joints, "joint"], [logBox, data.logs.map((l) => l.name), "log"]]) {
     list.forEach((name, k) => box.append(new Option(name, String(k))));
     box.value = String(state[key]);
-    box.addEventListener("change", () => { state[key] = Number(box.value); cached.key = ""; seek(Math.min(state.at, log().t[log().t.length - 1])); });
+    box.addEventListener("change", () => { state[key] = Number(box.value); seek(Math.min(state.at, log().t[log().t.length - 1])); });
   }
   logBox.parentElement.hidden = data.logs.length < 2;
-  for (const role of ["measured", ...roles]) {
-    const label = document.createElement("label");
-    const tick = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
-    const mark = Object.assign(document.createElement("span"), { className: `mark mark-${role}`, textContent: " " });
-    state.on[role] = true;
-    tick.addEventListener("change", () => { state.on[role] = tick.checked; draw(); });
-    label.append(tick, mark, ` ${names[role]}`);
-    toggles.append(label);
-  }
+  for (const role of ["measured", ...roles, "effect"]) state.on[role] = true;
+  marks();
+  if (effects.length) choices.append("with and without:");
+  effects.forEach((found, k) => {
+    const button = Object.assign(document.createElement("button"), {
+      type: "button", textContent: found.name, className: found.identified ? "identified" : "",
+      title: found.identified ? "identified: the corrected arm with and without it" : "not identified: the nominal arm with and without it",
+    });
+    button.setAttribute("aria-pressed", "false");
+    button.addEventListener("click", () => choose(k));
+    choices.append(button);
+  });
   document.addEventListener("calib-time", (event) => {
     const k = data.logs.findIndex((l) => l.name === event.detail.motion);
     if (k < 0) return;
-    if (k !== state.log) { state.log = k; logBox.value = String(k); cached.key = ""; }
+    if (k !== state.log) { state.log = k; logBox.value = String(k); }
     seek(event.detail.time, false);
   });
   addEventListener("resize", draw);

@@ -1,4 +1,5 @@
-// The 3D player of plan.html: an arm's collision shapes, moved through a plan; play, pause, scrub, jump to the closest moment.
+// The 3D player of plan.html: an arm's collision shapes, moved through a plan; play, pause, scrub, jump to where it is closest to the cell
+// and to itself.
 // Everything it shows comes from <script type="application/json" id="scene">; nothing is fetched.
 import {
   AmbientLight, BoxGeometry, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, DoubleSide,
@@ -10,8 +11,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 const data = JSON.parse(document.getElementById("scene").textContent);
 const root = document.getElementById("player");
 const find = (name) => root.querySelector(`[data-part=${name}]`);
-const [view, play, scrub, clock, speed, choice, closest] =
-  ["view", "play", "scrub", "clock", "speed", "motion", "closest"].map(find);
+const [view, play, scrub, clock, speed, choice, closest, distance] =
+  ["view", "play", "scrub", "clock", "speed", "motion", "closest", "distance"].map(find);
 
 function colour(name) {
   return new Color(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
@@ -149,6 +150,13 @@ function warm() {
   for (const [material, role, joint] of heated) material.color = cold[role].clone().lerp(hot, motion.heat[k][joint]);
 }
 
+// How far the arm is from the cell and from itself at this moment, each by itself.
+function measure() {
+  const k = Math.round((time / (motion.t[motion.t.length - 1] || 1)) * (motion.t.length - 1));
+  const near = (motion.near || []).map((n) => `to ${n.to} ${(1000 * n.distance[k]).toFixed(0)} mm`);
+  distance.textContent = near.length ? `distance ${near.join(" · ")}` : "";
+}
+
 function show(at, told = true) {
   time = Math.min(motion.t[motion.t.length - 1], Math.max(0, at));
   const q = posture(time);
@@ -165,6 +173,7 @@ function show(at, told = true) {
     head.setAttribute("x1", x);
     head.setAttribute("x2", x);
   }
+  measure();
   warm();
   draw();
   if (told) document.dispatchEvent(new CustomEvent("calib-time", { detail: { motion: motion.name, time } }));
@@ -177,7 +186,11 @@ function choose(name) {
   trail.geometry = new BufferGeometry();
   trail.geometry.setAttribute("position", new Float32BufferAttribute(motion.trail.flat(), 3));
   for (const part of document.querySelectorAll("[data-motion]")) part.hidden = part.dataset.motion !== name;
-  closest.hidden = motion.closest === null;
+  closest.replaceChildren(...(motion.near || []).map((n) => {
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: `closest to ${n.to}` });
+    button.addEventListener("click", () => { pause(); show(n.at); });
+    return button;
+  }));
   pause();
   show(0);
 }
@@ -208,7 +221,6 @@ play.addEventListener("click", () => {
 });
 scrub.addEventListener("input", () => { pause(); show(Number(scrub.value)); });
 choice.addEventListener("change", () => choose(choice.value));
-closest.addEventListener("click", () => { pause(); show(motion.closest); });
 // the curves of a report move the arm
 document.addEventListener("calib-seek", (event) => {
   if (event.detail.log !== motion.name) {

@@ -15,6 +15,7 @@ from calib.report import explorer
 from calib.report.page import Page
 from sim.arm import load_arm
 from tests.calib.report.browser import Visit
+from tests.calib.report.conftest import SCREENSHOTS
 
 ARM = load_arm("ur10e")
 RNG = np.random.default_rng(0)
@@ -28,7 +29,14 @@ def log(name: str, seconds: float, rows: int = 4000) -> dict[str, Any]:
     # what the nominal arm is missing: a spring at the elbow
     before = 30 * np.cos(q) + 4 * np.sign(dq)
     tau[:, 2] += 8 * (q[:, 2] - 1.3)
-    return {"log": name, "t": t, "q": q, "dq": dq, "tau": tau, "before": before, "after": tau - RNG.normal(0, 0.3, q.shape)}
+    after = tau - RNG.normal(0, 0.3, q.shape)
+    without, payload = after.copy(), before + 0.5 * np.sin(q)
+    without[:, 2] -= 8 * (q[:, 2] - 1.3)
+    switched = [
+        {"effect": "joint_spring", "joint": "elbow_joint", "identified": True, "tau": without},
+        {"effect": "payload", "joint": None, "identified": False, "tau": payload},
+    ]
+    return {"log": name, "t": t, "q": q, "dq": dq, "tau": tau, "before": before, "after": after, "switched": switched}
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +97,54 @@ def test_the_other_log_moves_the_arm_too(page: Path, visit: Callable[..., Visit]
     assert seen.page.locator("#explorer-view [data-part=log]").input_value() == "0"
 
 
+def test_a_click_shows_the_residual_with_and_without_an_effect(page: Path, visit: Callable[..., Visit]) -> None:
+    seen = visit(page, shot="explorer-effect")
+    browser = seen.page
+    share, joint = browser.locator("[data-part=share]"), browser.locator("[data-part=joint]")
+    joint.select_option(label="shoulder_pan_joint")
+    spring, payload = (browser.get_by_role("button", name=name) for name in ("joint spring at elbow_joint", "payload"))
+    spring.focus()
+    spring.press("Enter")
+    assert joint.locator("option:checked").inner_text() == "elbow_joint"
+    found = re.search(r"the corrected arm with it ([\d.]+) N m, without it ([\d.]+) N m", share.inner_text())
+    assert found
+    assert float(found[1]) == pytest.approx(0.3, rel=0.1)
+    assert float(found[2]) > 5 * float(found[1])
+    assert "corrected arm without joint spring at elbow_joint" in browser.locator("[data-part=series]").inner_text()
+    payload.click()
+    assert spring.get_attribute("aria-pressed") == "false"
+    assert "the nominal arm with it" in share.inner_text()
+    browser.screenshot(path=SCREENSHOTS / "explorer-effect-clicked.png", full_page=True)
+    payload.click()
+    assert share.inner_text() == ""
+    assert seen.complaints == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_held_out_logs_stand_side_by_side(page: Path, visit: Callable[..., Visit], width: int) -> None:
+    seen = visit(page, width=width, shot="explorer-logs")
+    curves, chosen = seen.page.locator("[data-part=curves]"), seen.page.locator("#explorer-view [data-part=log]")
+    box = curves.bounding_box()
+    assert box is not None
+    last = {"x": box["width"] - 40, "y": box["height"] - 70}
+    curves.hover(position=last)
+    assert chosen.input_value() == "0"
+    curves.click(position=last)
+    assert chosen.input_value() == "1"
+    assert "/ 8.00 s" in seen.page.locator("[data-part=clock]").inner_text()
+    assert seen.complaints == []
+
+
+def test_many_logs_and_effects_stay_under_four_megabytes(tmp_path: Path) -> None:
+    one = log("a", 60.0)
+    many = [one | {"switched": [one["switched"][1] | {"tau": one["before"] * 0.9}] * 8} for _ in range(4)]
+    made = explorer.add(Page("ur10e", "Eight effects of the whole arm", "found"), ARM, many, ("before", "after"))
+    assert len(made.html()) < 4_000_000
+
+
 def test_without_rows_there_is_nothing_to_explore() -> None:
     empty = {key: value[:0] if isinstance(value, np.ndarray) else value for key, value in log("a", 1.0).items()}
+    empty["switched"] = []
     assert "explorer-view" not in explorer.add(Page("a", "b"), ARM, [empty], ("before",)).html()
 
 

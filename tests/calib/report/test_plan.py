@@ -35,7 +35,7 @@ class Near:
     of_self = np.array([False, True])
 
     def distances(self, q: np.ndarray) -> np.ndarray:
-        return np.array([0.5 - 0.3 * q[0], 0.9])
+        return np.array([0.5 - 0.3 * q[0], 0.4 + 0.3 * q[0]])
 
 
 def motion(name: str, seconds: float) -> Motion:
@@ -75,10 +75,15 @@ def test_it_plays_and_scrubs(page: Path, visit: Callable[..., Visit], dark: bool
     browser.get_by_role("button", name="play").click()
     expect(browser.locator("[data-part=clock]")).not_to_have_text(re.compile(r"^0\.0"))
     browser.get_by_role("button", name="pause").click()
-    browser.get_by_role("button", name="closest moment").click()
-    assert float(browser.locator("[data-part=scrub]").input_value()) == pytest.approx(3.0, abs=0.1)
+    at, distance = browser.locator("[data-part=scrub]"), browser.locator("[data-part=distance]")
+    browser.get_by_role("button", name="closest to itself", exact=True).click()
+    assert float(at.input_value()) == pytest.approx(9.0, abs=0.1)
+    assert distance.inner_text() == "distance to the cell 650 mm · to itself 250 mm"
+    browser.get_by_role("button", name="closest to the cell", exact=True).click()
+    assert float(at.input_value()) == pytest.approx(3.0, abs=0.1)
+    assert distance.inner_text() == "distance to the cell 350 mm · to itself 550 mm"
     heads = browser.locator('[data-motion="friction"] .playhead')
-    assert heads.count() == 5
+    assert heads.count() == 6
     quarter = heads.first.evaluate("h => (h.getAttribute('x1') - h.dataset.x0) / (h.dataset.x1 - h.dataset.x0)")
     assert quarter == pytest.approx(0.25, abs=0.01)
     browser.locator("[data-part=motion]").select_option("excitation")
@@ -92,14 +97,15 @@ def test_it_plays_and_scrubs(page: Path, visit: Callable[..., Visit], dark: bool
 def test_without_webgl_the_rest_still_works(page: Path, visit: Callable[..., Visit]) -> None:
     seen = visit(page, shot="plan-without-webgl", before="HTMLCanvasElement.prototype.getContext = () => null;")
     assert "This browser has no WebGL" in seen.page.inner_text("#player")
-    seen.page.get_by_role("button", name="closest moment").click()
+    seen.page.get_by_role("button", name="closest to the cell", exact=True).click()
     assert float(seen.page.locator("[data-part=scrub]").input_value()) == pytest.approx(3.0, abs=0.1)
 
 
 def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     html = page.read_text()
     assert "ur10e will move for 20 s in mock-ur10e in 2 motions" in html
-    assert "nearest to the cell: forearm and table, 350 mm" in html
+    assert "nearest to the cell: forearm and table, 350 mm; nearest to itself: wrist_3 and base, 250 mm" in html
+    assert {"closest to the cell [mm]", "closest to itself [mm]"} <= set(re.findall(r">([^<>]+)</button>", html))
     assert "2 of 3 parameters improve over their nominal values" in html
     assert {"Coulomb friction", "mcx*", "Ixx"} <= set(re.findall(r">([^<>]+)</td>", html))
     assert "2 of 3 parameters" in html
