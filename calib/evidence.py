@@ -72,10 +72,10 @@ def _switched(arm: Arm, found: Diagnosis) -> list[tuple[str, str | None, bool, A
     """
     change, keys = found.correction, {(e.effect, e.joint) for e in found.accepted if e.effect != CONTACT}
     out = []
-    for effect, joint in sorted(keys, key=str) if change is not None else ():
-        rest = tuple(e for e in change.effects if (e.effect, e.joint) != (effect, joint))
-        if len(rest) < len(change.effects):
-            out.append((effect, joint, True, replace(change, effects=rest).of(arm)))
+    for item in change.effects if change is not None else ():
+        if change is not None and (key := (item.effect, item.joint)) in keys:
+            rest = tuple(e for e in change.effects if (e.effect, e.joint) != key)
+            out.append((*key, True, replace(change, effects=rest).of(arm)))
     for step in found.found.ladder[0] if found.found and found.found.ladder else ():
         if step.key not in keys and step.key[0] != CONTACT and len(out) < MOST_SWITCHED:
             out.append((*step.key, False, with_effect(arm, step.effect)))

@@ -122,8 +122,10 @@ def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
         if which.any():
             spare = np.where(which, distance - clearance.margin, np.inf)
             k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
-            kept = [np.interp(grid, grid[rows], x.min(axis=1)) for x in (np.where(which, distance, np.inf), spare)]
-            near[place] = _Near(*kept, " and ".join(clearance.pairs[pair]), float(distance[k, pair]), float(grid[rows[k]]))
+            nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
+            near[place] = _Near(
+                nearest, room, " and ".join(clearance.pairs[pair]), float(distance[k, pair]), float(grid[rows[k]])
+            )
     return _Looks(grid, q, flange, speed, near)
 
 
