@@ -16,6 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from benchmarks.hostile import ARM, sound
 from benchmarks.hostile_changes import SAMPLES, Case, Mutant, bytes_of, log_of, placed, readings_of, words_of
+from benchmarks.wrong_data import base
+from logs.convert import write_log
 from sim.resources import shipped_configs
 
 
@@ -24,6 +26,19 @@ def _sample(name: str) -> Callable[[Path], Path]:
 
 
 MCAP, CSV = _sample("servo6_excitation.mcap"), _sample("ur10e_ur_rtde.csv")
+
+
+def _beside(*words: str) -> Callable[[Path], Mutant]:
+    """A command on a sound recording, GOOD, and on another one whose readings are changed."""
+
+    def begin(folder: Path) -> Mutant:
+        of, log = base(f"{ARM} 2")
+        write_log(log, folder / "good.mcap", "clean", {"arm": of.name, "motion": "excitation"})
+        return readings_of(
+            "servo6_excitation.mcap", *(str(folder / "good.mcap") if word == "GOOD" else word for word in words)
+        )(folder)
+
+    return begin
 
 
 def _short(folder: Path) -> Path:
@@ -138,6 +153,9 @@ CASES: dict[str, Callable[[Path], Mutant]] = {
     "identify, mcap": bytes_of(_log(MCAP, "identify", ARM, "LOG", "--out", "OUT")),
     "identify, csv": bytes_of(_log(CSV, "identify", "ur10e", "LOG", "--accept-partial", "--out", "OUT")),
     "identify, readings": readings_of("servo6_excitation.mcap", "identify", ARM, "LOG", "--out", "OUT"),
+    "identify, held out": _beside("identify", ARM, "GOOD", "--holdout", "LOG", "--out", "OUT"),
+    "identify, loaded": _beside("identify", ARM, "GOOD", "--loaded", "LOG", "--known-mass", "1", "--out", "OUT"),
+    "diagnose, held out": _beside("diagnose", ARM, "GOOD", "--holdout", "LOG", "--out", "OUT"),
     "identify, words": words_of(
         _short, "identify", "@ur10e", "@LOG", "--cutoff", "#8", "--max-error", "#0.3", "--assume", "@as-recorded", "--configs", "@FOLDER",
         "--accept-partial", "--out", "OUT"),

@@ -255,7 +255,7 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
     if not solution.regularised and all(moved):
         progress("instruments", 0.0)
         by_command = instrumental(rows, [m for m in moved if m], weights, prior, solution)
-        if by_command.preferred:
+        if by_command and by_command.preferred:
             spread = by_command.covariance
             solution = replace(solution, theta=by_command.theta, covariance=spread, tight=spread)
     remarks = tuple(

@@ -26,6 +26,7 @@ from sim.trajectory import Trajectory
 LEVEL = 0.01
 LATEST = 0.3  # s that a motion may follow its command
 STRENGTH = 0.3
+MOST_CONDITION = 1e12  # of the columns of both, scaled: beyond it some direction has no instrument
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,11 @@ def commanded(log: Log, m: Measurement) -> Measurement | None:
 
 def instrumental(
     rows: RegressorRows, instruments: Sequence[Measurement], weights: Reference, prior: Prior, found: Solution
-) -> Instrumental:
-    """Both estimates on the same rows under the same weights; `instruments` belong to the rows' measurements one by one."""
+) -> Instrumental | None:
+    """Both estimates on the same rows under the same weights; `instruments` belong to the rows' measurements one by one.
+
+    None where the commanded motion does not go with the measured one in some direction: it is no instrument there.
+    """
     p, used = rows.model.p, rows.used
     other = RegressorRows(rows.model, instruments, rows.leave_out)
     cross, right, least = prior.precision.copy(), prior.precision @ prior.mean, prior.precision.copy()
@@ -90,7 +94,10 @@ def instrumental(
             parts.append((u, a, z, b, weight, index))
         kept.append((len(block.b), parts))
     scale = 1 / np.sqrt(np.maximum(np.diag(least), 1e-300))
-    by_cross = scale[:, None] * np.linalg.inv(cross * np.outer(scale, scale)) * scale
+    scaled = cross * np.outer(scale, scale)
+    if not np.isfinite(scaled).all() or not np.linalg.cond(scaled) < MOST_CONDITION:
+        return None
+    by_cross = scale[:, None] * np.linalg.inv(scaled) * scale
     by_least = inverse(least)
     theta = by_cross @ right
     root = np.linalg.cholesky(by_least + 1e-18 * np.diag(np.diag(by_least)))

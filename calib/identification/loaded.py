@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.gate.commands import require
-from calib.identification.identify import Identification, Options, fitted, identify
+from calib.gate.commands import require, require_apart
+from calib.identification.identify import Identification, Options, fitted, identify, survey
 from calib.identification.payload import Load, load_between, scale_from_known_mass
 from logs.log import Log
 from sim.arm import Arm
@@ -32,6 +32,7 @@ def identify_with_load(
     """
     options = options or Options()
     require(arm, loaded)
+    require_apart([logs[k] for k in survey(logs)], loaded)
     if known_mass is None:
         found = identify(arm, logs, holdout, options, progress)
         same = replace(options, slip_width=found.model.slip_width, cutoff=found.result.settings["cutoff_hz"])

@@ -17,7 +17,7 @@ from calib.identification.payload import Load
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
-from sim.errors import AnswerIsNo
+from sim.errors import AnswerIsNo, BadLog
 from tests.calib.conftest import fourier_motion, recorded, varied
 
 MASS, COM = 2.4, np.array([0.03, -0.02, 0.11])
@@ -127,3 +127,11 @@ def test_the_inertia_of_a_load_can_exist(found: tuple[Identification, Load]) -> 
     second = np.trace(load.inertia) / 2 * np.eye(3) - load.inertia
     j[:3, :3] = second + load.mass * np.outer(load.com, load.com)
     assert np.linalg.eigvalsh(j)[0] > -1e-9
+
+
+def test_a_recording_has_no_load_beside_itself() -> None:
+    arm = load_arm("ur5e")
+    (log, *_) = logs_of(arm, 70)
+    copied = replace(log, t=log.t + 5, q=np.round(log.q, 6))
+    with pytest.raises(BadLog, match="the same recording"):
+        identify_with_load(arm, [log], [copied], options=OPTIONS)

@@ -54,3 +54,18 @@ def test_the_delay_of_the_command_is_found(ur5e: Arm) -> None:
     assert moved is not None
     inside = m.inside & (m.trajectory.t < log.t[-1] - 0.2)
     assert np.abs(moved.trajectory.q - m.trajectory.q)[inside].max() < 5e-3
+
+
+@pytest.mark.parametrize("wanted", ["constant", "beyond all measure", "another motion"])
+def test_a_command_that_says_nothing_of_the_motion_is_no_instrument(ur5e: Arm, wanted: str) -> None:
+    """Of a channel that was never filled, or holds nonsense: least squares stay, and nothing ends as a fault."""
+    log = recorded(ur5e, fourier_motion(ur5e, 1), 1)
+    q_cmd = {
+        "constant": np.full_like(log.q, 0.3),
+        "beyond all measure": log.q * 1e200,
+        "another motion": recorded(ur5e, fourier_motion(ur5e, 2), 2).q_cmd,
+    }[wanted]
+    with np.errstate(all="ignore"):
+        fit = fitted(ur5e, [replace(log, q_cmd=q_cmd)], OPTIONS)
+    assert fit.by_command is None or not fit.by_command.preferred
+    assert np.isfinite(fit.solution.theta).all()
