@@ -8,10 +8,10 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from calib.gate.check import LIKELIEST, GateCheck
+from calib.gate.check import GateCheck
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
-from calib.gate.readings import name_of, twice
+from calib.gate.readings import name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
@@ -48,15 +48,6 @@ def require(arm: Arm, logs: Sequence[Log]) -> None:
     _, refusal = examined(arm, logs)
     if refusal is not None:
         raise BadLog(refusal)
-
-
-def require_apart(logs: Sequence[Log], others: Sequence[Log]) -> None:
-    """BadLog where one of the others is one of the logs: nothing differs between a recording and itself."""
-    for log in logs:
-        for other in others:
-            check = twice([log, other])
-            if not check.ok and not all(AS_RECORDED in assumed(x) for x in (log, other)):
-                raise BadLog(_message(f"{check.detail}. {LIKELIEST}{check.causes[0].sentence}"))
 
 
 def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[tuple[GateCheck, ...], str | None]:

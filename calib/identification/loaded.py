@@ -7,11 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.gate.commands import require, require_apart
+from calib.gate.check import LIKELIEST
+from calib.gate.commands import require
+from calib.gate.correction import AS_RECORDED, assumed
+from calib.gate.readings import twice
 from calib.identification.identify import Identification, Options, fitted, identify, survey
 from calib.identification.payload import Load, load_between, scale_from_known_mass
 from logs.log import Log
 from sim.arm import Arm
+from sim.errors import BadLog
 
 VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
 
@@ -32,7 +36,7 @@ def identify_with_load(
     """
     options = options or Options()
     require(arm, loaded)
-    require_apart([logs[k] for k in survey(logs)], loaded)
+    _require_apart([logs[k] for k in survey(logs)], loaded)
     if known_mass is None:
         found = identify(arm, logs, holdout, options, progress)
         same = replace(options, slip_width=found.model.slip_width, cutoff=found.result.settings["cutoff_hz"])
@@ -54,6 +58,15 @@ def identify_with_load(
         )
     found = identify(provisional if by_current.any() else arm, logs, holdout, options, progress)
     return _with_load(found, load, known_mass), load
+
+
+def _require_apart(logs: Sequence[Log], loaded: Sequence[Log]) -> None:
+    """BadLog where one of the loaded logs is one of the logs: nothing differs between a recording and itself."""
+    for log in logs:
+        for other in loaded:
+            check = twice([log, other])
+            if not check.ok and not all(AS_RECORDED in assumed(x) for x in (log, other)):
+                raise BadLog(f"{check.detail}. {LIKELIEST}{check.causes[0].sentence}")
 
 
 def _with_load(found: Identification, load: Load, known_mass: float | None) -> Identification:
