@@ -185,22 +185,22 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
         return
     try:
         reason = process.run()
-        if reason is not None:
-            signs.trip(reason)
-            if driver.sole:
-                _end(control)
-            try:
-                driver.halt()
-            except DeviceError as error:
-                reason = f"{reason}; {error}"
-            # whoever finds the device stopped closes the log and says why; who hangs does not
-            if not select.select([control], [], [], GRACE)[0]:
-                _end(control)
-            record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
+        signs.trip(reason)
+        if driver.sole:
+            _end(control)
+        try:
+            driver.halt()
+        except DeviceError as error:
+            reason = f"{reason}; {error}"
+        # whoever finds the device stopped closes the log and says why; who hangs does not
+        if not select.select([control], [], [], GRACE)[0]:
+            _end(control)
+        record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
     except (EOFError, OSError):  # the control process has ended, with the arm at rest
         pass
     except CalibError as error:
-        write(talk, str(error))
+        with suppress(OSError):
+            write(talk, str(error))
     finally:
         driver.close()
 
@@ -218,8 +218,8 @@ class _Process:
         self._arm, self._cell, self._driver, self._signs, self._talk = arm, cell, driver, signs, talk
         self._clearance, self._listens = clearance, False
 
-    def run(self) -> str | None:
-        """Stage after stage; why the arm must be taken from the guard. EOFError where the control process has ended."""
+    def run(self) -> str:
+        """Stage after stage, and at last why the arm must be taken from the guard. EOFError where the control process has ended."""
         while True:
             order = Order(**read(self._talk))
             tube = VerifiedSamples(Path(order.file), order.counts, self._arm, self._cell, order.rate)

@@ -66,6 +66,9 @@ TARGETS = {
     "shapes": (("_check_sizes",), ("test_collision",)),
     "stages": (("gate", "stages_due"), ("test_stages",)),
     "approval": (("check_approval",), ("test_plan",)),
+    "watching": (("__init__", "sample", "look", "_stopping", "_rules"), ("test_watching",)),
+    "signs": (("last", "tripped"), ("test_signs",)),
+    "monitor_link": (("reason",), ("test_monitor_link",)),
     "guard": (("_check_start", "_first_reading", "_send"), ("test_guard", "test_guard_faults", "test_guard_one_joint")),
 }
 

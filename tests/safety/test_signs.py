@@ -39,6 +39,14 @@ def test_another_process_sees_what_was_shown_and_answers() -> None:
     assert signs.tripped == "leg 2, sample 7, [0.1, 0.2, 0.3]"
 
 
+def test_a_copy_for_another_process_shares_the_memory() -> None:
+    signs = Signs(2, CONTEXT)
+    copy = Signs.__new__(Signs)
+    copy.__setstate__(signs.__getstate__())
+    copy.sent(2.0, 1, 5, np.ones(2))
+    assert signs.last().k == 5
+
+
 def test_the_first_reason_stays_and_is_cut_to_the_place_that_there_is() -> None:
     signs = Signs(2, CONTEXT)
     signs.trip("x" * 1000)
