@@ -56,9 +56,21 @@ SLOW = (
     "public_arms",
     "soak",
     "ur_load",
+    "monitor_process",
 )
 # in slices: a run goes on where the last one ended
-SLICED = ("faults", "soak", "kills", "wrong_commands", "hostile_commands", "published", "public_arms", "peers", "tracking")
+SLICED = (
+    "faults",
+    "soak",
+    "kills",
+    "wrong_commands",
+    "hostile_commands",
+    "published",
+    "public_arms",
+    "peers",
+    "tracking",
+    "monitor_process",
+)
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "logs": ("logs",),
@@ -71,6 +83,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "safety": ("safety", "sim"),
     "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur_load": ("drivers/ur_rtde", "safety", "logs", "sim/emulated"),
+    "monitor_process": ("drivers/ur_rtde", "safety", "sim/emulated"),
     "soak": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
