@@ -94,8 +94,11 @@ class Driver(ABC):
     def connect(self) -> DeviceInfo:
         """Open the connection without moving anything; DeviceError with the remedy where it cannot be opened."""
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         """Open the connection only to read, while something else moves the arm: nothing is sent that could change the device.
+
+        patience s: how long `read` waits at the most, the driver's own time where it is None; a driver whose device sends by itself may have
+        its own.
 
         `send` stays refused until `connect`. DeviceError where a device of this kind cannot be read without a request.
         """

@@ -77,7 +77,7 @@ class MockDriver(Driver):
             model=self.arm.name, serial="mock", firmware="plant", rate=self.rate, gravity=(gravity[0], gravity[1], gravity[2])
         )
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         """Stand at the cell's home; nobody moves it."""
         return self.connect()
 

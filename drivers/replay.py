@@ -50,7 +50,7 @@ class ReplayDriver(Driver):
             firmware=str(about.get("firmware", "log")), rate=self.rate,
         )  # fmt: skip
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         """Stand before the first sample: a recording is only ever read."""
         return self.connect()
 

@@ -238,9 +238,11 @@ class _Process:
 
     def _stage(self, order: Order, tube: VerifiedSamples) -> tuple[str | None, np.ndarray]:
         spent, count = np.zeros(KEPT), 0
-        rules = Watch(self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate), order.latency, tube)
+        rules = Watch(
+            self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate, order.latency), order.latency, tube
+        )
         clock = self._driver.clock
-        state: JointState | None = self._newest(order.rate)  # what came while the rules were made is old
+        state: JointState | None = self._newest(order.rate, order.latency)  # what came while the rules were made is old
         while True:
             state = self._heard(state)
             begin, now, sign = time.thread_time(), clock.now(), self._signs.last()
@@ -254,10 +256,11 @@ class _Process:
             if rules.at_rest and self._talk.poll(0):
                 read(self._talk)  # as above: the control process has ended
 
-    def _newest(self, rate: float) -> JointState:
+    def _newest(self, rate: float, latency: float) -> JointState:
         """Begin to listen, or pass over what was heard while nobody looked."""
         if not self._listens:
-            self._driver.listen()
+            # drives that answer a hung program no more must not be waited for longer than that program
+            self._driver.listen(silence_of(rate, latency))
             self._listens = True
         state = self._driver.read()
         while self._driver.clock.now() - state.t > 2.0 / rate:

@@ -15,7 +15,7 @@ from drivers.can_servo.feedforward import Feedforward
 from drivers.can_servo.holder import Holder
 from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
-from drivers.can_servo.listener import Listener, require_audible
+from drivers.can_servo.listener import PATIENCE, Listener, require_audible
 from drivers.can_servo.report import preflight_checks
 from drivers.can_servo.speed import Differentiator, window_for
 from drivers.can_servo.switching import switch_off, switch_on
@@ -103,7 +103,7 @@ class CanServo(Driver):
             extra={"bus": self._link.where, "speed": self._speed_source(), "watchdog": f"{max(self.watchdogs):g} s"},
         )
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         """Hear what the drives answer to the program that commands them; no frame is put on the bus, so serial numbers stay unknown."""
         self.close()
         require_audible(self.options)
@@ -113,6 +113,7 @@ class CanServo(Driver):
         except DeviceError:
             self.close()
             raise
+        self._listener.patience = patience or PATIENCE
         where = self._listener.link.where
         return DeviceInfo(f"{self.arm.n} {self.options.protocols} drives", "", "not asked", self.rate, extra={"bus": where})
 

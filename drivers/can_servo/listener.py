@@ -29,7 +29,7 @@ class Listener:
 
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float) -> None:
         self.drives, self.link, self.clock = drives, link, clock
-        self.lost = 0
+        self.lost, self.patience = 0, PATIENCE
         self.last: JointState | None = None
         self._sender = Senders(drives)
         windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
@@ -38,14 +38,14 @@ class Listener:
         self._began = 0.0
 
     def read(self) -> JointState:
-        """The next round, at the instant of its first answer; DeviceError after PATIENCE s without one."""
-        end = self.clock.now() + PATIENCE
+        """The next round, at the instant of its first answer; DeviceError after `patience` s without one."""
+        end = self.clock.now() + self.patience
         while (message := self.link.receive(end)) is not None:
             if self._take(message) and len(self._round) == len(self.drives):
                 return self._state()
         received = ", ".join(self.drives[j].servo.joint for j in self._round) or "none of its drives"
         raise DeviceError(
-            f"{self.link.where}: in {PATIENCE:g} s not all drives have answered anybody, heard: {received}; drives answer only the program "
+            f"{self.link.where}: in {self.patience:g} s not all drives have answered anybody, heard: {received}; drives answer only the program "
             "that commands them, so start that program first, and look whether this one is on the same bus"
         )
 

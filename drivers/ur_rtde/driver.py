@@ -112,7 +112,7 @@ class UrDriver(Driver):
             raise
         return self._info(first)
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         """Only the receiving side of RTDE, beside whatever program runs: no script is uploaded, no input is written."""
         first = self._open()
         self._listening = True

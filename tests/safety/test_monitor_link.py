@@ -48,8 +48,9 @@ class Ear(PerfectDriver):
     def beside(self) -> str:
         return ""
 
-    def listen(self) -> DeviceInfo:
+    def listen(self, patience: float | None = None) -> DeviceInfo:
         self.listens += 1
+        self.patience = patience
         return self.connect()
 
     def read(self) -> JointState:
@@ -412,8 +413,9 @@ def test_old_readings_are_passed_over(arm: Arm, cell: Cell, talk: tuple[Connecti
     times = iter([-3.0, -1.0, 0.0, 0.0])
     ear = Ear(arm, cell, lambda: state_at(0, t=time.monotonic() + next(times)))
     process = watching._Process(arm, cell, ear, Signs(6, CONTEXT), talk[1], clearance)
-    assert time.monotonic() - process._newest(RATE).t < 1.0
+    assert time.monotonic() - process._newest(RATE, 0.1).t < 1.0
     assert len(list(times)) == 1
+    assert ear.patience == pytest.approx(0.12)
 
 
 def test_the_first_stop_of_the_monitor_process_is_the_guards(
