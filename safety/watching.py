@@ -89,6 +89,7 @@ class Watch:
         self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float, tube: VerifiedSamples
     ) -> None:
         self.trip: str | None = None
+        self.deaf = ""  # why no reading comes
         self._monitor = Monitor(arm, cell, rate, clearance, first, latency)
         self._tube, self._silence = tube, silence_of(rate, latency)
         self._steps = 1 + int(np.ceil(self._silence * rate))
@@ -133,7 +134,7 @@ class Watch:
     def _rules(self, state: JointState | None, now: float, sign: Sign) -> str | None:
         """The first rule that is broken, as a sentence."""
         if state is None:
-            return "the monitor process hears no readings any more"
+            return f"the monitor process hears no readings any more: {self.deaf}"
         found = None
         if sign.k != HOLDS:
             found = self._tube.sample(sign.leg, sign.k)
@@ -244,7 +245,7 @@ class _Process:
         clock = self._driver.clock
         state: JointState | None = self._newest(order.rate, order.latency)  # what came while the rules were made is old
         while True:
-            state = self._heard(state)
+            state = self._heard(state, rules)
             begin, now, sign = time.thread_time(), clock.now(), self._signs.last()
             reason = rules.look(state, now, sign)
             if rules.trip is not None:
@@ -267,12 +268,13 @@ class _Process:
             state = self._driver.read()
         return state
 
-    def _heard(self, last: JointState | None) -> JointState | None:
+    def _heard(self, last: JointState | None, rules: Watch) -> JointState | None:
         """The next reading; none from the first on that did not come."""
         if last is None:
             time.sleep(POLL)
             return None
         try:
             return self._driver.read()
-        except DeviceError:
+        except DeviceError as error:
+            rules.deaf = str(error)
             return None

@@ -354,7 +354,8 @@ def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: Clear
         assert time.monotonic() < end
         beside.show(HOLDS, cleared.q[0])
         time.sleep(0.005)
-    assert beside.link.reason() == "the monitor process found: the monitor process hears no readings any more"
+    reason = "the monitor process found: the monitor process hears no readings any more: nothing is heard any more"
+    assert beside.link.reason() == reason
     beside.show(ENDED, cleared.q[0])
     assert beside.link.end()["cycles"] > 0
 

@@ -227,8 +227,9 @@ def test_a_command_that_changes_while_the_guard_holds_is_a_reason_to_stop(seen: 
 def test_readings_that_end_are_a_reason_to_stop(seen: Seen, watch: Watch) -> None:
     seen.drive(300)
     now = (seen.i + 1) * PERIOD
+    watch.deaf = "the cable is out"
     assert watch.look(None, now, Sign(now, 0, 300, seen.motion.q[300])) is None
-    assert watch.trip == "the monitor process hears no readings any more"
+    assert watch.trip == "the monitor process hears no readings any more: the cable is out"
 
 
 def stopping(watch: Watch, since: float, speed: float, k: int = STOPS) -> str | None:
