@@ -47,6 +47,7 @@ SLOW = (
     "tracking",
     "coverage",
     "clean_mock",
+    "demo",
     "guided",
     "faults",
     "gate",
@@ -70,6 +71,8 @@ SLICED = (
     "peers",
     "tracking",
     "monitor_process",
+    "clean_mock",
+    "demo",
 )
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {

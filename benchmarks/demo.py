@@ -1,0 +1,107 @@
+"""The demo with every seed: is what was hidden the first name, and the only one?
+
+`python -m benchmarks demo`: 200 seeds of `calib demo`. Each draws its effect as the demo does, is recorded on the demo's own motions by the
+mock driver of the demo's own cell, and diagnosed as the demo does it. What does not bear on that answer is left out: check, guard,
+identify, validate, pages. A run goes on where the last one ended (build/demo.jsonl), for `minutes` at a time.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import calib
+import drivers
+import logs
+import safety
+import sim
+from benchmarks.clean_mock import driven
+from benchmarks.forked import forked, warm
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import digest
+from calib import demo
+from calib.diagnosis.diagnose import diagnose
+from calib.excitation.session import QUICK, design
+from drivers.mock import MockDriver
+from safety.plan import load_plan, write_plan
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.cell import Cell, load_cell
+from sim.trajectory import Trajectory
+
+COUNT = 200
+CELL = "mock-ur10e"
+LONGEST = 600.0  # s that one seed may take
+HANGS_ON = ("calib/diagnosis", "calib/preprocessing.py", "calib/excitation", "calib/demo.py", "sim", "drivers/mock.py", "benchmarks/demo.py")  # fmt: skip
+
+
+def hidden_in(seed: int, folder: Path) -> tuple[Arm, Cell, ArmEffect]:
+    """The arm, the cell in which the demo hides what `seed` draws, and what that is."""
+    shown = load_cell(CELL)
+    arm = load_arm(shown.table.arm)
+    hidden = demo.hide(arm, np.array(shown.table.home), seed)
+    demo.write_cell(folder / "demo-cell.toml", shown, hidden, seed)
+    return arm, load_cell(str(folder / "demo-cell.toml")), hidden
+
+
+@cache
+def motions() -> tuple[Trajectory, ...]:
+    """Friction, excitation and validation as `calib plan --quick` makes them for the demo's cell; planned once, for no seed changes them."""
+    place = FOLDER / f"demo-plan-{digest('calib/excitation')}-{digest('safety')}"
+    if not place.is_dir():
+        with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+            arm, cell, _ = hidden_in(0, Path(folder))
+            designed = design(arm, cell, QUICK)
+            write_plan(place, arm, designed.motions, cell, designed.summary)
+    found = {m.name: m.trajectory for m in load_plan(place).motions}
+    return tuple(found[name] for name in ("friction", "excitation", "validation"))
+
+
+def answered(seed: int) -> dict[str, Any]:
+    """What was hidden and what was found: the names in their order, and the demo's own sentence."""
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        arm, cell, hidden = hidden_in(seed, Path(folder))
+        driver = MockDriver.from_cell(cell, arm)
+        driver.connect()
+        recordings = [driven(driver, motion, demo.RATE) for motion in motions()]
+    answer = diagnose(arm, recordings[:2], recordings[2:]).answer
+    names = [[e["effect"], e["joint"]] for e in answer["effects"]]
+    revealed = demo.reveal(hidden, answer)
+    return {"hidden": [hidden.effect, hidden.joint], "names": names, "right": revealed.right, "verdict": answer["verdict"]}
+
+
+def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
+    """A slice of the seeds, then the rows of all that ended so far: what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "demo.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    motions()
+    warm(sim, logs, drivers, safety, calib)
+    todo = ((str(seed), partial(answered, seed)) for seed in range(count) if str(seed) not in kept.found)
+    for done in forked(todo, LONGEST, end):
+        kept.keep(done.key, done.value or {"hidden": ["?", None], "names": [], "right": False, "verdict": done.fault})
+    found = {seed: kept.found[str(seed)] for seed in range(count) if str(seed) in kept.found}
+    if not found:
+        raise RuntimeError(f"no seed ended within {minutes:g} min")
+    first = [seed for seed, f in found.items() if f["names"][:1] != [f["hidden"]]]
+    alone = [seed for seed, f in found.items() if not f["right"]]
+    rows: list[dict[str, Any]] = [
+        {"what": "demo: seeds", "value": len(found), "bar": str(count), "note": f"seeds {min(found)} to {max(found)}"},
+        {"what": "demo: what was hidden is the first name", "value": round(100 * (1 - len(first) / len(found)), 1), "unit": "%", "bar": ">= 95", "note": _which(found, first)},
+        {"what": "demo: what was hidden is identified, and nothing else", "value": round(100 * (1 - len(alone) / len(found)), 1), "unit": "%", "bar": ">= 90", "note": _which(found, alone)},
+    ]  # fmt: skip
+    for effect in sorted({f["hidden"][0] for f in found.values()}):
+        mine = [f for f in found.values() if f["hidden"][0] == effect]
+        rows.append({"what": f"demo: {effect} hidden", "value": f"{sum(f['right'] for f in mine)} of {len(mine)} right"})
+    return rows
+
+
+def _which(found: dict[int, dict[str, Any]], wrong: list[int]) -> str:
+    """The seeds that went wrong, with what was hidden and what was found."""
+    return "; ".join(
+        f"seed {seed}: {found[seed]['hidden'][0]}, found {', '.join(name for name, _ in found[seed]['names']) or found[seed]['verdict']}"
+        for seed in wrong
+    )
