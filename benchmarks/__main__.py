@@ -49,6 +49,7 @@ SLOW = (
     "clean_mock",
     "demo",
     "guided",
+    "install",
     "faults",
     "gate",
     "published",
@@ -76,6 +77,7 @@ SLICED = (
 )
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
+    "install": ("pyproject.toml",),
     "logs": ("logs",),
     "kills": ("logs",),
     "reading": ("logs",),

@@ -104,6 +104,7 @@ TITLES = {
     "real": "A real UR10e",
     "clean_mock": "Mock arms with nothing hidden",
     "demo": "The demo with many seeds",
+    "install": "What an installation takes",
     "guided": "A guided session on an emulated UR10e",
     "coverage": "Accuracy of the reported uncertainties",
     "exam": "Blind cases of the diagnosis",

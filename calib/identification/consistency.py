@@ -8,12 +8,12 @@ divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Par
 
 from __future__ import annotations
 
-import contextlib
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from calib.identification.cone_program import ConeProgram, symmetric
 from calib.identification.model import TorqueModel
 from sim.errors import AnswerIsNo
 
@@ -75,47 +75,36 @@ def possible_arm(
 
     AnswerIsNo where the conic solver finds no such arm, which means that the data contradict every possible one.
     """
-    import cvxpy as cp
-
     n, b = model.arm.n, len(model.base)
     roots = [_root(pseudo_inertia(nominal[10 * i : 10 * i + 10])) for i in range(n)]
-    shapes = [cp.Variable((4, 4), symmetric=True) for _ in range(n)]
     scale = np.maximum(nominal[10 * n :], 1e-3)
-    rotor = cp.Variable(n, nonneg=True)
     size = np.maximum(np.abs(theta[b:]), np.sqrt(np.diag(covariance)[b:]))
-    friction = cp.Variable(len(theta) - b)
-    maps = [np.stack([_link_map(root, k) for k in range(16)], axis=1) for root in roots]
-    links = [maps[i] @ cp.vec(shapes[i], order="C") for i in range(n)]
-    pi = cp.hstack([*links, cp.multiply(scale, rotor)])
+    maps = block_diag(*[_link_map(root) for root in roots], np.diag(scale))
     whiten = np.linalg.inv(np.linalg.cholesky(_conditioned(covariance)))
-    base_error = model.base.projection @ pi - theta[:b]
-    own_error = cp.multiply(size, friction) - theta[b:]
-    misfit = cp.sum_squares(whiten @ cp.hstack([base_error, own_error]))
-    divergence = [cp.trace(k) - cp.log_det(k) - 4 for k in shapes]
     signed = [k for k in range(len(theta) - b) if k % 3 < 2]
-    constraints = [friction[signed] >= 0]
+    kept = np.zeros((0, 10 * n))
     if masses_only:
-        constraints += [
-            _kept_inertia(nominal[10 * i : 10 * i + 10]) @ (links[i] - nominal[10 * i : 10 * i + 10]) == 0 for i in range(n)
-        ]
+        kept = block_diag(*[_kept_inertia(nominal[10 * i : 10 * i + 10]) for i in range(n)])
+    program = ConeProgram(
+        links=n,
+        misfit=(whiten @ block_diag(model.base.projection @ maps, np.diag(size)), whiten @ theta),
+        kept=(kept @ maps[: 10 * n, : 10 * n], kept @ nominal[: 10 * n]),
+        positive=[*range(10 * n, 11 * n), *(11 * n + k for k in signed)],
+    )
     for wider in WIDER:
-        problem = cp.Problem(cp.Minimize(misfit / wider + gamma * sum(divergence)), constraints)
-        with warnings.catch_warnings(), contextlib.suppress(cp.error.SolverError):
-            warnings.simplefilter("ignore")
-            problem.solve(solver=cp.CLARABEL)
-        if problem.status in ("optimal", "optimal_inaccurate") and rotor.value is not None:
+        x, status = program.solved(gamma, wider)
+        if x is not None:
             break
     else:
         raise AnswerIsNo(
-            f"{model.arm.name}: no arm that can exist is near the estimates ({problem.status}); the log's torque, sign or joint order "
+            f"{model.arm.name}: no arm that can exist is near the estimates ({status}); the log's torque, sign or joint order "
             "contradicts the model: compare them with `calib validate`"
         )
-    found = np.concatenate([*[maps[i] @ np.asarray(shapes[i].value).reshape(-1) for i in range(n)], scale * rotor.value])
-    own = size * friction.value
+    found, own = maps @ x[: 11 * n], size * x[11 * n :]
     own[signed] = np.maximum(own[signed], 0.0)
-    return PossibleArm(
-        found, np.concatenate([model.base.projection @ found, own]), np.array([float(d.value) for d in divergence])
-    )
+    shapes = [symmetric(x[10 * i : 10 * i + 10]) for i in range(n)]
+    divergence = [np.trace(k) - np.linalg.slogdet(k)[1] - 4 for k in shapes]
+    return PossibleArm(found, np.concatenate([model.base.projection @ found, own]), np.array(divergence))
 
 
 def _root(j: np.ndarray) -> np.ndarray:
@@ -125,12 +114,9 @@ def _root(j: np.ndarray) -> np.ndarray:
     return vector * np.sqrt(np.maximum(value, floor))
 
 
-def _link_map(root: np.ndarray, k: int) -> np.ndarray:
-    """Ten parameters of root E_k root^T with E_k the k-th unit matrix: the linear map from shape to link."""
-    unit = np.zeros((4, 4))
-    unit[divmod(k, 4)] = 1.0
-    j = root @ unit @ root.T
-    return link_of_pseudo_inertia((j + j.T) / 2)
+def _link_map(root: np.ndarray) -> np.ndarray:
+    """(10, 10): link parameters of root K root^T, linear in the upper triangle of the symmetric K."""
+    return np.stack([link_of_pseudo_inertia(root @ symmetric(unit) @ root.T) for unit in np.eye(10)], axis=1)
 
 
 def _conditioned(covariance: np.ndarray) -> np.ndarray:

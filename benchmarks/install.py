@@ -1,0 +1,115 @@
+"""What an installation without extras takes: seconds, megabytes, and what each dependency costs and gives.
+
+`python -m benchmarks install`: into a new environment, from the package index, as `pip install .` does it. A dependency costs what would go
+with it: itself and what nothing else needs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.results import ROOT
+
+MOST = 1100  # MB
+GIVES = {
+    "arm-calib": "the program itself, its arms and cells",
+    "cantools": "signals of CAN frames from .dbc files, for the emulated drives",
+    "clarabel": "the cone program of physically consistent inertias",
+    "jinja2": "templates of the pages",
+    "lz4": "MCAP chunks compressed with LZ4",
+    "markupsafe": "escaping in the pages",
+    "matplotlib": "figures of the pages",
+    "mcap": "the MCAP container",
+    "mujoco": "simulation of arms, forward and in closed loop",
+    "numba": "compiled loops: control cycle, friction memory, filters",
+    "numpy": "arrays",
+    "pin": "rigid-body dynamics (Pinocchio) and distances between shapes (Coal)",
+    "plotext": "trends in the terminal",
+    "pycollada": "meshes in .dae files",
+    "pydantic": "checks of every file that is read",
+    "pyserial": "CAN adapters on a serial port",
+    "python-can": "CAN buses",
+    "rich": "tables and progress in the terminal",
+    "rosbags": "rosbag2 recordings and ROS message types",
+    "ruckig": "time-optimal approach motions within jerk limits",
+    "scipy": "filters, optimisers, statistics",
+    "tomli-w": "arm, cell and plan files",
+    "trimesh": "meshes of arms, their convex pieces",
+    "typer": "the command line",
+    "ur-rtde": "control of a UR (RTDE)",
+    "zstandard": "MCAP chunks compressed with Zstandard",
+}
+LOOK = """
+import importlib.metadata as md, json, os, re
+def name(text): return re.sub(r"[-_.]+", "-", text).lower()
+def needs(d):
+    # extras are what nobody asked for
+    return [name(re.match(r"[A-Za-z0-9_.-]+", r)[0]) for r in d.requires or () if "extra ==" not in r]
+def size(d):
+    paths = {os.path.realpath(d.locate_file(f)) for f in d.files or ()}
+    return sum(os.path.getsize(p) for p in paths if os.path.isfile(p))
+print(json.dumps({name(d.metadata["Name"]): [size(d), needs(d)] for d in md.distributions()}))
+"""
+
+Packages = Mapping[str, tuple[int, list[str]]]
+
+
+def run() -> list[dict[str, Any]]:
+    """Rows of what, value, unit, bar, note."""
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        place = Path(folder) / "env"
+        venv.create(place, with_pip=True)
+        program, began = str(place / "bin" / "python"), time.monotonic()
+        line = [
+            program,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            "-c",
+            str(ROOT / "constraints.txt"),
+            str(ROOT),
+        ]
+        subprocess.run(line, check=True, cwd=folder, stdout=sys.stderr)
+        seconds = time.monotonic() - began
+        found = json.loads(subprocess.run([program, "-c", LOOK], check=True, capture_output=True, text=True, cwd=folder).stdout)
+        disk = sum(entry.stat().st_blocks * 512 for entry in place.rglob("*") if entry.is_file() and not entry.is_symlink())
+    total = {"what": "install: core, on the disk", "value": round(disk / 1e6), "unit": "MB", "bar": f"< {MOST}", "note": f"{len(found)} packages, pip among them"}  # fmt: skip
+    took = {"what": "install: core, wall", "value": round(seconds), "unit": "s", "note": f"load {os.getloadavg()[0]:.1f}"}
+    return [total, took, *rows({key: (size, needs) for key, (size, needs) in found.items()})]
+
+
+def rows(found: Packages) -> list[dict[str, Any]]:
+    """What each direct dependency costs, the dearest first. KeyError where nobody has written what it gives."""
+    direct = [d for d in found["arm-calib"][1] if d in found]
+    every = closure(found, direct)
+    costs = {}
+    for d in direct:
+        gone = every - closure(found, [other for other in direct if other != d])
+        costs[d] = (sum(found[g][0] for g in gone), gone - {d})
+    out = []
+    for d, (size, beside) in sorted(costs.items(), key=lambda item: -item[1][0]):
+        more = f"; counts {len(beside)} that only it needs" if beside else "; others need it too" if not size else ""
+        out.append({"what": f"install: {d}", "value": round(size / 1e6, 1), "unit": "MB", "note": GIVES[d] + more})
+    return out
+
+
+def closure(found: Packages, roots: Iterable[str]) -> set[str]:
+    """The packages that the roots need, with themselves."""
+    seen: set[str] = set()
+    todo = list(roots)
+    while todo:
+        if (d := todo.pop()) not in seen and d in found:
+            seen.add(d)
+            todo += found[d][1]
+    return seen
