@@ -110,7 +110,7 @@ def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
 app = typer.Typer(
     name="calib",
     cls=Commands,
-    help="Make a simulated robot arm true: excite, record, identify, and identify the physical effect that the model is missing.",
+    help="Make a simulated robot arm move like the real one: record, identify, validate, and find the physical effect that the model is missing.",
     epilog="Every command has --help with an example, and --quiet, with which it prints only warnings and errors. `calib help` shows a cheat "
     "sheet. NO_COLOR is respected. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
     "3 safety stop, 4 device, 70 a fault of the program.",

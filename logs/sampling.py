@@ -289,7 +289,7 @@ def _of_jitter(
         most = float(np.quantile(np.abs(stamps - clock), 0.99))
         return (
             f"{sentence}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
-            f"{1e3 * left:.2g} ms are left between q and dq"
+            f"{1e3 * left:.2g} ms remain between q and dq"
         )
     if jitter > 2 * seen and jitter > MATTERS * period:
         return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"

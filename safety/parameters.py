@@ -42,7 +42,7 @@ def friction_of(arm: Arm) -> Friction:
     return Friction(inertia, inertia_doubt, *_rows(arm, "coulomb", wide["coulomb"]), *_rows(arm, "viscous", wide["viscous"]))
 
 
-WORDS = {"coulomb": "dry friction", "viscous": "viscous friction", "rotor": "rotor inertia"}
+WORDS = {"coulomb": "dry friction", "viscous": "viscous friction", "rotor": "reflected inertia"}
 
 
 def missing_facts(arm: Arm, joint: int) -> str:

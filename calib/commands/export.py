@@ -37,7 +37,7 @@ def command(
 
     MuJoCo and Pinocchio compute the same inverse dynamics from each model as calib does. The MuJoCo model has every effect: most as
     native elements, some through `import calib.mujoco`, and those of sensors in its `read`; the command says which. URDF holds
-    friction and rotor inertia; the table holds everything.
+    friction and reflected inertia; the table holds everything.
 
     Example:
 

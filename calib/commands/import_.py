@@ -164,7 +164,7 @@ def _report(done: Imported) -> None:
         ["jitter of the stamps", f"{1e3 * found.jitter:.3g} ms" if found.jitter == found.jitter else None],
         ["least that would show", f"{1e3 * found.jitter_seen:.3g} ms" if found.jitter_seen == found.jitter_seen else None],
         ["clock", "rebuilt" if found.rebuilt else "as stamped"],
-        ["left between q and dq", f"{1e3 * found.left:.2g} ms" if found.left == found.left else None],
+        ["remains between q and dq", f"{1e3 * found.left:.2g} ms" if found.left == found.left else None],
         ["samples repeated", found.repeated],
         ["samples missing", found.missing],
     ]

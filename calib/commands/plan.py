@@ -33,7 +33,7 @@ def command(
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of the random motions.")] = 0,
     discriminate: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="Add the motion on which the effects part that this diagnosis could not tell apart."),
+        typer.Option(metavar="RUN", help="Add the motion on which the effects part that this diagnosis could not distinguish."),
     ] = None,
     viewer: Annotated[
         bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, where there is a display.")

@@ -16,7 +16,7 @@ from sim.arm_table import PriorTable
 from sim.effects.presliding_friction import built_up
 from sim.rigid_body import link_inertia
 
-FITTED_PROVENANCE = "links, rotors, friction, offsets"
+FITTED_PROVENANCE = "links, reflected inertias, friction, offsets"
 # after a fit to motion alone, of an arm whose numbers nobody had measured: what one recording of some 20 s leaves open
 FOUND = {
     "numbers": "measured",

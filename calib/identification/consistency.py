@@ -97,7 +97,7 @@ def possible_arm(
             break
     else:
         raise AnswerIsNo(
-            f"{model.arm.name}: no arm that can exist is near the estimates ({status}); the log's torque, sign or joint order "
+            f"{model.arm.name}: no physically consistent arm is near the estimates ({status}); the log's torque, sign or joint order "
             "contradicts the model: compare them with `calib validate`"
         )
     found, own = maps @ x[: 11 * n], size * x[11 * n :]

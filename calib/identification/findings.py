@@ -53,7 +53,7 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
     if fit.often.any():
         names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)
         out.append(
-            f"{names} changes direction so often that the rows about each change had to stay; friction and rotor inertia may be off by "
+            f"{names} changes direction so often that the rows about each change had to stay; friction and reflected inertia may be off by "
             "more than their standard deviations: record a slower or longer motion"
         )
     for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):

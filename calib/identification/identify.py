@@ -119,7 +119,7 @@ def identify(
     if not (with_laws or solution.regularised):  # the others know of the nominal arm already
         theta, tight = drawn_to_nominal(arm, model, theta, tight)
     kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
-    progress("nearest possible arm", 0.0)
+    progress("physically consistent inertias", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, theta, tight, pi0, options.gamma, options.masses_only)
     calibrated = calibrated_arm(

@@ -35,7 +35,7 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
         page.section("Which arms deviate, in what, since when").table(
             ["arm", "what", "joint", "how large", "since"],
             deviating,
-            "what `calib diagnose` named, and what is unlike the siblings",
+            "what `calib diagnose` identified, and what is unlike the siblings",
         )
     if trouble:
         page.section("What could not be assessed, and why").table(["arm", "what", "why"], trouble)
@@ -49,7 +49,7 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
             )
             page.figure(
                 _spread(family),
-                "Friction, offset and rotor inertia of every joint: each arm's own estimate (circle), and with the siblings' help (dot).",
+                "Friction, offset and reflected inertia of every joint: each arm's own estimate (circle), and with the siblings' help (dot).",
             )
     headers = ["arm", "status", "logs", "minutes", "residual share", "verdict", "largest deviation from siblings"]
     page.section("Every arm").table(headers, arm_rows(fleet), "each has a folder of its own below arms/")
@@ -89,5 +89,5 @@ def _spread(family: Sequence[Mapping[str, Any]]) -> Figure:
             label = family[0]["units"][k].replace("*", " ")
         ax.set_xticks(range(len(shown)), [name.split("_")[-1] for name in shown])
         if shown:
-            figure.name(ax, kind if kind != "Ia" else "rotor inertia", "joint", label)
+            figure.name(ax, kind if kind != "Ia" else "reflected inertia", "joint", label)
     return picture

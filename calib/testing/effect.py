@@ -106,7 +106,7 @@ def _nothing(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> s
     strength = np.abs(predict(with_effect(bare, item), motion) - without).max()
     left = np.abs(predict(with_effect(bare, replace(item, parameters=values)), motion) - without).max()
     # a gear is never quite rigid: its stiffest leaves a trace
-    return "" if left <= max(2e-3 * strength, 1e-9 * np.abs(without).max()) else f"{left:.3g} N m are left of {strength:.3g}"
+    return "" if left <= max(2e-3 * strength, 1e-9 * np.abs(without).max()) else f"{left:.3g} N m remain of {strength:.3g}"
 
 
 def _leaves(arm: Arm, item: ArmEffect, motion: Trajectory) -> bool:

@@ -232,7 +232,7 @@ class LoadWatch:
         size = {"mass": mass, "mass_change": Quantity(mass.value - before, mass.std, "kg")}
         if abs(mass.value) < max(light, 3 * mass.std):
             return [
-                WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} are left", size)
+                WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} remain", size)
             ]
         com = self.com()
         if com is not None:

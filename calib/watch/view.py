@@ -60,7 +60,7 @@ class WatchView:
     def screen(self, share: float, p: Picture, joints: tuple[str, ...]) -> Group:
         """The screen."""
         grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-        for header in ("joint", "dry N m", "viscous N m s/rad", "left N m", "°C", "motion s"):
+        for header in ("joint", "dry N m", "viscous N m s/rad", "residual N m", "°C", "motion s"):
             grid.add_column(header, justify="left" if header == "joint" else "right", no_wrap=True)
         for j, joint in enumerate(joints):
             f = p.friction[j]

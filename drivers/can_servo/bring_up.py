@@ -105,7 +105,7 @@ def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> 
         twice = next(s for s in serials if serials.count(s) > 1)
         names = ", ".join(d.name for d, i in zip(drives, found, strict=True) if i.serial == twice)
         raise DeviceError(
-            f"{names}: two drives tell the same serial number ({twice}), as some firmware does, so a swapped cable cannot be found by it; look "
+            f"{names}: two drives report the same serial number ({twice}), as some firmware does, so a swapped cable cannot be found by it; look "
             'that each identifier sits on its joint, then write assume = ["identifiers-as-stated"] at the top of the cell file'
         )
     problems = []

@@ -77,7 +77,7 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
     enquiry = Enquiry(link, clock, patience=0.05, tries=2)
     found = [_described(enquiry, protocol, node, answers, options) for (protocol, node), answers in sorted(seen.items())]
     serials = Counter(f.described.serial for f in found if f.described.serial)
-    notes += [f"{n} drives tell the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
+    notes += [f"{n} drives report the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
     if link.error_frames:
         notes.append(
             f"{link.error_frames} error frames: a drive with another bit rate or with CAN FD on a classical bus, or an unsound cable"

@@ -17,7 +17,7 @@ class RotorInertia(Effect):
     reference = "B. Armstrong, O. Khatib, J. Burdick (1986), doi:10.1109/ROBOT.1986.1087644"
     experiment = "a small 2-7 Hz motion of that joint"
     stage = Stage.MOTOR
-    parameters = (Parameter("inertia", "kg*m^2", "rotor inertia times the gear ratio squared", lower=0.0, grid=(0.1,)),)
+    parameters = (Parameter("inertia", "kg*m^2", "of the motor, times the gear ratio squared", lower=0.0, grid=(0.1,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += I_a ddq_motor."""

@@ -41,7 +41,7 @@ def test_what_the_prior_lists_as_unknown_is_not_certain_because_the_model_has_a_
     ("effect", "key", "word"),
     [
         ("coulomb_friction", "coulomb", "dry friction"), ("viscous_friction", "viscous", "viscous friction"),
-        ("rotor_inertia", "rotor", "rotor inertia"),
+        ("rotor_inertia", "rotor", "reflected inertia"),
     ],
 )  # fmt: skip
 def test_a_motion_that_an_unknown_could_make_too_heavy_is_refused_and_the_unknown_is_named(

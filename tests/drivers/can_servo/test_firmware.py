@@ -22,7 +22,7 @@ def test_a_constant_serial_number_is_refused_with_the_words_that_lift_it(bench):
     b = bench()
     for servo in b.bus.servos:
         servo.registers[15] = 0
-    with pytest.raises(DeviceError, match=r"two drives tell the same serial number \(0\).*assume = ..identifiers-as-stated"):
+    with pytest.raises(DeviceError, match=r"two drives report the same serial number \(0\).*assume = ..identifiers-as-stated"):
         b.driver.connect()
     assuming(b.driver, "identifiers-as-stated")
     b.driver.connect()

@@ -97,7 +97,7 @@ def test_what_must_be_set_first_is_reported_for_each_drive(bench, scanned):
     assert "communication lost" in problems[3]
     assert "2 drives answer to this identifier" in problems[4]
     assert problems[5] == ""
-    assert any("2 drives tell the serial number 0" in note for note in result.notes)
+    assert any("2 drives report the serial number 0" in note for note in result.notes)
 
 
 def test_other_traffic_is_reported(bench, scanned):
