@@ -56,9 +56,13 @@ class _Near:
 
     distance: np.ndarray
     spare: np.ndarray
-    pair: str
+    bodies: tuple[str, str]
     least: float
     at: float
+
+    @property
+    def pair(self) -> str:
+        return " and ".join(self.bodies)
 
 
 @dataclass(frozen=True)
@@ -123,9 +127,7 @@ def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
             spare = np.where(which, distance - clearance.margin, np.inf)
             k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
             nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
-            near[place] = _Near(
-                nearest, room, " and ".join(clearance.pairs[pair]), float(distance[k, pair]), float(grid[rows[k]])
-            )
+            near[place] = _Near(nearest, room, clearance.pairs[pair], float(distance[k, pair]), float(grid[rows[k]]))
     return _Looks(grid, q, flange, speed, near)
 
 
@@ -154,7 +156,7 @@ def _played(motion: NamedMotion, look: _Looks) -> dict[str, Any]:
     return {
         "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
         "trail": np.round(look.flange[::thin], 3),
-        "near": [{"to": place, "at": n.at, "distance": np.round(n.distance, 4)} for place, n in look.near.items()],
+        "near": [{"to": place, "at": n.at, "distance": np.round(n.distance, 4), "pair": n.bodies} for place, n in look.near.items()],
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ STICK = 0.02
 
 
 def scene(arm: Arm, cell: Cell | None) -> dict[str, Any]:
-    """links (parent, rotation, position, axis, prismatic), shapes (link, kind, size, rotation, position, mesh) and size m of the arm.
+    """links (parent, rotation, position, axis, prismatic), shapes (name, link, kind, size, rotation, position, mesh) and size m of the arm.
 
     Links without a shape are drawn as sticks between their joints, so that a bare model is seen too. An obstacle's link is None;
     obstacles that are meshes are not drawn.
@@ -41,6 +41,7 @@ def scene(arm: Arm, cell: Cell | None) -> dict[str, Any]:
 
 def _shape(shape: Shape) -> dict[str, Any]:
     data: dict[str, Any] = {
+        "name": shape.name,
         "link": shape.link,
         "kind": shape.kind,
         "size": [float(s) for s in shape.size],
@@ -60,6 +61,7 @@ def _sticks(arm: Arm) -> list[dict[str, Any]]:
         direction = end / length if length > 0 else np.array([0.0, 0.0, 1.0])
         sticks.append(
             {
+                "name": "",
                 "link": int(arm.tree.parent[j]),
                 "kind": "capsule",
                 "size": [STICK, length / 2],
@@ -73,7 +75,21 @@ def _sticks(arm: Arm) -> list[dict[str, Any]]:
 def _obstacle(obstacle: BoxObstacle | PlaneObstacle, width: float) -> dict[str, Any]:
     if isinstance(obstacle, BoxObstacle):
         size, rotation = [edge / 2 for edge in obstacle.size], Rotation.from_euler("xyz", obstacle.rpy).as_matrix()
-        return {"link": None, "kind": "box", "size": size, "rotation": rotation, "position": obstacle.position}
+        return {
+            "name": obstacle.name,
+            "link": None,
+            "kind": "box",
+            "size": size,
+            "rotation": rotation,
+            "position": obstacle.position,
+        }
     normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
     rotation = Rotation.align_vectors(normal[None], [[0.0, 0.0, 1.0]])[0].as_matrix()
-    return {"link": None, "kind": "plane", "size": [width], "rotation": rotation, "position": obstacle.position}
+    return {
+        "name": obstacle.name,
+        "link": None,
+        "kind": "plane",
+        "size": [width],
+        "rotation": rotation,
+        "position": obstacle.position,
+    }

@@ -52,6 +52,7 @@ const links = data.links.map((link) => {
 data.links.forEach((link, k) => (link.parent < 0 ? scene : links[link.parent].moving).add(links[k].joint));
 
 const painted = [];
+const bodies = []; // name and material of every shape
 const heated = []; // material, role and joint of every shape of a moving link
 function paint(object, role) {
   painted.push([object.material, role]);
@@ -65,6 +66,7 @@ for (const shape of data.shapes) {
   const body = placed(new Mesh(solid(shape), material), shape.rotation, shape.position);
   const role = obstacle ? "accent" : shape.link < 0 ? "muted" : shape.link % 2 ? "link-odd" : "link-even";
   paint(body, role);
+  bodies.push([shape.name, material]);
   if (!obstacle && shape.link >= 0) heated.push([material, role, shape.link]);
   (obstacle || shape.link < 0 ? scene : links[shape.link].moving).add(body);
 }
@@ -107,6 +109,7 @@ function draw() {
 function recolour() {
   for (const [material, role] of painted) material.color = colour(role);
   scene.background = colour("panel");
+  light();
   warm();
   draw();
 }
@@ -157,6 +160,16 @@ function measure() {
   distance.textContent = near.length ? `distance ${near.join(" · ")}` : "";
 }
 
+// The two bodies that come closest shine at that moment.
+function light() {
+  const lit = (motion.near || []).filter((n) => Math.abs(time - n.at) <= 0.05).flatMap((n) => n.pair);
+  for (const [name, material] of bodies) {
+    if (lit.includes(name)) material.emissive = colour("bad");
+    else material.emissive.setRGB(0, 0, 0);
+  }
+  view.dataset.lit = lit.join(" ");
+}
+
 function show(at, told = true) {
   time = Math.min(motion.t[motion.t.length - 1], Math.max(0, at));
   const q = posture(time);
@@ -174,6 +187,7 @@ function show(at, told = true) {
     head.setAttribute("x2", x);
   }
   measure();
+  light();
   warm();
   draw();
   if (told) document.dispatchEvent(new CustomEvent("calib-time", { detail: { motion: motion.name, time } }));

@@ -79,13 +79,18 @@ def test_it_plays_and_scrubs(page: Path, visit: Callable[..., Visit], dark: bool
     browser.get_by_role("button", name="closest to itself", exact=True).click()
     assert float(at.input_value()) == pytest.approx(9.0, abs=0.1)
     assert distance.inner_text() == "distance to the cell 650 mm · to itself 250 mm"
+    lit = "document.querySelector('[data-lit]').dataset.lit"
+    assert browser.evaluate(lit) == "wrist_3 base"
     browser.get_by_role("button", name="closest to the cell", exact=True).click()
     assert float(at.input_value()) == pytest.approx(3.0, abs=0.1)
     assert distance.inner_text() == "distance to the cell 350 mm · to itself 550 mm"
+    assert browser.evaluate(lit) == "forearm table"
     heads = browser.locator('[data-motion="friction"] .playhead')
     assert heads.count() == 6
     quarter = heads.first.evaluate("h => (h.getAttribute('x1') - h.dataset.x0) / (h.dataset.x1 - h.dataset.x0)")
     assert quarter == pytest.approx(0.25, abs=0.01)
+    at.fill("5")
+    assert browser.evaluate(lit) == ""
     browser.locator("[data-part=motion]").select_option("excitation")
     assert browser.locator('[data-motion="friction"]').is_hidden()
     assert browser.locator('[data-motion="excitation"]').is_visible()
