@@ -26,11 +26,17 @@ DAMPING = 0.9
 
 @dataclass(frozen=True)
 class Tracking:
-    """error (n,) rad, RMS of the tracking error; feedback (n,) N m, RMS of the torque that the model did not supply; torque (n,) N m, of all."""
+    """error (n,) rad, RMS of the tracking error; feedback (n,) N m, RMS of the torque that the model did not supply; torque (n,) N m, of all.
+
+    t (N,) s; errors (N, n) rad and supplied (N, n) N m: error and feedback along the motion.
+    """
 
     error: np.ndarray
     feedback: np.ndarray
     torque: np.ndarray
+    t: np.ndarray
+    errors: np.ndarray
+    supplied: np.ndarray
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON, with the RMS over all joints in mrad."""
@@ -63,7 +69,7 @@ def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory, seed: int 
     if not plant.stable:
         raise ValueError(f"{truth.name}: the simulation diverged under the torque of {model.name}")
     rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (error, feedback, supplied + feedback)]
-    return Tracking(*rms)
+    return Tracking(rms[0], rms[1], rms[2], motion.t - motion.t[0], error, feedback)
 
 
 def moved_by(arm: Arm) -> Arm:

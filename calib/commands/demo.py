@@ -36,6 +36,7 @@ def command(
 
     from calib import demo
     from calib.main import start
+    from calib.report import tracking as page
     from sim.arm import load_arm
     from sim.cell import load_cell
     from sim.effects import effect_named
@@ -72,19 +73,19 @@ def command(
     followed = demo.under_control(arm, hidden, folder, found)
     tracking = {name: t.as_dict() for name, t in followed.items()}
     (folder / "tracking.json").write_text(json.dumps({"schema": "tracking/1", **tracking}) + "\n", encoding="utf-8")
+    what = f"{hidden.effect} at {hidden.joint or 'the whole arm'}"
+    shown = page.write(folder, arm.name, arm.joint_names, followed, what, revealed.rows)
     seconds = time.monotonic() - began
     conclude(f"seed {seed}, {hidden.effect} hidden: {revealed.sentence}")
     if as_json:
         console.print_json(
             {
                 "schema": "demo/1", "seed": seed, "hidden": hidden, "found": found["effects"], "right": revealed.right,
-                "tracking": tracking, "seconds": seconds, "report": report,
+                "tracking": tracking, "seconds": seconds, "report": report, "page": shown,
             }
         )  # fmt: skip
         return
-    console.say(
-        f"\nAnd this was hidden: {hidden.effect} at {hidden.joint or 'the whole arm'} ({effect_named(hidden.effect).summary})."
-    )
+    console.say(f"\nAnd this was hidden: {what} ({effect_named(hidden.effect).summary}).")
     console.table(["effect", "joint", "parameter", "hidden", "found"], revealed.rows)
     console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
     console.say(
@@ -96,5 +97,6 @@ def command(
     )
     console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")
     console.say(f"The same again: calib demo --seed {seed}")
-    console.say("The report, for a browser:")
+    console.say("How the arm follows before and after, and the report, for a browser:")
+    console.copyable(str(shown.resolve()))
     console.copyable(str(report.resolve()))

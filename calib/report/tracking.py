@@ -1,0 +1,58 @@
+"""tracking.html of `calib demo`: how the arm follows a motion under the torque of the nominal model, of the calibrated one, and of the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.report.figure import LINE, axes, draw_line, name
+from calib.report.page import Page
+from calib.tracking import Tracking
+
+FILE = "tracking.html"
+STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itself": LINE["measured"]}
+
+
+def write(
+    folder: Path, arm: str, joints: Sequence[str], followed: Mapping[str, Tracking], hidden: str, rows: Sequence[Sequence[Any]]
+) -> Path:
+    """The page of one demo; rows are those of `calib.demo.Reveal`. Returns its path."""
+    before, after = followed["nominal"], followed["calibrated"]
+    ratio = after.rms / before.rms
+    sentence = f"With the calibrated model in its controller the arm follows with {1e3 * after.rms:.2g} mrad instead of {1e3 * before.rms:.2g} mrad"
+    facts = [
+        ("hidden", hidden),
+        ("tracking error, of before", f"{ratio:.2g}"),
+        ("motion", f"{before.t[-1]:.0f} s, not used in any fit"),
+    ]
+    page = Page(arm, sentence, "good" if ratio < 1 else "found", facts, "tracking")
+    page.section(
+        "Under computed torque",
+        "The controller adds the torque that its model predicts for the motion to a weak feedback, which is the same for every model. What the "
+        "model does not supply, the feedback has to: by an error that is in proportion.",
+    )
+    figure, grid = axes(2, 1, height=2.0, sharex=True)
+    for model, t in followed.items():
+        draw_line(grid[0, 0], t.t, 1e3 * np.sqrt(np.mean(t.errors**2, axis=1)), label=model, **STYLE[model])
+        draw_line(grid[1, 0], t.t, np.sqrt(np.mean(t.supplied**2, axis=1)), label=model, **STYLE[model])
+    name(grid[0, 0], "tracking error, RMS of the joints", y="mrad")
+    name(grid[1, 0], "torque that the feedback supplies, RMS of the joints", x="time [s]", y="N m")
+    grid[0, 0].legend(loc="upper right", frameon=False, ncols=len(followed))
+    page.figure(figure, "The same motion three times; only the model in the controller differs.")
+    page.table(
+        [
+            "joint",
+            *[f"error with {model} [mrad]" for model in followed],
+            *[f"feedback with {model} [N m]" for model in followed],
+        ],
+        [
+            [joint, *[1e3 * t.error[j] for t in followed.values()], *[t.feedback[j] for t in followed.values()]]
+            for j, joint in enumerate(joints)
+        ],
+        "RMS over the motion.",
+    )
+    page.section("What was hidden").table(["effect", "joint", "parameter", "hidden", "found"], rows)
+    return page.write(folder / FILE)
