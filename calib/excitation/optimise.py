@@ -1,4 +1,5 @@
-"""Several starts, each descended a little; the better half further, the best two to their end, where all limits are kept.
+"""Several starts, each descended a little; the better half further, the best two to their end, where all limits are kept, and from there
+once more.
 
 The descent is BFGS (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 6.1) with its whole inverse Hessian, which goes on from
 stage to stage: first with limits that may be passed a little and few samples, then with a weight on the limits that grows until the end
@@ -33,6 +34,8 @@ Stage = tuple[float, int, int]
 SCOUT: tuple[Stage, ...] = ((30.0, 80, 60), (300.0, 120, 60))
 FURTHER: tuple[Stage, ...] = ((300.0, 120, 60), (300.0, 120, 60))
 TO_THE_END: tuple[Stage, ...] = (*((300.0, 150, 60),) * 3, (3e3, 100, 80), (3e4, 100, 100))
+# from the best two ends once more, with limits that may be passed again: a step over a low pass
+RESTART: tuple[Stage, ...] = ((30.0, 60, 60), *TO_THE_END[1:])
 # where the end does not fit, as it came near to what the stage did not look at
 AGAIN: Stage = (3e4, 60, 100)
 REPAIRS, WHOLE = 3, 0.99
@@ -41,7 +44,7 @@ LEFT = 2
 COARSE = 100.0
 # ascents towards the motion that adds most to those found
 ASCENT: tuple[Stage, ...] = ((30.0, 150, 60), (300.0, 80, 60))
-ASCENTS, ROUNDS = 2, 3
+ASCENTS, ROUNDS = 2, 2
 Progress = Callable[[str, float], None]
 
 
@@ -93,7 +96,13 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
     Starts that were left behind stand in the list as far as they came.
     """
     half = max(LEFT, starts // 2)
-    work = [starts * _work(SCOUT), half * _work(FURTHER), LEFT * _work(TO_THE_END), ROUNDS * ASCENTS * _work(ASCENT)]
+    work = [
+        starts * _work(SCOUT),
+        half * _work(FURTHER),
+        LEFT * _work(TO_THE_END),
+        LEFT * _work(RESTART),
+        ROUNDS * ASCENTS * _work(ASCENT),
+    ]
 
     def part(index: int) -> Callable[[float], None]:
         return lambda done: progress("optimising", (sum(work[:index]) + done * work[index]) / sum(work))
@@ -104,8 +113,9 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
         found[:half] = pool.run(descended, [(site, s.motion, s.x, s.inverse, FURTHER) for s in found[:half]], part(1))
         found[:half] = sorted(found[:half], key=lambda s: s.value)
         found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, s.inverse, TO_THE_END) for s in found[:LEFT]], part(2))
-        found[:LEFT] = sorted(found[:LEFT], key=lambda s: s.rank, reverse=True)
-        gap = _gap(pool, site, found, part(3))
+        again = pool.run(descended, [(site, s.motion, s.x, None, RESTART) for s in found[:LEFT]], part(3))
+        found[:LEFT] = sorted(map(_better, found[:LEFT], again), key=lambda s: s.rank, reverse=True)
+        gap = _gap(pool, site, found, part(4))
     progress("optimising", 1.0)
     return Search(tuple(found), gap)
 
@@ -150,6 +160,11 @@ def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[St
     motion = start if ended is None else ended
     spent = time.process_time() - began
     return Start(motion, information.worth(coarse(motion)), objective.log_det(motion.x), spent, x, value, gain, inverse)
+
+
+def _better(end: Start, again: Start) -> Start:
+    """The one that determines more, with the seconds of both."""
+    return replace(max(end, again, key=lambda s: s.rank), seconds=end.seconds + again.seconds)
 
 
 def lowest(

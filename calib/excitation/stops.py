@@ -10,18 +10,19 @@ import numpy as np
 
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
-from safety.torque import torque_interval
+from safety.torque import POWER_MAX, torque_interval
 from safety.tube import SHARES
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.trajectory import Trajectory
 
-# a proof holds for a following error and whole boxes of states: what suffices by less than this is not counted on
-PREDICTED = 0.9
+# shares of torque and power: a proof holds for a following error and whole boxes of states, what suffices by less is not counted on
+PREDICTED, POWERED = 0.9, 0.5
 
 
 def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> tuple[np.ndarray, float]:
-    """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and the largest share of tau_max that they take."""
+    """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and the largest share of tau_max that they take,
+    or of the power."""
     fastest = np.abs(motion.dq)
     if stop.proportional:
         fastest = np.broadcast_to(fastest.max(axis=1, keepdims=True), fastest.shape)
@@ -34,7 +35,8 @@ def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds:
         for share in SHARES:
             slowing = Trajectory(motion.t, motion.q, motion.dq, -np.sign(motion.dq) * share * full)
             torque = torque_interval(slowing, arm, cell, bounds)
-            use = float(np.max(torque.most / torque.limit))
+            power = float(np.max(np.sum(torque.most * np.abs(motion.dq), axis=1))) / POWER_MAX
+            use = max(float(np.max(torque.most / torque.limit)), power * PREDICTED / POWERED)
             if use <= PREDICTED:
                 break
         taken = max(taken, use)
