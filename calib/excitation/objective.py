@@ -27,8 +27,9 @@ CONDITION_AIM = 34.0
 SMOOTH = 8
 CONDITION_WEIGHT = 400.0
 RIDGE = 1e-8
-# A descent aims a little inside what the room asks for, so that its end needs no shrinking
-TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "power": 0.48}
+# A descent aims a little inside what the room asks for, so that its end needs no shrinking; less of the power, so that the hardest stop
+# may be taken: a softer one ends farther away
+TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "power": 0.4}
 # Hz: samples of a filtered log that count as independent
 INDEPENDENT = 25.0
 
