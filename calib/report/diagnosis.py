@@ -35,7 +35,9 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
     """
     style: Verdict = "open" if _disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
     page = Page(str(diagnosis["arm"]), sentence(diagnosis), style, _facts(diagnosis), "diagnosis")
-    page.aside("What to do next", next_steps(diagnosis))
+    page.aside("What to do next", actions(diagnosis))
+    if known := remarks(diagnosis):
+        page.section("What to know about it").items(known)
     if evidence.get("t") is not None:
         if arm is not None:
             page.section("Look at the residual")
@@ -49,8 +51,10 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
         _every_joint(page, diagnosis, evidence)
     checks = diagnosis.get("data_checks", [])
     if checks:
+        passed = all(c["ok"] for c in checks)
+        caption = f"All checks of the recordings passed ({len(checks)})" if passed else ""
         page.section("Can the data be trusted?").table(
-            ["check", "ok", "detail"], [[c["check"], bool(c["ok"]), c["detail"]] for c in checks]
+            ["check", "ok", "detail"], [[c["check"], bool(c["ok"]), c["detail"]] for c in checks], caption, fold=passed
         )
     return page.write(path)
 
@@ -72,9 +76,13 @@ def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
+    """The remarks, then what to do."""
+    return [*remarks(diagnosis), *actions(diagnosis)]
+
+
+def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     """What a person standing at the robot should do with this answer."""
-    steps = remarks(diagnosis)
-    steps += [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
+    steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     for effect in diagnosis.get("effects", []):
         if effect.get("experiment"):
             steps.append(f"To confirm it: {effect['experiment']}")

@@ -150,6 +150,20 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit], dark: bool) -
     assert ink != paper
 
 
+def test_on_a_phone_figures_keep_a_size_that_can_be_read(tmp_path: Path, visit: Callable[..., Visit]) -> None:
+    seen = visit(diagnosis.write(tmp_path / "phone.html", *examples.diagnosis()), dark=True, width=390)
+    figures = seen.page.locator("figure")
+    widths = figures.evaluate_all(
+        "all => all.map((f) => [f.clientWidth, f.querySelector('svg').getBoundingClientRect().width])"
+    )
+    assert widths
+    assert all(shown <= 390 and drawn > 800 for shown, drawn in widths)
+    captions = figures.evaluate_all("all => all.map((f) => f.querySelector('figcaption').getBoundingClientRect().right)")
+    assert max(captions) <= 390
+    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert seen.page.get_by_text("All checks of the recordings passed (1)").is_visible()
+
+
 def test_without_arrays_the_page_still_works(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     seen = visit(diagnosis.write(tmp_path / "bad-data.html", *examples.diagnosis("bad_data")), width=480)
     assert seen.complaints == []
