@@ -18,6 +18,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -26,6 +27,7 @@ from benchmarks.results import write
 from sim.arm import load_arm
 
 COMMAND = "make real"
+BARS = {("ur10e", "diagnosed"): "1 s <= 30 mrad"}
 EDGE, MOVING = 0.3, 0.02  # s left out before the first and after the last motion; rad/s
 
 
@@ -162,15 +164,32 @@ def errors(prediction: Path, recording: Path, cutoff: float) -> tuple[np.ndarray
     return (measured - predicted)[keep], measured[keep]
 
 
-def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path, stage: str) -> tuple[np.ndarray, np.ndarray]:
-    """RMSE (n,) N m over the recordings kept apart, and the standard deviation of the torque there."""
-    found = []
+def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path, stage: str) -> tuple[np.ndarray, np.ndarray, str]:
+    """RMSE (n,) N m over the recordings kept apart, the standard deviation of the torque there, and `moved` of their validations."""
+    found, validations = [], []
     for k, (log, recording) in enumerate(tests):
         out = folder / f"predicted_{stage}_{k}"
-        calib("validate", str(arm), str(log), "--no-forward", "--out", str(out))
+        calib("validate", str(arm), str(log), "--out", str(out))
         found.append(errors(out / "prediction.csv", recording, s.cutoff))
+        validations.append(json.loads((out / "validation.json").read_text()))
     e, tau = (np.concatenate(x) for x in zip(*found, strict=True))
-    return np.sqrt(np.mean(e**2, axis=0)), tau.std(axis=0)
+    return np.sqrt(np.mean(e**2, axis=0)), tau.std(axis=0), moved(validations)
+
+
+def moved(validations: list[dict[str, Any]]) -> str:
+    """By horizon how far the simulated arm is from the recordings: RMS over joints and recordings in mrad, and of the flange in mm."""
+    entries = [entry for v in validations for log in v["logs"] for entry in log["motion"]]
+    parts = []
+    for seconds in sorted({entry["horizon_s"] for entry in entries}):
+        own = [entry for entry in entries if entry["horizon_s"] == seconds]
+        angles = [x for entry in own for x in entry["angle_rad"]]
+        flange = [entry["flange_m"] for entry in own]
+        if None in (*angles, *flange):
+            parts.append(f"{seconds:g} s unstable")
+            continue
+        mrad, mm = (1e3 * float(np.sqrt(np.mean(np.square(x)))) for x in (angles, flange))
+        parts.append(f"{seconds:g} s {own[0]['loop']} {mrad:.1f} mrad, {mm:.1f} mm")
+    return "; ".join(parts) or "no window in which every joint moves"
 
 
 def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, object]]:
@@ -201,13 +220,14 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
     for stage in ("identified", "diagnosed"):
         # A diagnosis that refused every correction writes no arm: the arm as it was is its answer.
         where = folder / stage if (folder / stage / "arm").is_dir() else folder / "identified"
-        rmse, spread = score(where / "arm", s, logs[1], folder, stage)
+        rmse, spread, motion = score(where / "arm", s, logs[1], folder, stage)
         ratio = rmse / np.array(s.reference) if s.reference else rmse / spread
         unit = "of plain least squares" if s.reference else "of the torque's standard deviation"
         rows.append({
             "what": f"{name}, {stage}", "value": round(float(ratio.mean()), 3), "unit": unit,
             "note": "joints " + " ".join(f"{x:.2f}" for x in ratio),
         })  # fmt: skip
+        rows.append({"what": f"{name}, {stage}, motion", "value": motion, "bar": BARS.get((name, stage), "")})
     names = "; ".join(f"{e['effect']} at {e['joint'] or 'the arm'}" for e in answer["effects"]) or "none"
     rows.append({"what": f"{name}, named", "value": names, "note": f"{len(answer.get('laws', []))} friction laws"})
     seconds = [b.ru_utime + b.ru_stime - a.ru_utime - a.ru_stime for a, b in ((before, middle), (middle, after))]
@@ -232,7 +252,7 @@ def main() -> None:
                 rows += measure(name, SETS[name], data, folder)
             except Failed as error:
                 rows.append({"what": f"{name}, failed", "value": str(error).replace(f"{data}/", "")})
-            for row in rows[-4:]:
+            for row in rows[-6:]:
                 print(f"{row['what']:28} {row['value']} {row.get('unit', '')} {row.get('note', '')}", flush=True)
     if not given.only:
         print(write("real", rows, command=COMMAND, load_before=round(load, 2)))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.real import ALL, EDGE, errors, part
+from benchmarks.real import ALL, EDGE, errors, moved, part
 
 RATE, SECONDS, CUTOFF = 200.0, 12.0, 8.0
 T = np.arange(0.0, SECONDS, 1 / RATE)
@@ -64,3 +65,13 @@ def test_a_recording_is_cut_between_two_times(tmp_path: Path, recording: Path) -
     shares = [times(part(data, recording.name, *span, tmp_path)) for span in ((0.0, 0.6), (0.6, 1.0))]
     np.testing.assert_allclose(np.concatenate(shares), T, atol=1e-6)
     assert shares[1][0] == pytest.approx(0.6 * T[-1], abs=1 / RATE)
+
+
+def test_the_motion_of_several_recordings_is_their_rms_by_horizon() -> None:
+    def validation(*errors: tuple[float, list[float | None], float | None]) -> dict[str, Any]:
+        return {"logs": [{"motion": [{"horizon_s": s, "loop": "open", "angle_rad": q, "flange_m": f} for s, q, f in errors]}]}
+
+    found = [validation((0.25, [0.003, 0.004], 0.01), (1.0, [0.03, 0.04], 0.1)), validation((1.0, [0.0, 0.0], 0.0))]
+    assert moved(found) == "0.25 s open 3.5 mrad, 10.0 mm; 1 s open 25.0 mrad, 70.7 mm"
+    assert moved([*found, validation((1.0, [None, 0.1], None))]).endswith("1 s unstable")
+    assert moved([validation()]) == "no window in which every joint moves"
