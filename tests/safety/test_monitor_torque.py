@@ -169,3 +169,10 @@ def test_an_expectation_that_is_no_number_is_a_lost_load(monitor: Monitor) -> No
     found = asked_with_load(monitor, np.zeros((150, 6)), np.full(6, np.nan))
     assert found[round(rules.LOST / PERIOD) - 1] == LOST_LOAD
     assert set(found[: round(rules.LOST / PERIOD) - 1]) == {None}
+
+
+def test_a_lost_load_is_found_at_the_joints_that_report_a_torque(arm: Arm, cell: Cell) -> None:
+    silent = np.array([0.0, np.nan, 0.0, 0.0, 0.0, 0.0])
+    monitor = Monitor(arm, cell, 500.0, Clearance(arm, cell), state_at(tau=silent))
+    found = asked_with_load(monitor, from_a_while_on(silent - np.where(np.isnan(silent), 0.0, LOAD)), LOAD)
+    assert LOST_LOAD in found
