@@ -292,3 +292,21 @@ def test_an_arm_that_leaves_its_tube_is_seen_without_the_guard(seen: Seen) -> No
 
 def moved(seen: Seen, k: int, at: np.ndarray) -> dict[str, np.ndarray]:
     return {"at": at, "dq": seen.motion.dq[k - 1] + np.array([0.5, 0, 0, 0, 0, 0])}
+
+
+@pytest.mark.parametrize("off", [-9.0, 9.0])
+def test_a_motion_beside_the_range_of_one_joint_is_refused(
+    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path, off: float
+) -> None:
+    file = tube_file(tmp_path, motions)
+    rows = np.load(file, mmap_mode="r+")
+    rows[:, 2] += off
+    rows.flush()
+    with pytest.raises(SafetyStop, match="range"):
+        VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
+
+
+def test_one_joint_that_moves_is_no_rest(watch: Watch) -> None:
+    moving = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
+    assert watch.look(state_at(0, dq=moving), 10.0, Sign(0.0, 0, STOPS, np.zeros(6))) is None
+    assert not watch.at_rest
