@@ -83,9 +83,7 @@ def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
 def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     """What a person standing at the robot should do with this answer."""
     steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
-    for effect in diagnosis.get("effects", []):
-        if effect.get("experiment"):
-            steps.append(f"To confirm it: {effect['experiment']}")
+    steps += [f"To confirm it: {e['experiment']}" for e in diagnosis.get("effects", []) if e.get("experiment")]
     verdict = diagnosis["verdict"]
     lasting = [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
     if verdict == "effects_found" and not lasting:
