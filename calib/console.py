@@ -167,7 +167,9 @@ def warn_control(cell: Cell, driver: Driver) -> None:
 
 def ask(question: str) -> str:
     """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
-    _err().print(printable(question), markup=False, highlight=False, soft_wrap=True, end="")
+    console, words = _err(), question.rstrip(" ")
+    text = _wrapped(words, console) + question[len(words) :]
+    console.print(text, markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().rstrip("\n")
 
 

@@ -50,10 +50,10 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
         return Claim("unchanged", {"arm": answer["arm"], "healthy": len(healthy)})
     if answer.get("refused"):
         return Claim("none_accepted", {"arm": answer["arm"]})
-    return Claim("complete", {"arm": answer["arm"]} | _agreement(answer.get("gap") or {}))
+    return Claim("complete", {"arm": answer["arm"]} | agreement(answer.get("gap") or {}))
 
 
-def _agreement(gap: Mapping[str, Any]) -> dict[str, Any]:
+def agreement(gap: Mapping[str, Any]) -> dict[str, Any]:
     """The joint whose residual after a refit is largest beside its noise."""
     refit, noise = (np.array(gap.get(key, []), dtype=float) for key in ("refit", "noise_floor"))
     if not len(refit) or len(refit) != len(noise) or not (noise > 0).all():

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.claims.diagnosis_sentences import CONTACT, DISAGREES, listed, variable, words
 from calib.claims.diagnosis_sentences import unit as unit_of
-from calib.claims.of_diagnosis import REMARKS, claims, verdict
+from calib.claims.of_diagnosis import REMARKS, agreement, claims, verdict
 from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
@@ -33,8 +33,7 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
                has no pictures.
     arm        for the interactive curves and the arm in 3D, which are left out without it
     """
-    style: Verdict = "open" if _disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
-    page = Page(str(diagnosis["arm"]), sentence(diagnosis), style, _facts(diagnosis), "diagnosis")
+    page = Page(str(diagnosis["arm"]), sentence(diagnosis), style(diagnosis), _facts(diagnosis), "diagnosis")
     page.aside("What to do next", actions(diagnosis))
     if known := remarks(diagnosis):
         page.section("What to know about it").items(known)
@@ -59,6 +58,11 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
     return page.write(path)
 
 
+def style(diagnosis: Mapping[str, Any]) -> Verdict:
+    """The mark before the verdict."""
+    return "open" if _disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
+
+
 def sentence(diagnosis: Mapping[str, Any]) -> str:
     """The verdict in words."""
     return verdict(diagnosis).sentence
@@ -66,8 +70,9 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
 
 def _disagrees(diagnosis: Mapping[str, Any]) -> bool:
     """Whether no effect is identified and yet a residual far above the noise remains."""
-    answer = verdict(diagnosis)
-    return answer.name == "complete" and (answer.numbers["ratio"] or 0.0) > DISAGREES
+    if diagnosis["verdict"] != "no_missing_effect" or diagnosis.get("refused") or "baseline" in diagnosis:
+        return False
+    return (agreement(diagnosis.get("gap") or {})["ratio"] or 0.0) > DISAGREES
 
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:

@@ -4,33 +4,32 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from calib.report import explorer
+from calib import guided
+from calib.claims import capital
+from calib.report import diagnosis, explorer
 from calib.report.page import Page, Verdict
-
-if TYPE_CHECKING:
-    from calib.guided import GuidedSession
 
 FILE = "session.html"
 PAGES = ("plan.html", "report.html")
 
 
-def write(session: GuidedSession) -> Path:
+def write(session: guided.GuidedSession) -> Path:
     """Write the page of a session into its folder; returns its path."""
     # a complete session is what its diagnosis found; an open one is where it stands
     diagnoses = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []
     last = next(reversed(diagnoses or session.done), None)
     sentence = f"{last.sentence[:1].upper()}{last.sentence[1:]}" if last else "Nothing was done yet"
-    verdict: Verdict = "good" if session.closed else "open"
+    verdict = _style(session) if session.closed else "open"
     facts = [
         ("cell", Path(session.cell).stem),
         ("state", "complete" if session.closed else "open"),
         ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
     ]
     page = Page(session.arm, sentence, verdict, facts, "session")
+    page.aside("What to do next", _next(session))
     looked = [d for d in session.done if d.name.startswith(("diagnose", "validate")) and d.folder]
     if looked:
         shown = next((d for d in reversed(looked) if d.name.startswith("diagnose")), looked[-1])
@@ -41,7 +40,7 @@ def write(session: GuidedSession) -> Path:
         ["step", "result", "exit code", "time [s]"], [[d.name, d.sentence, d.exit_code, d.seconds] for d in session.done]
     )
     links = [
-        Markup('<li><a href="{0}">{1}</a>: {2}</li>').format(f"{d.folder}/{name}", f"{d.name}: {name}", d.sentence)
+        Markup('<li><a href="{0}">{1}</a></li>').format(f"{d.folder}/{name}", f"{d.name}: {name}")
         for d in session.done
         for name in PAGES
         if d.folder and (session.folder / d.folder / name).is_file()
@@ -50,3 +49,19 @@ def write(session: GuidedSession) -> Path:
         page.section("Pages of the steps").embed(Markup("<ul>{}</ul>").format(Markup("").join(links)))
     page.section("Do it again").items(f"calib {shlex.join(d.arguments)}" for d in session.done)
     return page.write(session.folder / FILE)
+
+
+def _style(session: guided.GuidedSession) -> Verdict:
+    """The mark of the last diagnosis."""
+    try:
+        return diagnosis.style(guided.answer(guided.last_diagnosis(session)))
+    except (KeyError, TypeError, ValueError, IndexError):  # a file that somebody changed
+        return "open"
+
+
+def _next(session: guided.GuidedSession) -> list[str]:
+    """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
+    if not session.closed:
+        return [f"Continue it: calib go {session.cell}"]
+    rest = [f"{capital(s)}." for s in guided.ending(session)[1:]]
+    return [*rest, f"Use it elsewhere: calib export {guided.best_arm(session)}"]

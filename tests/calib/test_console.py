@@ -1,5 +1,6 @@
 """Answers on standard output, everything else on standard error, and JSON that any parser reads."""
 
+import io
 import json
 from pathlib import Path
 
@@ -78,3 +79,13 @@ def test_what_a_file_says_never_steers_the_terminal(capsys: pytest.CaptureFixtur
     assert not set("\x1b\x9b\u202e\x07") & set(printed.out + printed.err)
     assert (printed.out + printed.err).count("a\\x1b[2J") >= 5
     assert "a\\u001b[2J\\u009b\\u202e\\u0007" in printed.out
+
+
+def test_a_question_is_wrapped_and_keeps_the_space_before_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(console, "_err", lambda: Console(file=out, width=20, force_terminal=True))
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    assert console.ask("Type a word that is longer to let it move: ") == "yes"
+    lines = out.getvalue().split("\n")
+    assert max(map(len, lines)) <= 21
+    assert lines[-1].endswith("move: ")

@@ -94,7 +94,9 @@ def test_every_step_is_a_command_that_is_printed(
         assert f"$ calib {' '.join(line)}" in printed
     found = session(desk)
     assert found.closed
-    assert (found.folder / "session.html").is_file()
+    page = (found.folder / "session.html").read_text(encoding="utf-8")
+    assert "What to do next" in page
+    assert f"calib export {guided.best_arm(found).relative_to(desk)}" in page
     assert str(found.folder.name + "/diagnosis/arm") in printed
     assert commands.lines[2][-1] == "--yes"
 
@@ -241,3 +243,19 @@ def test_the_mock_arm_from_check_to_an_arm_to_use(desk: Path) -> None:
     assert found.closed
     assert [d.name for d in found.done] == ROUND
     assert guided.answer(guided.last_diagnosis(found))["effects"] == []
+
+
+@pytest.mark.parametrize(("ratio", "mark"), [(1.5, "✓"), (3.5, "?"), ("changed", "?")])
+def test_the_page_of_a_session_marks_its_answer_as_the_diagnosis_does(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, ratio: Any, mark: str
+) -> None:
+    gap = {"log": "validation.mcap", "joints": ["elbow_joint"], "refit": [ratio], "noise_floor": [1.0]}
+    assert go(Commands([NOTHING | {"gap": gap}]), monkeypatch, "--yes") == 0
+    page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
+    assert f">{mark}<" in page
+
+
+def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
+    page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
+    assert "Continue it: calib go mock-ur10e" in page
