@@ -22,6 +22,7 @@ from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.known_truth import fitting_motion
 from benchmarks.results import digest
+from calib.claims.diagnosis_sentences import DISAGREES
 from calib.diagnosis.diagnose import diagnose
 from calib.identification.identify import identify
 from drivers.driver import Driver
@@ -65,7 +66,8 @@ def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
         recordings.append(driven(driver, motion, rate))
     answer = diagnose(arm, recordings[:2], recordings[2:]).answer
     names = [f"{e['effect']} {e['joint'] or ''}".strip() for e in answer["effects"]]
-    found = {"arm": name, "verdict": answer["verdict"], "names": names}
+    first = answer["claims"][0]
+    found = {"arm": name, "verdict": answer["verdict"], "names": names, "over_noise": first.get("ratio")}
     if identified:
         held = identify(arm, recordings[:2], recordings[2:]).result.holdout
         assert held is not None
@@ -93,6 +95,13 @@ def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
         {"what": "nothing hidden: effects identified", "value": sum(len(f["names"]) for f in found), "bar": "0", "note": "; ".join(named)},
         {"what": "nothing hidden: sessions not answered `no missing effect`", "value": len(other), "bar": "0", "note": "; ".join(other)},
     ]  # fmt: skip
+    far = [(f["over_noise"], f["arm"]) for f in found if f.get("over_noise") is not None]
+    if far:
+        over, arm = max(far)
+        rows += [
+            {"what": "nothing hidden: sessions whose answer says that the model does not agree", "value": sum(x > DISAGREES for x, _ in far), "bar": "0", "note": f"a residual RMS of over {DISAGREES:g} times the noise at a joint"},
+            {"what": "nothing hidden: residual RMS after a refit over the noise, worst joint of all sessions", "value": round(over, 1), "note": f"{arm}; median of the sessions {np.median([x for x, _ in far]):.1f}"},
+        ]  # fmt: skip
     ratios = [(f["ratio"], f["arm"]) for f in found if "ratio" in f]
     if ratios:
         worst, arm = max(ratios)
