@@ -77,6 +77,13 @@ def arm_names(incomplete: str = "") -> list[str]:
     return _names("arms", "*/arm.toml", lambda p: p.parent.name, incomplete)
 
 
+def calibrated_names(incomplete: str = "") -> list[str]:
+    """The same with `latest`, where the arm of the newest run will do."""
+    from calib.run_folder import LATEST
+
+    return [name for name in (LATEST, *arm_names()) if name.startswith(incomplete)]
+
+
 def cell_names(incomplete: str = "") -> list[str]:
     """Cells that the shell offers for completion."""
     return _names("cells", "*.toml", lambda p: p.stem, incomplete)
@@ -90,7 +97,7 @@ ArmOrLogArgument = Annotated[
     str,
     typer.Argument(
         metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` calibrated arm, or a recording: its arm is inside.",
-        autocompletion=arm_names,
+        autocompletion=calibrated_names,
     ),
 ]  # fmt: skip
 CellArgument = Annotated[

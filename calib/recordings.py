@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -12,9 +13,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from calib import console
+from calib import console, guided
 from calib.gate.commands import read_as
-from calib.run_folder import LATEST, RUNS, list_runs
+from calib.run_folder import LATEST, RUNS, Run, list_runs
 from logs import Log, Pieces, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside
 from sim.arm import Arm, load_arm
@@ -41,15 +42,23 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
 
 
 def latest_arm() -> Path:
-    """The arm folder that the newest run of identify or diagnose wrote."""
-    found = next(
-        (r.folder / "arm" for r in list_runs() if r.verb in ("identify", "diagnose") and (r.folder / "arm").is_dir()), None
-    )
+    """The arm folder of the newest run of identify or diagnose, or of the newest guided session that is complete."""
+    found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
     if found is None:
         raise ConfigError(
-            f"{LATEST}: no run of calib identify or calib diagnose has written an arm in {RUNS}/; name an arm folder"
+            f"{LATEST}: no run of calib identify, calib diagnose or calib go has written an arm in {RUNS}/; name an arm folder"
         )
     return found
+
+
+def _arm_of(run: Run) -> Path | None:
+    if run.verb in ("identify", "diagnose"):
+        return run.folder / "arm"
+    if run.verb == "go":
+        with contextlib.suppress(ConfigError):  # a session that cannot be read is none
+            session = guided.read_session(run.folder)
+            return guided.best_arm(session) if session.closed else None
+    return None
 
 
 def is_log(word: str) -> bool:

@@ -159,6 +159,14 @@ def latest(verb: str | None = None, root: Path | None = None) -> Run:
     return found
 
 
+def newest(verb: str) -> Run:
+    """The newest run of a verb, however it ended; ConfigError where there is none."""
+    found = next((run for run in list_runs() if run.verb == verb), None)
+    if found is None:
+        raise ConfigError(f"{LATEST}: there is no run of calib {verb} in {RUNS}/; name a folder")
+    return found
+
+
 def read_run(reference: str | Path, root: Path = RUNS) -> Run:
     """A run from its folder, from the name or a unique part of the name of a folder under `root`, or the `latest`."""
     folder = Path(reference)

@@ -19,7 +19,14 @@ def _formats(incomplete: str) -> list[str]:
 
 
 def command(
-    arm: console.ArmArgument,
+    arm: Annotated[
+        str,
+        typer.Argument(
+            metavar="ARM",
+            help="Name from configs/arms, arm folder, .xml/.urdf file, or `latest` calibrated arm.",
+            autocompletion=console.calibrated_names,
+        ),
+    ],
     only: Annotated[
         list[str] | None,
         typer.Option(

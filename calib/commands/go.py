@@ -14,7 +14,7 @@ import typer
 
 from calib import console
 from calib.claims import capital
-from calib.run_folder import conclude, new_run
+from calib.run_folder import LATEST, conclude, new_run, newest
 
 if TYPE_CHECKING:
     from calib.guided import GuidedSession, GuidedStep
@@ -26,7 +26,12 @@ def command(
     cell: console.CellArgument,
     session: Annotated[
         Path | None,
-        typer.Option("--session", metavar="DIR", help="Continue this session; the newest open one of CELL if not given."),
+        typer.Option(
+            "--session",
+            metavar="DIR",
+            help="Continue this session, or `latest`; the newest open one of CELL if not given.",
+            autocompletion=console.run_folders("go"),
+        ),
     ] = None,
     new: Annotated[bool, typer.Option("--new", help="Begin a new session, whatever is open.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Plan quickly: a random motion and short sweeps.")] = False,
@@ -58,6 +63,8 @@ def command(
         check_yes(where)
     if new and session is not None:
         raise ConfigError("--new begins a session and --session continues one; give one of the two")
+    if str(session) == LATEST and not Path(LATEST).exists():
+        session = newest("go").folder
     open_one = None if new else guided.read_session(session) if session else guided.open_session(where.name)
     if open_one is not None:
         open_one = guided.with_cell(open_one, where.sha256)

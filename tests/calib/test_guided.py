@@ -11,9 +11,12 @@ from typing import Any
 
 import pytest
 
-from calib import guided
+from calib import console, guided
 from calib import main as program
 from calib.main import main
+from calib.recordings import latest_arm
+from calib.run_folder import newest
+from sim.errors import ConfigError
 
 SETTLED = {
     "verdict": "effects_found",
@@ -259,3 +262,18 @@ def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkey
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
     page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
     assert "Continue it: calib go mock-ur10e" in page
+
+
+def test_latest_is_a_session_and_the_arm_of_a_complete_one(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match="no run of calib go"):
+        newest("go")
+    assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
+    with pytest.raises(ConfigError, match="has written an arm"):
+        latest_arm()
+    assert console.run_folders("go")("") == ["latest", str(Path("runs") / session(desk).folder.name)]
+    assert go(Commands([SETTLED]), monkeypatch, "--session", "latest", "--yes") == 0
+    best = guided.best_arm(session(desk))
+    best.mkdir(parents=True)
+    assert latest_arm().resolve() == best
+    assert console.calibrated_names("lat") == ["latest"]
+    assert "ur10e" in console.calibrated_names("ur")
