@@ -13,7 +13,10 @@ SHORT = 60  # characters of a formula that can be read in a sentence; the page a
 # Residual over noise that is no agreement: up to 2.4 on 50 clean simulated recordings (docs/exam.md), 3.9 where a limit was overlooked.
 DISAGREES = 3.0
 LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
-VARIABLES = {"q": "position", "dq": "speed", "ddq": "acceleration", "tau": "load", "t": "time"}
+VARIABLES = {
+    "q": "position", "dq": "speed", "ddq": "acceleration", "load": "load", "time": "time", "memory": "the recent motion",
+    "resonance": "a resonance that is driven by the acceleration", "tone": "a constant oscillation",
+}  # fmt: skip
 
 
 def bad_data(n: Numbers) -> str:
@@ -129,7 +132,7 @@ def unit(text: str) -> str:
 
 def variable(text: str) -> str:
     """`dq:elbow_joint` in words."""
-    kind, _, joint = text.partition(":")
+    kind, _, joint = text.replace("*sign(dq)", ", by direction").partition(":")
     return VARIABLES.get(kind, kind) + (f" of {joint}" if joint else "")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import CONTACT, LogModel
@@ -57,7 +57,7 @@ class Assessed:
         Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with k degrees of freedom, where the
         recordings that were fitted speak for it clearly.
         """
-        by_chance = self.held_out >= -chi2.isf(CHANCE, len(self.effect.parameters)) and self.left >= APART
+        by_chance = self.held_out >= -chdtri(len(self.effect.parameters), CHANCE) and self.left >= APART
         against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)
         return self.effect.effect != CONTACT and bool(against)
 

@@ -1,4 +1,4 @@
-"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory and time, as filtered columns per log."""
+"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory, resonance and time, as filtered columns per log."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from calib.diagnosis.model import LogModel
 
 MEMORIES = (0.3, 1.0, 3.0)  # s
+# Damped oscillators that a joint's acceleration drives: a liquid, a pedestal, a hanging tool. A third apart, so that one is near.
+RESONANCES, DAMPING = (0.6, 0.9, 1.4, 2.1, 3.2, 4.8), 0.12  # Hz
 KNOTS = 8
 
 
@@ -21,7 +23,9 @@ class AdditiveBasis:
 
     def groups(self, j: int) -> dict[str, list[np.ndarray]]:
         """Name of the variable(s) -> per log columns (R, k), filtered like the torque, for the rest of joint j."""
-        return self._common | self._filtered([_own(m, j) for m in self.models])
+        resonance = [m.rows(_resonances(m, j)) for m in self.models]
+        own = self._filtered([_own(m, j) for m in self.models])
+        return self._common | own | {f"resonance:{self.models[0].arm.joint_names[j]}": resonance}
 
     def _filtered(self, per_log: list[dict[str, list[np.ndarray]]]) -> dict[str, list[np.ndarray]]:
         return {
@@ -55,6 +59,18 @@ def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
         slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
         out[f"memory:{name}"].append(link.q[:, j] - slow)
     return out
+
+
+def _resonances(m: LogModel, j: int) -> np.ndarray:
+    """(N, 2 k) angles and speeds, over their natural frequency, of k oscillators x'' + 2 d w x' + w^2 x = -ddq_j w^2."""
+    dt, out = 1.0 / m.measurement.rate, []
+    for frequency in RESONANCES:
+        w = 2 * np.pi * frequency
+        decay, ring = np.exp(-DAMPING * w * dt), np.cos(w * np.sqrt(1 - DAMPING**2) * dt)
+        recursion = [1.0, -2.0 * decay * ring, decay**2]
+        x = lfilter([0.0, -((w * dt) ** 2)], recursion, m.link.ddq[:, j])
+        out += [x, np.gradient(x, dt) / w]
+    return np.column_stack(out)
 
 
 def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:

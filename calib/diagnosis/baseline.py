@@ -158,7 +158,7 @@ def _left_over(s: _Scored, accepted: list[_Scored]) -> bool:
     """Whether a candidate may be no more than what the form of a named change leaves."""
     whole = (a for a in accepted if a.key[1] is None)
     return any(a.key[1] == s.key[1] is not None and s.brings < LEFT_OVER * a.brings for a in accepted) or any(
-        s.gain < LEFT_OVER_ANYWHERE * a.gain for a in whole
+        s.brings < LEFT_OVER_ANYWHERE * a.brings for a in whole
     )
 
 

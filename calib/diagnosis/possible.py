@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import CONTACT
@@ -41,7 +41,7 @@ def possible(
 
 
 def _chance(s: Scored, gain: float, count: int) -> float:
-    return min(1.0, count * float(chi2.sf(gain, len(parameters_of([s.effect])))))
+    return min(1.0, count * float(chdtrc(len(parameters_of([s.effect])), max(gain, 0.0))))
 
 
 def tried(n: int) -> int:

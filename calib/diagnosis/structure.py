@@ -11,6 +11,7 @@ from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ResidualRows
+from calib.diagnosis.tone import strongest
 from calib.preprocessing import Measurement
 
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
@@ -49,10 +50,17 @@ def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
     kept = [LogModel(m, best.hypothesis) for m in apart]
     basis = AdditiveBasis([*best.models, *kept])
     left = best.solved.left()
-    return [_strongest(best, left, kept, basis, j) for j in range(best.hypothesis.arm.n)]
+    return [
+        _strongest(_parts(best, left, kept, basis, j), best.hypothesis.arm.joint_names[j]) for j in range(best.hypothesis.arm.n)
+    ]
 
 
-def _strongest(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: AdditiveBasis, j: int) -> Structure:
+def _strongest(parts: Sequence[Structure], joint: str) -> Structure:
+    nothing = Structure(joint, "", 0.0, np.nan, 0.0, 0.0)  # of a joint that never moved
+    return max(parts, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)), default=nothing)
+
+
+def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: AdditiveBasis, j: int) -> list[Structure]:
     solved, count = best.solved, len(best.models)
     rows, noise = solved.rows, solved.noise
     other = ResidualRows(kept) if kept else None
@@ -78,5 +86,17 @@ def _strongest(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: A
         share = min(1.0, fitted / len(white))
         rms = float(noise.sigma[j] * np.sqrt(share))
         out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, share, rms))
-    nothing = Structure(best.hypothesis.arm.joint_names[j], "", 0.0, np.nan, 0.0, 0.0)  # of a joint that never moved
-    return max(out, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)), default=nothing)
+    return out + _tones(best, kept, j)
+
+
+def _tones(best: Fit, kept: list[LogModel], j: int) -> list[Structure]:
+    """The strongest oscillation at one frequency, if every recording has it."""
+    models = [*best.models, *kept]
+    left = [m.residual[:, j] - m.nuisance(j) @ best.solved.theta[: len(m.names)] for m in models]
+    found = strongest(models, left, j, len(best.models))
+    if found is None or min(found.gains) < LEAST_APART:
+        return []
+    fitted, rms = sum(found.gains[: len(best.models)]), found.amplitude / np.sqrt(2)
+    held_out = sum(found.gains[len(best.models) :]) if kept else np.nan
+    share = min(1.0, (rms / best.solved.noise.sigma[j]) ** 2)
+    return [Structure(best.hypothesis.arm.joint_names[j], f"tone:{found.frequency:.2f} Hz", fitted, held_out, share, rms)]

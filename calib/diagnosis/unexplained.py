@@ -87,8 +87,10 @@ class Odd:
 def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> list[Odd]:
     """The joints at which something is left that is not noise."""
     out = []
+    explained = [float(a @ a - b @ b) for a, b in zip(baseline.solved.left(), best.solved.left(), strict=True)]
     for j, (rest, found) in enumerate(zip(rests(baseline, best), structures(best, apart), strict=True)):
-        if rest.odd or (found.real and rest.share > STRUCTURE_SHARE):
+        remains = found.fitted / max(found.fitted + explained[j], 1e-300)
+        if rest.odd or (found.real and remains > STRUCTURE_SHARE):
             depends = tuple(name for name, _ in dependence(best, j)) or (found.variables,)
             rms = max(float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0))), found.rms)
             out.append(Odd(rest.joint, depends, rms, rest.share))

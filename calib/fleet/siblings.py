@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+from scipy.special import ndtri, stdtr
 
 LEAST = 4  # arms of a model from which on a spread can be distinguished from chance
 FREEDOM = 4.0  # of Student's t
@@ -108,7 +108,7 @@ def _without(x: np.ndarray, own: np.ndarray, weight: np.ndarray, a: int) -> tupl
 
 def _normal(t: np.ndarray, freedom: int) -> np.ndarray:
     """Student's t with that freedom as the standard normal number that is as rare: a spread of few arms is hardly known."""
-    return np.sign(t) * scipy.stats.norm.isf(np.maximum(scipy.stats.t.sf(np.abs(t), freedom), 1e-300))
+    return -np.sign(t) * ndtri(np.maximum(stdtr(freedom, -np.abs(t)), 1e-300))
 
 
 def _weighted_median(x: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.identification.least_squares import Prior, Solution, inverse
@@ -119,4 +119,4 @@ def instrumental(
     difference = (theta - found.theta) / np.sqrt(np.maximum(np.diag(between), 1e-300))
     largest = float(np.abs(difference).max())
     factor = np.sqrt(np.maximum(np.diag(found.covariance) / np.maximum(np.diag(own), 1e-300), 1.0))
-    return Instrumental(theta, own * np.outer(factor, factor), difference, float(min(1.0, 2 * p * norm.sf(largest))), strength)
+    return Instrumental(theta, own * np.outer(factor, factor), difference, float(min(1.0, 2 * p * ndtr(-largest))), strength)

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-import scipy.stats
+from scipy.special import stdtr, stdtrit
 
 from calib.watch.watcher import Picture
 from sim.arm import Arm
@@ -210,8 +210,8 @@ def _slope(joint: str, kind: str, days: np.ndarray, value: np.ndarray, std: np.n
         left = value - y @ beta
         scatter = max(0.0, float(np.sum(left**2) / freedom - np.mean(std**2)))
     std_slope = float(np.sqrt(normal[1, 1]))
-    half = float(scipy.stats.t.ppf(0.975, freedom)) * std_slope
-    wears = bool(2 * scipy.stats.t.sf(abs(beta[1]) / std_slope, freedom) < CHANCE)
+    half = float(stdtrit(freedom, 0.975)) * std_slope
+    wears = bool(2 * stdtr(freedom, -abs(beta[1]) / std_slope) < CHANCE)
     unit = 100.0 / level if level != 0 else np.nan
     low, high = sorted(((beta[1] - half) * unit, (beta[1] + half) * unit))
     return Slope(joint, kind, len(days), level, float(beta[1] * unit), (float(low), float(high)), wears)

@@ -1,0 +1,75 @@
+"""A tone: torque that oscillates at one frequency in every recording, whatever the motion is (mains pick-up, a fan, another machine).
+
+With P the Hann-windowed periodogram of one joint's residual and P_0 its median within NEAR of a frequency over ln 2, P / P_0 of noise is exponential
+with mean 1, so 2 P / P_0 is chi-square with two degrees of freedom; over recordings they add, the phases being free. The largest over all
+frequencies is tested (R. A. Fisher 1929, doi:10.1098/rspa.1929.0151), with the local median as the noise, because residuals are coloured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import next_fast_len, rfft
+from scipy.ndimage import median_filter
+
+from calib.diagnosis.model import LogModel
+
+LOWEST, NEAR = 0.5, 0.5  # Hz; below, every model's errors are slow
+LEAST_ROWS = 100
+
+
+@dataclass(frozen=True)
+class Tone:
+    """gains (L,) of the recordings, chi-square with two degrees of freedom each if there is no tone; amplitude N m."""
+
+    frequency: float
+    gains: tuple[float, ...]
+    amplitude: float
+
+
+def strongest(models: Sequence[LogModel], residuals: Sequence[np.ndarray], j: int, fitted: int) -> Tone | None:
+    """The frequency of the largest sum of gains over the first `fitted` recordings; residuals (R,) N m of all rows per recording.
+
+    Frequencies that a periodic motion excites itself are left out. None where there are fewer than two recordings: one motion's own
+    harmonics cannot be distinguished from a tone.
+    """
+    usable = [(m, e) for m, e in zip(models, residuals, strict=True) if m.measurement.row_usable[:, j].sum() >= LEAST_ROWS]
+    if len(usable) < 2 or len(usable) < len(models):
+        return None
+    step = 1.0 / max(m.measurement.rate for m, _ in usable)
+    count = next_fast_len(2 * int(max(m.measurement.row_samples[-1] / m.measurement.rate for m, _ in usable) / step), real=True)
+    highest = min(m.measurement.decimator.cutoff for m, _ in usable)
+    frequency = np.arange(count // 2 + 1) / (count * step)
+    band = (frequency > LOWEST) & (frequency < highest)
+    if band.sum() < 3:
+        return None
+    spectra = [_gains(m, e, j, step, count, frequency) for m, e in usable]
+    total = np.sum([gain for gain, _ in spectra[:fitted]], axis=0)
+    for m, _ in usable:
+        if m.measurement.period is not None:
+            harmonic = frequency * m.measurement.period
+            band &= np.abs(harmonic - np.round(harmonic)) > 1.5 * m.measurement.period / (
+                m.measurement.row_samples[-1] / m.measurement.rate
+            )
+    if not band.any():
+        return None
+    k = int(np.argmax(np.where(band, total, -np.inf)))
+    return Tone(
+        float(frequency[k]), tuple(float(gain[k]) for gain, _ in spectra), float(np.mean([size[k] for _, size in spectra]))
+    )
+
+
+def _gains(m: LogModel, e: np.ndarray, j: int, step: float, count: int, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """2 P / P_0 and the amplitude N m of a sine, per frequency."""
+    usable = m.measurement.row_usable[:, j]
+    at = m.measurement.row_samples[usable] / m.measurement.rate
+    at = at - at[0]
+    window = 1.0 - np.cos(2 * np.pi * at / max(at[-1], 1e-9))
+    series = np.zeros(count)
+    series[np.round(at / step).astype(int)] = (e[usable] - e[usable].mean()) * window
+    spectrum = np.abs(rfft(series))
+    width = 2 * max(1, int(NEAR / (frequency[1] - frequency[0]))) + 1
+    floor = median_filter(spectrum**2, width, mode="nearest") / np.log(2)
+    return 2 * spectrum**2 / np.maximum(floor, 1e-300), 2 * spectrum / max(float(window.sum()), 1e-300)

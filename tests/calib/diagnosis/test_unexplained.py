@@ -1,0 +1,61 @@
+"""What oscillates, with the motion or without it, has no name in the catalogue: it is reported at its joint, and nothing else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.claims.diagnosis_sentences import variable
+from calib.diagnosis.answer import Diagnosis
+from calib.diagnosis.diagnose import diagnose
+from sim.arm import Arm
+from sim.trajectory import Trajectory
+from tests.calib.diagnosis.conftest import NOISE, Hidden, recording
+
+PAN, WRIST = 0, 3
+
+
+def asked(arm: Arm, hidden: Hidden) -> Diagnosis:
+    logs = [recording(arm, seed, hidden) for seed in (1, 2, 3)]
+    return diagnose(arm, logs[:2], logs[2:])
+
+
+def pickup(frequency: float) -> Hidden:
+    """A tone at a wrist, of the size of its noise, with another phase in every recording."""
+
+    def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        size = 1.5 * NOISE * np.abs(tau[:, WRIST]).max()
+        out[:, WRIST] = size * np.sin(2 * np.pi * frequency * motion.t + 1e3 * motion.q[0, PAN])
+        return out
+
+    return hidden
+
+
+@pytest.mark.parametrize("frequency", [2.83, 6.17])
+def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm, frequency: float) -> None:
+    found = asked(ur10e, pickup(frequency)).answer
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
+    (depends,) = found["unexplained"][0]["depends_on"]
+    kind, _, value = depends.partition(":")
+    assert kind == "tone"
+    assert float(value.removesuffix(" Hz")) == pytest.approx(frequency, abs=0.04)
+    assert variable(depends) == f"a constant oscillation of {value}"
+
+
+@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), (0.55, 2.0)])
+def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm, frequency: float, inertia: float) -> None:
+    def slosh(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out, w, dt = np.zeros_like(tau), 2 * np.pi * frequency, motion.t[1] - motion.t[0]
+        x = v = 0.0
+        for k, push in enumerate(motion.ddq[:, PAN]):  # semi-implicit Euler
+            v += dt * (-push - 0.16 * w * v - w * w * x)
+            x += dt * v
+            out[k, PAN] = inertia * w * w * x
+        return out
+
+    found = asked(ur10e, slosh).answer
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
+    assert "resonance:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
