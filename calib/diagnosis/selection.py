@@ -22,6 +22,7 @@ from sim.effects import effect_named
 from sim.effects.effect import Stage
 
 MOST_EFFECTS = 8
+MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 # Columns over rows where the noise is measured. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
 FILLED = 0.12
@@ -179,7 +180,8 @@ def search(
         here = {(e.effect, e.joint) for e in best.accepted}
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
-        better = _next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD])
+        full = {e.joint for e in best.accepted if sum(a.joint == e.joint for a in best.accepted) >= MOST_AT_A_JOINT} - {None}
+        better = _next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and s.key[1] not in full])
         if better is None:
             break
         if cost(better) >= cost(best):
