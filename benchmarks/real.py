@@ -36,7 +36,8 @@ class Set:
     """Recordings of one arm.
 
     new: words after `calib`, with DATA for the folder of the recordings; train and test: (file, from s, to s); cutoff Hz; reference N m
-    per joint, empty where nobody has published one; columns: what the tables' columns mean where their names do not say it; assume: words for `--assume`.
+    per joint, empty where nobody has published one; columns: what the tables' columns mean where their names do not say it; assume: words for `--assume`;
+    identify: further words of `calib identify`.
     """
 
     new: tuple[str, ...]
@@ -46,6 +47,7 @@ class Set:
     reference: tuple[float, ...] = ()
     columns: tuple[str, ...] = ()
     assume: tuple[str, ...] = ()
+    identify: tuple[str, ...] = ()
 
 
 ALL = (0.0, 1e9)
@@ -111,6 +113,7 @@ SETS: dict[str, Set] = {
         (),
         ("time=t:s", "q=q1:rad", "dq=dq1:rad/s", "current=load_raw:mA"),
         ("current=int16",),
+        ("--known-mass", "0.49"),
     ),
 }  # fmt: skip
 
@@ -212,7 +215,7 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
     train = [str(log) for log, _ in logs[0]]
     rows: list[dict[str, object]] = []
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    calib("identify", arm, *train, "--out", str(folder / "identified"))
+    calib("identify", arm, *train, *s.identify, "--out", str(folder / "identified"))
     middle = resource.getrusage(resource.RUSAGE_CHILDREN)
     calib("diagnose", str(folder / "identified" / "arm"), *train, "--out", str(folder / "diagnosed"))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

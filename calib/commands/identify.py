@@ -28,7 +28,10 @@ def command(
     known_mass: Annotated[
         float | None,
         typer.Option(
-            "--known-mass", min=0.001, max=10_000.0, help="kg of that load: the torque constants are estimated from it."
+            "--known-mass",
+            min=0.001,
+            max=10_000.0,
+            help="kg of that load, or of the load of a drive on a bench: the torque constants are estimated from it.",
         ),
     ] = None,
     cutoff: Annotated[
@@ -58,15 +61,12 @@ def command(
     """
     from calib.identification.calibrated import write_calibrated
     from calib.identification.identify import Options, identify
-    from calib.identification.loaded import identify_with_load
+    from calib.identification.loaded import identify_with_load, identify_with_own_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
     from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import identification as page
     from calib.verdict import Verdict
-    from sim.errors import ConfigError
 
-    if known_mass is not None and not loaded:
-        raise ConfigError(f"--known-mass {known_mass:g}: needs recordings with that load; give them with --loaded LOG")
     nominal, given = arm_and_logs(arm, log, configs)
     require_unseen(given, holdout or [])
     folder = new_run(nominal, "identify", out)
@@ -81,6 +81,8 @@ def command(
         if loaded:
             carrying = read_logs(loaded, nominal, accept_partial, assume)
             found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, show)
+        elif known_mass is not None:
+            found = identify_with_own_load(nominal, logs, held, options, known_mass, show)
         else:
             found = identify(nominal, logs, held, options, show)
         write_calibrated(folder / "arm", nominal, found.arm)
@@ -93,7 +95,8 @@ def command(
     if result.verdict is Verdict.GOOD:
         then = ["validate", folder / "arm", *(holdout or [Path("OTHER_RECORDING")])]
     else:
-        then = ["diagnose", arm, *(log or [])]
+        # torque constants that came from a known mass are in the identified arm alone
+        then = ["diagnose", arm if known_mass is None else folder / "arm", *(log or [])]
         then += ["--holdout", *holdout] if holdout else []
     if as_json:
         console.print_json({**result.as_dict(), "next": console.command_line(then)})

@@ -12,10 +12,10 @@ from calib.gate.commands import require
 from calib.gate.correction import AS_RECORDED, assumed
 from calib.gate.readings import twice
 from calib.identification.identify import Identification, Options, fitted, identify, survey
-from calib.identification.payload import Load, load_between, scale_from_known_mass
+from calib.identification.payload import Load, load_between, scale_from_known_mass, scale_from_own_load
 from logs.log import Log
 from sim.arm import Arm
-from sim.errors import BadLog
+from sim.errors import BadLog, ConfigError
 
 VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
 
@@ -67,6 +67,36 @@ def _require_apart(logs: Sequence[Log], loaded: Sequence[Log]) -> None:
             check = twice([log, other])
             if not check.ok and not all(AS_RECORDED in assumed(x) for x in (log, other)):
                 raise BadLog(f"{check.detail}. {LIKELIEST}{check.causes[0].sentence}")
+
+
+def identify_with_own_load(
+    arm: Arm,
+    logs: Sequence[Log],
+    holdout: Sequence[Log],
+    options: Options,
+    known_mass: float,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Identification:
+    """The calibrated arm of one joint, its torque constant from the gravity of the load that it always carries (`calib arm drive --load`)."""
+    if arm.n != 1:
+        raise ConfigError(
+            f"--known-mass {known_mass:g}: {arm.name} has {arm.n} joints, so it needs recordings with that load; give them with --loaded LOG"
+        )
+    if any(np.isfinite(log.tau).any() for log in logs):
+        raise ConfigError(
+            f"--known-mass {known_mass:g}: these recordings hold torque, so nothing needs a torque constant; leave it out"
+        )
+    provisional = arm if arm.torque_constant is not None else replace(arm, torque_constant=np.ones(1))
+    free = fitted(provisional, logs, options, progress)
+    scale, std = scale_from_own_load(free.model, free.solution, known_mass)
+    constant = np.array(provisional.torque_constant) / scale
+    origin = f"from the gravity of its own {known_mass:g} kg, by calib identify; std {_row(constant * std / scale)} N m/A"
+    scaled = replace(provisional, torque_constant=constant, provenance={**provisional.provenance, "torque_constant": origin})
+    found = identify(scaled, logs, holdout, options, progress)
+    sentence = (
+        f"the torque constant is {_row(constant)} ± {_row(constant * std / scale)} N m/A, from the gravity of {known_mass:g} kg"
+    )
+    return replace(found, result=replace(found.result, findings=(*found.result.findings, sentence)))
 
 
 def _with_load(found: Identification, load: Load, known_mass: float | None) -> Identification:

@@ -102,9 +102,10 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
         x, cost, damping = tried, then, damping / 4
         if settled:
             break
-    ratio = [np.median(np.diag(s.covariance) / np.diag(inverse(s.information))) for s in (free, loaded)]
     full = np.zeros((len(x), len(x)))
-    full[np.ix_(unknown, unknown)] = inverse(fit.step(x)[0][np.ix_(unknown, unknown)]) * max(*ratio, 1.0)
+    full[np.ix_(unknown, unknown)] = inverse(fit.step(x)[0][np.ix_(unknown, unknown)]) * max(
+        _excess(free), _excess(loaded), 1.0
+    )
     # the reading is kappa times the torque of a model whose mass is true
     scale, scale_std = x[p + 10 :], np.sqrt(np.diag(full)[p + 10 :])
     if not np.any(scale_std < 0.1 * np.abs(scale)):
@@ -114,6 +115,34 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
     by_x = slope(x[p : p + 10])
     load = _load(body(x[p : p + 10]), by_x @ full[p : p + 10, p : p + 10] @ by_x.T, scale, scale_std, start.chi2)
     return replace(load, mass=mass)
+
+
+def scale_from_own_load(model: TorqueModel, fit: Solution, mass: float) -> tuple[float, float]:
+    """kappa and its standard deviation of an arm of one joint whose only load weighs `mass` kg: kappa m c = the first moments that were fitted.
+
+    The fit's prior has no part in it, and the load's inertia is free. AnswerIsNo where kappa stays unknown to more than a tenth.
+    """
+    nominal, projection = model.body.parameters()[:4], model.base.projection[:, :4]
+    rows = np.flatnonzero(np.abs(projection[:, 1:]).max(axis=1) > 0)
+    moment = (projection @ nominal)[rows] * mass / max(nominal[0], 1e-300)
+    if not np.linalg.norm(moment) > 0:
+        raise AnswerIsNo(f"{model.arm.name}: its load makes no torque in its model; make it with calib arm drive --load KG,M")
+    covariance = inverse(fit.by_joint[0])
+    weight = inverse(covariance[np.ix_(rows, rows)])
+    strength = float(moment @ weight @ moment)
+    scale = float(moment @ weight @ (covariance @ fit.vectors[0])[rows]) / strength
+    std = float(np.sqrt(max(_excess(fit), 1.0) / strength))
+    if not std < 0.1 * scale:
+        raise AnswerIsNo(
+            f"{model.arm.name}: {mass:g} kg moves the current too little to determine the torque constant to a tenth (its scale is "
+            f"{scale:.3g} ± {std:.2g}); record a motion that lifts the load"
+        )
+    return scale, std
+
+
+def _excess(fit: Solution) -> float:
+    """How much wider the robust covariance of a fit is than that of its information."""
+    return float(np.median(np.diag(fit.covariance) / np.diag(inverse(fit.information))))
 
 
 @dataclass(frozen=True)
