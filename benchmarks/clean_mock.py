@@ -8,6 +8,7 @@ session of each arm is also identified.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -88,24 +89,29 @@ def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     found = [kept.found[key] for key in jobs if key in kept.found]
     if not found:
         raise RuntimeError(f"no session ended within {minutes:g} min")
+    return rows(found, count, len(arms))
+
+
+def rows(found: Sequence[Mapping[str, Any]], count: int, arms: int) -> list[dict[str, Any]]:
+    """The rows of the sessions that ended."""
     named = [f"{f['arm']}: {', '.join(f['names'])}" for f in found if f["names"]]
     other = [f"{f['arm']}: {f['verdict']}" for f in found if f["verdict"] != "no_missing_effect"]
-    rows: list[dict[str, Any]] = [
-        {"what": "nothing hidden: sessions", "value": len(found), "bar": str(count), "note": f"{len({f['arm'] for f in found})} of {len(arms)} shipped arms"},
+    out: list[dict[str, Any]] = [
+        {"what": "nothing hidden: sessions", "value": len(found), "bar": str(count), "note": f"{len({f['arm'] for f in found})} of {arms} shipped arms"},
         {"what": "nothing hidden: effects identified", "value": sum(len(f["names"]) for f in found), "bar": "0", "note": "; ".join(named)},
         {"what": "nothing hidden: sessions not answered `no missing effect`", "value": len(other), "bar": "0", "note": "; ".join(other)},
     ]  # fmt: skip
     far = [(f["over_noise"], f["arm"]) for f in found if f.get("over_noise") is not None]
     if far:
         over, arm = max(far)
-        rows += [
+        out += [
             {"what": "nothing hidden: sessions whose answer says that the model does not agree", "value": sum(x > DISAGREES for x, _ in far), "bar": "0", "note": f"a residual RMS of over {DISAGREES:g} times the noise at a joint"},
             {"what": "nothing hidden: residual RMS after a refit over the noise, worst joint of all sessions", "value": round(over, 1), "note": f"{arm}; median of the sessions {np.median([x for x, _ in far]):.1f}"},
         ]  # fmt: skip
     ratios = [(f["ratio"], f["arm"]) for f in found if "ratio" in f]
     if ratios:
         worst, arm = max(ratios)
-        rows.append(
+        out.append(
             {"what": "held-out residual RMS, identified over nominal, worst arm", "value": round(worst, 3), "bar": "<= 1", "note": f"{arm}; one session of each of {len(ratios)} arms"}
         )  # fmt: skip
-    return rows
+    return out

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -86,20 +87,25 @@ def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     found = {seed: kept.found[str(seed)] for seed in range(count) if str(seed) in kept.found}
     if not found:
         raise RuntimeError(f"no seed ended within {minutes:g} min")
+    return rows(found, count)
+
+
+def rows(found: Mapping[int, Mapping[str, Any]], count: int) -> list[dict[str, Any]]:
+    """The rows of the seeds that ended."""
     first = [seed for seed, f in found.items() if f["names"][:1] != [f["hidden"]]]
     alone = [seed for seed, f in found.items() if not f["right"]]
-    rows: list[dict[str, Any]] = [
+    out: list[dict[str, Any]] = [
         {"what": "demo: seeds", "value": len(found), "bar": str(count), "note": f"seeds {min(found)} to {max(found)}"},
         {"what": "demo: what was hidden is the first name", "value": round(100 * (1 - len(first) / len(found)), 1), "unit": "%", "bar": ">= 95", "note": _which(found, first)},
         {"what": "demo: what was hidden is identified, and nothing else", "value": round(100 * (1 - len(alone) / len(found)), 1), "unit": "%", "bar": ">= 90", "note": _which(found, alone)},
     ]  # fmt: skip
     for effect in sorted({f["hidden"][0] for f in found.values()}):
         mine = [f for f in found.values() if f["hidden"][0] == effect]
-        rows.append({"what": f"demo: {effect} hidden", "value": f"{sum(f['right'] for f in mine)} of {len(mine)} right"})
-    return rows
+        out.append({"what": f"demo: {effect} hidden", "value": f"{sum(f['right'] for f in mine)} of {len(mine)} right"})
+    return out
 
 
-def _which(found: dict[int, dict[str, Any]], wrong: list[int]) -> str:
+def _which(found: Mapping[int, Mapping[str, Any]], wrong: Sequence[int]) -> str:
     """The seeds that went wrong, with what was hidden and what was found."""
     return "; ".join(
         f"seed {seed}: {found[seed]['hidden'][0]}, found {', '.join(name for name, _ in found[seed]['names']) or found[seed]['verdict']}"

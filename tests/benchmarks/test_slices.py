@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from benchmarks import faults, soak, ur_load
+from benchmarks import clean_mock, demo, faults, soak, ur_load
 from benchmarks.faults import TROUBLES
 from benchmarks.injection import Run
 from drivers.ur_rtde.condition import program, safety, scaling, slider
@@ -59,3 +59,40 @@ def test_a_name_is_that_of_its_fault_and_of_no_other(fault: str, sentence: str) 
     same = {"program_stopped", "second_client"}  # the wire shows the same
     others = [name for name in ur_load.NAMES if name != fault and not {name, fault} <= same]
     assert not [name for name in others if re.search(ur_load.NAMES[name], sentence)]
+
+
+def test_a_name_that_nobody_hid_is_counted() -> None:
+    seeds = {
+        0: {"hidden": ["payload", None], "names": [["payload", None]], "right": True, "verdict": "effects_found"},
+        1: {
+            "hidden": ["payload", None],
+            "names": [["payload", None], ["time_delay", None]],
+            "right": False,
+            "verdict": "effects_found",
+        },
+        2: {"hidden": ["torque_gain", "elbow_joint"], "names": [], "right": False, "verdict": "no_missing_effect"},
+        3: {
+            "hidden": ["torque_gain", "elbow_joint"],
+            "names": [["torque_gain", "wrist_1_joint"]],
+            "right": False,
+            "verdict": "x",
+        },
+    }
+    rows = {row["what"]: row for row in demo.rows(seeds, 200)}
+    assert rows["demo: what was hidden is the first name"]["value"] == 50.0
+    assert rows["demo: what was hidden is identified, and nothing else"]["value"] == 25.0
+    assert "seed 2: torque_gain, found no_missing_effect" in rows["demo: what was hidden is the first name"]["note"]
+    assert rows["demo: payload hidden"]["value"] == "1 of 2 right"
+
+
+def test_a_clean_mock_with_a_name_or_a_doubt_is_counted() -> None:
+    sessions = [
+        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 1.5, "ratio": 0.99},
+        {"arm": "ur5e", "verdict": "effects_found", "names": ["payload"], "over_noise": None, "ratio": 1.2},
+        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 3.5},
+    ]
+    rows = {row["what"]: row["value"] for row in clean_mock.rows(sessions, 100, 15)}
+    assert rows["nothing hidden: effects identified"] == 1
+    assert rows["nothing hidden: sessions not answered `no missing effect`"] == 1
+    assert rows["nothing hidden: sessions whose answer says that the model does not agree"] == 1
+    assert rows["held-out residual RMS, identified over nominal, worst arm"] == 1.2
