@@ -16,6 +16,7 @@ from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
 REFIT_HELPS = 0.2  # share of a joint's residual RMS from which a refit is proposed
+LOOK_AGAIN = "Look at that joint's curves below, and record the motion again."
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
     "no_missing_effect": "good",
@@ -99,7 +100,7 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         )
     elif verdict == "no_missing_effect" and not diagnosis.get("refused"):
         steps.append(
-            "Look at that joint's curves below, and record the motion again."
+            LOOK_AGAIN
             if _disagrees(diagnosis)
             else _refit(diagnosis) or "Nothing to do: the model agrees with these recordings."
         )

@@ -29,7 +29,7 @@ def write(session: guided.GuidedSession) -> Path:
         ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
     ]
     page = Page(session.arm, sentence, verdict, facts, "session")
-    page.aside("What to do next", _next(session))
+    page.aside("What to do next", _next(session, verdict))
     looked = [d for d in session.done if d.name.startswith(("diagnose", "validate")) and d.folder]
     if looked:
         shown = next((d for d in reversed(looked) if d.name.startswith("diagnose")), looked[-1])
@@ -59,9 +59,11 @@ def _style(session: guided.GuidedSession) -> Verdict:
         return "open"
 
 
-def _next(session: guided.GuidedSession) -> list[str]:
+def _next(session: guided.GuidedSession, verdict: Verdict) -> list[str]:
     """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
     if not session.closed:
         return [f"Continue it: calib go {session.cell}"]
-    rest = [f"{capital(s)}." for s in guided.ending(session)[1:]]
+    nothing = guided.answer(guided.last_diagnosis(session)).get("verdict") == "no_missing_effect"
+    rest = [diagnosis.LOOK_AGAIN] if nothing and verdict == "open" else []
+    rest += [f"{capital(s)}." for s in guided.ending(session)[1:]]
     return [*rest, f"Use it elsewhere: calib export {guided.best_arm(session)}"]

@@ -256,6 +256,7 @@ def test_the_page_of_a_session_marks_its_answer_as_the_diagnosis_does(
     assert go(Commands([NOTHING | {"gap": gap}]), monkeypatch, "--yes") == 0
     page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
     assert f">{mark}<" in page
+    assert ("record the motion again" in page) is (mark == "?")
 
 
 def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
