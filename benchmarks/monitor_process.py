@@ -163,20 +163,23 @@ def rows(case: str, found: list[dict[str, Any]], wanted: int) -> list[dict[str, 
                 }
             )
         return out
-    stop = DeviceStop()
     moved = [f for f in found if f.get("rest") is not None]
     missed = len(found) - len(moved)
     if not moved:
         return [{"what": f"UR, {case}: stops", "value": 0, "bar": str(len(found)), "note": f"{note}; {found[0]['ended']}"}]
+    value = f"{np.median([f['slower'] for f in moved]):.0f}/{max(f['slower'] for f in moved):.0f}; {max(f['rest'] for f in moved):.0f}"
+    note = f"{note}, {missed} without a stop; ends with: {found[0]['ended'][:150]}"
+    row = {"what": f"UR, {case}: until slower p50/max, until at rest max", "value": value, "unit": "ms", "note": note}
+    if CASES[case][1] == "calib monitor":  # the guard's own stop, along the path
+        return [row]
+    stop = DeviceStop()
     share = max(np.radians(f["angle"]) / (f["speed"] * (stop.reaction + f["speed"] / (2 * stop.deceleration))) for f in moved)
-    value = f"{np.median([f['slower'] for f in moved]):.0f}/{max(f['slower'] for f in moved):.0f}; {max(f['rest'] for f in moved):.0f}; {share:.2f}"
-    what = f"UR, {case}: until slower p50/max, until at rest max, angle / angle of the device's stop"
     return [
+        row,
         {
-            "what": what,
-            "value": value,
-            "unit": "ms; ms; 1",
-            "bar": "angle <= 1",
-            "note": f"{note}, {missed} without a stop; ends with: {found[0]['ended'][:150]}",
-        }
+            "what": f"UR, {case}: angle / angle of the device's stop",
+            "value": f"{share:.2f}",
+            "bar": "<= 1",
+            "note": f"of {len(moved)} stops",
+        },
     ]
