@@ -90,6 +90,7 @@ def measured(number: int, case: str) -> dict[str, Any]:
         talk, theirs = multiprocessing.Pipe()
         controller = multiprocessing.get_context("spawn").Process(target=watched_controller, args=(str(path), theirs))
         controller.start()
+        theirs.close()  # so that a controller that ends is noticed
         talk.recv()
         ended = "completed"
         try:
