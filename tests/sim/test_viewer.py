@@ -1,5 +1,6 @@
 """The viewer follows the motion's own time, ends with it or with its window, and is refused where there is no display."""
 
+import sys
 from types import TracebackType
 from typing import Any, Self
 
@@ -59,3 +60,9 @@ def test_without_a_display_it_is_refused_with_what_to_open_instead() -> None:
         require_display({}, "linux")
     require_display({"DISPLAY": ":0"}, "linux")
     require_display({}, "darwin")
+
+
+def test_a_viewer_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.viewer", None)
+    with pytest.raises(ConfigError, match=r"arm-calib\[viewer\]"):
+        require_display({"DISPLAY": ":0"}, "linux")
