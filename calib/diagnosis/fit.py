@@ -41,9 +41,9 @@ class Fit:
         return self.hypothesis.accepted
 
     def std(self) -> list[dict[str, float]]:
-        """Standard deviation of every parameter of every accepted effect."""
+        """Standard deviation of every parameter of every accepted effect, 0 where it was chosen and not fitted."""
         deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        out: list[dict[str, float]] = [{} for _ in self.accepted]
+        out = [dict.fromkeys(e.parameters, 0.0) for e in self.accepted]
         for (i, p), s in zip(parameters_of(self.accepted), deviation, strict=True):
             value = self.accepted[i].parameters[p.name]
             out[i][p.name] = float(s * abs(value)) if logarithmic(p) else float(s)
@@ -157,7 +157,12 @@ def objective(solved: Solved) -> float:
 
 def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
     """(index of the effect, parameter) of everything that is fitted."""
-    return [(i, p) for i, item in enumerate(accepted) for p in effect_named(item.effect).parameters]
+    return [
+        (i, p)
+        for i, item in enumerate(accepted)
+        for p in effect_named(item.effect).parameters
+        if not p.chosen(item.parameters[p.name])
+    ]
 
 
 def nominal_values(arm: Arm, item: ArmEffect) -> dict[str, float | None]:

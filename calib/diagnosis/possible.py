@@ -11,7 +11,6 @@ from typing import Any
 
 from scipy.special import chdtrc
 
-from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import CONTACT
 from calib.diagnosis.selection import Key, Scored
 from sim.effects import EFFECTS, effect_named
@@ -41,7 +40,7 @@ def possible(
 
 
 def _chance(s: Scored, gain: float, count: int) -> float:
-    return min(1.0, count * float(chdtrc(len(parameters_of([s.effect])), max(gain, 0.0))))
+    return min(1.0, count * float(chdtrc(len(s.effect.parameters), max(gain, 0.0))))
 
 
 def tried(n: int) -> int:

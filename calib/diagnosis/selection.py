@@ -92,7 +92,7 @@ class Bank:
 
 def price(item: ArmEffect) -> float:
     """What a name costs on the scale of -2 log likelihood."""
-    return THRESHOLD + effect_named(item.effect).surcharge + PER_PARAMETER * (len(parameters_of([item])) - 1)
+    return THRESHOLD + effect_named(item.effect).surcharge + PER_PARAMETER * (len(item.parameters) - 1)
 
 
 def penalty(accepted: Sequence[ArmEffect]) -> float:

@@ -28,6 +28,7 @@ import numpy as np
 from sim.motion_view import CandidateColumns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
+from sim.turns import BEFORE_THE_GEAR
 
 Values = Mapping[str, float]
 
@@ -53,6 +54,7 @@ class Parameter:
 
     zero is the value at which the effect vanishes (None where another parameter makes it vanish); lower and upper are physical
     bounds; grid are typical values from which a nonlinear fit begins (one value suffices where the torque is linear in it).
+    turns: cycles in a revolution, which below sim.turns.BEFORE_THE_GEAR are whole, so that a whole number is chosen and not fitted.
     """
 
     name: str
@@ -62,6 +64,11 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     grid: tuple[float, ...] = (1.0,)
+    turns: bool = False
+
+    def chosen(self, value: float) -> bool:
+        """Whether a value is one of a few that are possible, so that nothing near it is."""
+        return self.turns and value < BEFORE_THE_GEAR and float(value).is_integer()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,14 @@ class EncoderEccentricity(Effect):
     parameters = (
         Parameter("amplitude", "rad", "peak error", lower=0.0, upper=0.3, grid=(0.01,)),
         Parameter(
-            "cycles", "1/rev", "cycles in a revolution of the joint", zero=None, lower=0.5, upper=50.0, grid=(1.0, 2.0, 3.0)
+            "cycles",
+            "1/rev",
+            "cycles in a revolution of the joint",
+            zero=None,
+            lower=0.5,
+            upper=50.0,
+            grid=(1.0, 2.0, 3.0),
+            turns=True,
         ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )

@@ -38,6 +38,7 @@ class TorqueRipple(Effect):
             lower=0.5,
             upper=400.0,
             grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0),
+            turns=True,
         ),
         Parameter("phase", "rad", "phase at the joint's zero", zero=None, lower=-2 * np.pi, upper=2 * np.pi),
     )
