@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.acceptance import Assessed, HeldOut
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, parameters_of
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.selection import Scored, add, admissible, started, without
+from calib.diagnosis.selection import Scored, add, admissible, price, started, without
 from calib.diagnosis.significance import positive, standard_error
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
@@ -91,3 +91,11 @@ def test_the_standard_error_counts_correlation() -> None:
     assert positive([white + 0.1])
     assert not positive([white, -white - 0.01])
     assert not positive([])
+
+
+@pytest.mark.parametrize(("cycles", "fitted"), [(1.0, False), (14.0, False), (2.2, True), (15.0, True), (101.0, True)])
+def test_whole_cycles_of_a_turn_are_chosen_and_not_fitted(cycles: float, fitted: bool) -> None:
+    """Over a short range a fit would move them anywhere; of a shaft before the gear they need not be whole."""
+    ripple = ArmEffect("torque_ripple", "elbow_joint", {"amplitude": 1.0, "cycles": cycles, "phase": 0.3})
+    assert ("cycles" in {p.name for _, p in parameters_of([ripple])}) == fitted
+    assert price(ripple) == price(replace(ripple, parameters=dict(ripple.parameters) | {"cycles": 2.2}))
