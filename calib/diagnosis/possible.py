@@ -40,7 +40,7 @@ def possible(
 
 
 def _chance(s: Scored, gain: float, count: int) -> float:
-    return min(1.0, count * float(chdtrc(len(s.effect.parameters), max(gain, 0.0))))
+    return min(1.0, count * float(chdtrc(len(effect_named(s.effect.effect).parameters), max(gain, 0.0))))
 
 
 def tried(n: int) -> int:

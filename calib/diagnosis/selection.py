@@ -92,7 +92,8 @@ class Bank:
 
 def price(item: ArmEffect) -> float:
     """What a name costs on the scale of -2 log likelihood."""
-    return THRESHOLD + effect_named(item.effect).surcharge + PER_PARAMETER * (len(item.parameters) - 1)
+    effect = effect_named(item.effect)
+    return THRESHOLD + effect.surcharge + PER_PARAMETER * (len(effect.parameters) - 1)
 
 
 def penalty(accepted: Sequence[ArmEffect]) -> float:
