@@ -18,6 +18,7 @@ from sim.arm import Arm, ArmEffect
 TOP, BELOW = 0.9, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
 SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
 FLAT = 0.03  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
+MOVING = 0.05  # of a joint's fastest; a joint at rest follows exactly, whatever its delay in motion
 # Share of the following error that is its usual size: the rest may be the way back from a limit.
 CALM = 0.8
 # Largest following error at the level over its usual size: up to 132 in 78 cases of benchmarks/exam (seed 26112201) without a limit,
@@ -66,7 +67,8 @@ def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
     """Stretches of flat torque near `most`: largest following error over its usual size, and level N m."""
     rate, torque = _rate(log), _smoothed(log, j)
     error = np.abs(log.q_cmd[:, j] - log.q[:, j])
-    under = torque < BELOW * most
+    speed = np.abs(log.dq[:, j])
+    under = (torque < BELOW * most) & (speed > MOVING * np.quantile(speed, 0.98))
     if not under.any():
         return
     calm = np.sort(error[under])[: max(1, int(CALM * under.sum()))]
