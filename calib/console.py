@@ -172,6 +172,16 @@ def warn_control(cell: Cell, driver: Driver) -> None:
         warn(f"takes control of {cell.name}: {driver.control}")
 
 
+def warn_watched(cell: Cell, alone: str) -> None:
+    """Whether a process of its own monitors the arm beside the one that moves it; alone: why there is none."""
+    if alone:
+        warn(
+            f"{cell.name} has no monitor process: {alone}; where the control process hangs, only the device's own watchdog is left"
+        )
+    else:
+        warn(f"{cell.name} has a monitor process: it stops the arm where the control process hangs or breaks a rule")
+
+
 def ask(question: str) -> str:
     """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
     console, words = _err(), question.rstrip(" ")

@@ -25,7 +25,7 @@ from drivers.mock import MockOptions
 from safety import realtime
 from safety.audit import record
 from safety.board import Board
-from safety.execution import NEVER, RunProgress, RunResult, execute
+from safety.execution import NEVER, SIMULATED, RunProgress, RunResult, execute
 from safety.monitor_link import MonitorLink
 from safety.plan import Plan, load_plan
 from safety.signs import Signs
@@ -42,6 +42,8 @@ SILENCE = 0.5
 BEAT = 0.02
 SHOW = 0.05
 END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
+LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; what hangs is killed then
+LEAVE_TIME = 30.0  # s for both processes to end after the run: more than the monitor process waits for the control process
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class _Task:
     operator: str
     parent: int
     link: tuple[Signs, Connection] | None
+    alone: str
 
 
 def is_simulated(cell: Cell) -> bool:
@@ -102,10 +105,12 @@ def drive(
     board = Board(arm.n, context)
     answer: Any = context.Queue()
     wanted = None if stages is None else tuple(stages)
-    alone = _alone(driver_factory, cell, arm)
+    alone = alone_because(driver_factory, cell, arm)
     signs, ends = Signs(arm.n, context), context.Pipe()
     files = plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory
-    task = _Task(*files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]))
+    task = _Task(
+        *files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]), alone
+    )
     process = context.Process(target=_serve, args=(task, board, answer), name="calib control")
     if alone:
         record(audit, "no monitor process", reason=alone)
@@ -138,8 +143,10 @@ def drive(
     return value  # type: ignore[no-any-return]
 
 
-def _alone(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm: Arm) -> str:
-    """Why no monitor process can look at this device beside the control process; empty where one can."""
+def alone_because(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm: Arm) -> str:
+    """Why no monitor process looks at this device beside the control process; empty where one does."""
+    if is_simulated(cell):
+        return SIMULATED
     if not hasattr(os, "pidfd_open"):
         return "this system has no pidfd_open, so nobody could end a hung control process for certain"
     try:
@@ -149,23 +156,31 @@ def _alone(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm: Arm) 
 
 
 def _let_go(processes: list[Any], board: Board, sentence: str, held: Callable[[str], None]) -> None:
-    """Wait for the processes; where one holds the arm, until Ctrl-C says that somebody supports it. Nothing else lets go."""
+    """Wait for the processes; where one holds the arm, or does not end, until Ctrl-C says that somebody supports it. Nothing else lets go."""
 
-    def alive() -> bool:
-        return any(p.exitcode is None for p in processes)
+    def alive() -> list[str]:
+        return [p.name for p in processes if p.exitcode is None]
 
+    end = time.monotonic() + LEAVE_TIME
     with StopSignals():
-        while alive() and not board.held:
+        while alive() and not board.held and time.monotonic() < end:
             time.sleep(SHOW)
-    if not alive():
-        return
-    held(f"{sentence}; the arm is HELD: support it, then press Ctrl-C to let it go")
+    if board.held and alive():
+        held(f"{sentence}; the arm is HELD: support it, then press Ctrl-C to let it go")
+    elif alive():
+        held(
+            f"{sentence}; {' and '.join(alive())} did not end within {LEAVE_TIME:g} s and may hold the arm: support it, then press Ctrl-C"
+        )
     while alive():
         with StopSignals() as signals:
             while alive() and signals.reason() is None:
                 time.sleep(SHOW)
         if signals.reason() == REASONS[signal.SIGINT]:
             board.let_go()
+            for process in processes:
+                process.join(LET_GO_TIME)
+                if process.exitcode is None:
+                    process.kill()
 
 
 def _beat(board: Board, over: threading.Event) -> None:
@@ -223,7 +238,7 @@ def _serve(task: _Task, board: Board, answer: Any) -> None:
 
         result = execute(
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_requested=stop_requested, watch=board.show, link=link,
+            stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
         )  # fmt: skip
         answer.put(("done", result))
     except BaseException as error:

@@ -40,6 +40,7 @@ from sim.trajectory import Trajectory
 
 NEVER: Callable[[], str | None] = lambda: None  # noqa: E731
 PAUSE = 0.3
+SIMULATED = "time is simulated in this cell"
 
 
 @dataclass(frozen=True)
@@ -100,12 +101,13 @@ def execute(
     watch: Callable[[RunProgress], None] = lambda progress: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
     link: MonitorLink | None = None,
+    alone: str = SIMULATED,
 ) -> RunResult:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
     stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
     reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
-    way; whatever was recorded then is closed as aborted. link: the monitor process, where there is one.
+    way; whatever was recorded then is closed as aborted. link: the monitor process; alone: why there is none, where there is none.
     """
     check_plan(plan, arm, cell)
     approval = approval_of(plan)
@@ -133,7 +135,7 @@ def execute(
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())
-            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch, link)
+            run = _Run(plan, cell, arm, driver, folder, by, first_reason(signals.reason, stop_requested), watch, link, alone)
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
         stopped = error.record() if isinstance(error, MotionStopped) else {}
@@ -169,9 +171,9 @@ class _Run:
     def __init__(
         self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, folder: Path, operator: str,
         stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
-        link: MonitorLink | None,
+        link: MonitorLink | None, alone: str,
     ) -> None:  # fmt: skip
-        self.link, self.monitored = link, list[dict[str, float]]()
+        self.link, self.alone, self.monitored = link, alone, list[dict[str, float]]()
         self.plan, self.cell, self.arm, self.driver, self.folder = plan, cell, arm, driver, folder
         self.operator, self.stop_requested, self.watch = operator, stop_requested, watch
         self.simulated = isinstance(driver.clock, SimulatedClock)
@@ -324,6 +326,7 @@ class _Run:
             "device_payload_mass": info.payload_mass, "device_payload_com": info.payload_com, "mounting": info.gravity,
             "operator": self.operator, "plan": self.plan.sha256, "motion": motion, "speed": speed, **info.extra,
             "assumed": ", ".join(self.cell.assumed) or None,
+            "monitor_process": "yes" if self.link is not None else f"no: {self.alone}",
         }  # fmt: skip
         kept = {key: value for key, value in metadata.items() if value is not None}
         kind = Recorder if self.simulated else RecorderProcess

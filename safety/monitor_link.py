@@ -93,6 +93,13 @@ class MonitorLink:
             raise SafetyStop(f"the monitor process refuses the motion: {answer}")
         return answer
 
+    def refusal(self) -> str:
+        """What the monitor process has said without a question, after a semicolon; empty where it has said nothing."""
+        try:
+            return f"; it says: {read(self._talk)}" if self._talk.poll() else ""
+        except (OSError, EOFError):
+            return "; it has ended"
+
     def sent(self, k: int, q: np.ndarray) -> None:
         """For `Guard`: every command."""
         self._signs.sent(self._clock(), self.leg, k, q)
@@ -123,6 +130,6 @@ def seen(link: MonitorLink, make: Callable[[Callable[[int, np.ndarray], None]], 
                 break
         else:
             raise SafetyStop(
-                f"the monitor process saw no reading within {SEEN_TIME:g} s; see that a second program can hear the device"
+                f"the monitor process saw no reading within {SEEN_TIME:g} s{link.refusal()}; see that a second program can hear the device"
             )
         yield guard

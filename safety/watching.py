@@ -27,7 +27,7 @@ from safety.audit import record
 from safety.collision import Clearance
 from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
 from safety.monitor import Expected, Monitor
-from safety.monitor_link import Order, read, silence_of, write
+from safety.monitor_link import SEEN_TIME, Order, read, silence_of, write
 from safety.plan import check_plan, load_plan
 from safety.plausible import check_plausible
 from safety.signs import Sign, Signs
@@ -51,9 +51,9 @@ class VerifiedSamples:
     """
 
     def __init__(self, file: Path, counts: Sequence[int], arm: Arm, cell: Cell, rate: float) -> None:
-        self._rows = np.load(file, mmap_mode="r")
+        self._rows = np.asarray(np.load(file, mmap_mode="r"))  # a plain array: a slice of a memmap costs ten times as much
         file.unlink()
-        self._begins = np.concatenate(([0], np.cumsum(counts))).astype(int)
+        self._begins: list[int] = [0, *np.cumsum(counts).tolist()]
         n, rows = arm.n, self._rows
         if not (rows.ndim == 2 and rows.shape == (self._begins[-1], 5 * n + 1) and np.isfinite(rows).all()):
             raise SafetyStop(f"monitor process: {rows.shape} verified samples, not {self._begins[-1]} of finite numbers")
@@ -67,7 +67,7 @@ class VerifiedSamples:
             )
 
     def _legs(self) -> list[tuple[int, int]]:
-        return list(zip(self._begins[:-1].tolist(), self._begins[1:].tolist(), strict=True))
+        return list(zip(self._begins[:-1], self._begins[1:], strict=True))
 
     def last(self, leg: int) -> list[np.ndarray]:
         """The last command (n,) rad of a leg; none where there is no such leg."""
@@ -78,8 +78,8 @@ class VerifiedSamples:
         if not (0 <= leg < len(self._begins) - 1 and 0 <= k < self._begins[leg + 1] - self._begins[leg]):
             return None
         row, n = self._rows[self._begins[leg] + k], self._n
-        q, tau_hat, doubt, sudden, load = row[: 5 * n].reshape(5, n)
-        return q, Expected(tau_hat, doubt, sudden, float(row[5 * n]), load)
+        tau_hat, doubt, sudden, load = row[n : 2 * n], row[2 * n : 3 * n], row[3 * n : 4 * n], row[4 * n : 5 * n]
+        return row[:n], Expected(tau_hat, doubt, sudden, float(row[5 * n]), load)
 
 
 class Watch:
@@ -138,9 +138,9 @@ class Watch:
         found = None
         if sign.k != HOLDS:
             found = self._tube.sample(sign.leg, sign.k)
-            if found is None or not np.array_equal(sign.q, found[0]):
+            if found is None or sign.q.tobytes() != found[0].tobytes():
                 return f"command {sign.k} of motion {sign.leg} is not one that was verified"
-        elif self._q is not None and not any(np.array_equal(sign.q, q) for q in (self._q, *self._tube.last(self._leg))):
+        elif self._q is not None and sign.q.tobytes() not in (q.tobytes() for q in (self._q, *self._tube.last(self._leg))):
             return "the command changes while the guard holds the arm"
         if (sign.leg, sign.k == HOLDS) != (self._leg, self._k == HOLDS):
             self._monitor.pause()
@@ -258,13 +258,19 @@ class _Process:
                 read(self._talk)  # as above: the control process has ended
 
     def _newest(self, rate: float, latency: float) -> JointState:
-        """Begin to listen, or pass over what was heard while nobody looked."""
+        """Begin to listen, or pass over what was heard while nobody looked; DeviceError where nothing new comes within SEEN_TIME."""
         if not self._listens:
             # drives that answer a hung program no more must not be waited for longer than that program
             self._driver.listen(silence_of(rate, latency))
             self._listens = True
+        clock, end = self._driver.clock, self._driver.clock.now() + SEEN_TIME
         state = self._driver.read()
-        while self._driver.clock.now() - state.t > 2.0 / rate:
+        while not clock.now() - state.t <= 2.0 / rate:
+            if not clock.now() < end:
+                raise DeviceError(
+                    f"for {SEEN_TIME:g} s every reading was heard later than {2e3 / rate:.3g} ms after it came; this computer is busy: "
+                    "stop other work on it"
+                )
             state = self._driver.read()
         return state
 

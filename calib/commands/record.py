@@ -48,7 +48,7 @@ def command(
     from drivers import open_driver
     from safety import approval_of, approve, check_approval, check_plan, load_plan
     from safety.confirmation import check_answer, check_yes, question
-    from safety.control import drive
+    from safety.control import alone_because, drive, is_simulated
     from safety.hold_key import HoldKey
     from safety.stop_sources import first_reason
     from sim.arm import load_arm
@@ -82,6 +82,8 @@ def command(
     if approval is None or approve_again:
         approve(sealed, arm, where, who, datetime.now(UTC))
     console.warn_control(where, open_driver(where, arm))
+    if not is_simulated(where):
+        console.warn_watched(where, alone_because(open_driver, where, arm))
     folder = new_run(arm, "record", out, where, plan=str(sealed.folder), plan_sha256=sealed.sha256, operator=who)
     halt = HaltKey(None if hold_to_run else sys.stdin)
     keys = {"release the space bar": "stop"} if hold_to_run else {"h": "stop"} if halt.listening else {}

@@ -17,7 +17,7 @@ from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
 from drivers.can_servo.listener import PATIENCE, Listener, require_audible
 from drivers.can_servo.report import preflight_checks
-from drivers.can_servo.speed import Differentiator, window_for
+from drivers.can_servo.speed import Speeds
 from drivers.can_servo.switching import switch_off, switch_on
 from drivers.can_servo.target import Target
 from drivers.can_servo.turns import require_turns
@@ -82,8 +82,7 @@ class CanServo(Driver):
                 self.watchdogs = guard_by_watchdog(enquiry, self.drives, self.options)
                 self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
                 steps = [(d.q_step, d.dq_step) for d in self.drives]
-                self.windows = [window_for(q, dq, self.rate) for q, dq in steps]
-                self._speed = [Differentiator(w, step) if w else None for w, (step, _) in zip(self.windows, steps, strict=True)]
+                self._speeds = Speeds(steps, self.rate)
                 # A drive that sends by its own clock is waited for; one that answers gets another request at the next instant.
                 self._patience = PERIODS_MAX / self.rate
                 self._next = self.clock.now()
@@ -100,7 +99,7 @@ class CanServo(Driver):
             serial=", ".join(i.serial for i in self.identities if i.serial),
             firmware=", ".join(sorted({i.firmware for i in self.identities})),
             rate=self.rate,
-            extra={"bus": self._link.where, "speed": self._speed_source(), "watchdog": f"{max(self.watchdogs):g} s"},
+            extra={"bus": self._link.where, "speed": self._speeds.source, "watchdog": f"{max(self.watchdogs):g} s"},
         )
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
@@ -281,15 +280,12 @@ class CanServo(Driver):
     def _state(self) -> JointState:
         readings = [r for r in self.joints.readings if r is not None]
         self.joints.require_health(self._on, self.options.temperature_max)
-        speeds = []
-        for reading, differentiator in zip(readings, self._speed, strict=True):
-            slope = differentiator(self._sent_at, reading.q) if differentiator is not None else np.nan
-            speeds.append(slope if slope == slope else reading.dq)
         nan = np.full(self.arm.n, np.nan)
-        columns = {k: np.array([getattr(r, k) for r in readings]) for k in ("q", "tau", "temperature")}
+        columns = {k: np.array([getattr(r, k) for r in readings]) for k in ("q", "dq", "tau", "temperature")}
+        speeds = self._speeds(self._sent_at, columns["q"], columns["dq"])
         status = Status.RUNNING if self._on else Status.IDLE
         return JointState(
-            self.clock.now(), self._sent_at, columns["q"], np.array(speeds), columns["tau"], nan, columns["temperature"], status,
+            self.clock.now(), self._sent_at, columns["q"], speeds, columns["tau"], nan, columns["temperature"], status,
             "holding" if self._on and self._target.braking else "",
         )  # fmt: skip
 
@@ -352,7 +348,3 @@ class CanServo(Driver):
         if self.options.brakes or self._rest is None:
             return ""
         return self.joints.away_from(self._rest, self.options.rest_tolerance)
-
-    def _speed_source(self) -> str:
-        kinds = {f"positions over {w} samples" if w else "the drives' field" for w in self.windows}
-        return "from " + " and ".join(sorted(kinds))

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.can_servo.drive import Drive, DriveReading, Senders
 from drivers.can_servo.link import Link
-from drivers.can_servo.speed import Differentiator, window_for
+from drivers.can_servo.speed import Speeds
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
 from sim.errors import ConfigError, DeviceError
@@ -32,8 +32,7 @@ class Listener:
         self.lost, self.patience = 0, PATIENCE
         self.last: JointState | None = None
         self._sender = Senders(drives)
-        windows = [window_for(d.q_step, d.dq_step, rate) for d in drives]
-        self._speed = [Differentiator(w, d.q_step) if w else None for w, d in zip(windows, drives, strict=True)]
+        self._speeds = Speeds([(d.q_step, d.dq_step) for d in drives], rate)
         self._round: dict[int, DriveReading] = {}
         self._began = 0.0
 
@@ -68,15 +67,12 @@ class Listener:
 
     def _state(self) -> JointState:
         readings, self._round = [self._round[j] for j in range(len(self.drives))], {}
-        speeds = []
-        for reading, differentiator in zip(readings, self._speed, strict=True):
-            slope = differentiator(self._began, reading.q) if differentiator is not None else np.nan
-            speeds.append(slope if slope == slope else reading.dq)
-        q, tau, temperature = (np.array([getattr(r, key) for r in readings]) for key in ("q", "tau", "temperature"))
+        q, dq, tau, temperature = (np.array([getattr(r, key) for r in readings]) for key in ("q", "dq", "tau", "temperature"))
+        speeds = self._speeds(self._began, q, dq)
         wrong = "; ".join(f"{d.name}: {r.error}" for d, r in zip(self.drives, readings, strict=True) if r.error)
         status = Status.FAULT if wrong else Status.RUNNING
         self.last = JointState(
-            self.clock.now(), self._began, q, np.array(speeds), tau, np.full(len(q), np.nan), temperature, status, wrong
+            self.clock.now(), self._began, q, speeds, tau, np.full(len(q), np.nan), temperature, status, wrong
         )
         return self.last
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 WINDOW_MAX = 0.1  # s; longer looks back too far
@@ -55,3 +57,29 @@ class Differentiator:
     def reset(self) -> None:
         """Forget: the motion was interrupted."""
         self._t, self._q = [], []
+
+
+class Speeds:
+    """dq (n,) of a whole arm: of each joint from its positions, or the drive's own field where that is the finer one.
+
+    steps: (q_step rad, dq_step rad/s) of each joint; windows: samples that each joint looks back over, 0 for the field.
+    """
+
+    def __init__(self, steps: Sequence[tuple[float, float]], rate: float) -> None:
+        self.windows = [window_for(q, dq, rate) for q, dq in steps]
+        self._each = [Differentiator(w, q) if w else None for w, (q, _) in zip(self.windows, steps, strict=True)]
+
+    def __call__(self, t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """(n,) rad/s of the reading at t s with positions q (n,) rad and the drives' own speeds dq (n,) rad/s."""
+        found = dq.copy()
+        for j, differentiator in enumerate(self._each):
+            if differentiator is not None and not np.isnan(slope := differentiator(t, float(q[j]))):
+                found[j] = slope
+        return found
+
+    @property
+    def source(self) -> str:
+        """Where the speeds come from, in words."""
+        return "from " + " and ".join(
+            sorted({f"positions over {w} samples" if w else "the drives' field" for w in self.windows})
+        )

@@ -10,11 +10,12 @@ import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from drivers.preflight import STANDSTILL, lifted
-from drivers.ur_rtde import checks, family, halting, own_folder, primary
+from drivers.ur_rtde import checks, family, halting, own_folder, primary, reading
 from drivers.ur_rtde.command_process import CommandProcess
 from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
 from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
 from drivers.ur_rtde.options import UrOptions
+from drivers.ur_rtde.reading import JOINTS
 from drivers.ur_rtde.receiver import Frame, LinkCount, Receiver
 from sim.arm import Arm
 from sim.cell import Cell, PayloadTable
@@ -23,13 +24,11 @@ from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 from sim.strict import validated
 
-JOINTS = 6
 PERIODS = 3.0
 LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
 REASON_TIME = 0.3  # s of readings in which the controller's own reason is looked for when the command process fails
 START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
 REST_TIME = 0.2  # s over which the torque at rest is averaged
-TORQUE = "actual_current_as_torque"
 SHOWN = "the pendant shows a running program until the end"
 
 
@@ -190,13 +189,7 @@ class UrDriver(Driver):
                 self._commands.look()
             except DeviceError as failure:
                 frame, status, detail = self._because(failure)
-        values = frame.values
-        nothing = np.full(JOINTS, np.nan)
-        return JointState(
-            t=frame.t, t_device=frame.t_device, q=np.array(values["actual_q"]), dq=np.array(values["actual_qd"]),
-            tau=np.array(values[TORQUE]) if TORQUE in values else nothing, current=np.array(values["actual_current"]),
-            temperature=np.array(values["joint_temperatures"]), status=status, detail=detail,
-        )  # fmt: skip
+        return reading.joint_state(frame, status, detail)
 
     def _condition(self, frame: Frame) -> tuple[Status, str]:
         return condition(frame.values, self._commands is not None, self.assumed)
@@ -265,7 +258,7 @@ class UrDriver(Driver):
             found = [c for c in found if c.name != "program"]  # it is our own
         else:
             found.append(self._kinematics())
-        source = self._source(frames[-1].values)
+        source = reading.torque_source(frames[-1].values)
         return [
             *found,
             checks.tcp(frames[-1].values),
@@ -286,7 +279,7 @@ class UrDriver(Driver):
     def _arm_at_rest(self, frames: list[Frame]) -> Check:
         q, dq, tau, current = (
             np.mean([f.values.get(name, (np.nan,) * JOINTS) for f in frames], axis=0)
-            for name in ("actual_q", "actual_qd", TORQUE, "actual_current")
+            for name in ("actual_q", "actual_qd", reading.TORQUE, "actual_current")
         )
         if self.arm.torque_constant is not None:
             tau = np.where(np.isfinite(tau), tau, self.arm.torque_constant * current)
@@ -341,18 +334,6 @@ class UrDriver(Driver):
                 )
                 raise DeviceError(f"{self.options.host}: {reason}")
 
-    def _source(self, values: dict[str, tuple[float, ...]]) -> str:
-        return TORQUE if TORQUE in values else "actual_current"
-
     def _info(self, frame: Frame) -> DeviceInfo:
-        values, version = frame.values, ".".join(map(str, self._receiver.version[:3]))
-        payload, com, up = values.get("payload"), values.get("payload_cog"), values.get("target_gravity")
-        return DeviceInfo(
-            model=self._controller.model or "UR", serial=self._controller.serial, firmware=self._controller.polyscope or version, rate=self.rate,
-            payload_mass=payload[0] if payload else None,
-            payload_com=(com[0], com[1], com[2]) if com else None,
-            # the read-back of set_gravity, which URScript defines as the acceleration away from the earth's centre
-            gravity=(-up[0], -up[1], -up[2]) if up else None,
-            torque_source=self._source(values),
-            extra={"controller": version, "lookahead": str(self.options.lookahead), "gain": str(self.options.gain)},
-        )  # fmt: skip
+        extra = {"lookahead": str(self.options.lookahead), "gain": str(self.options.gain)}
+        return reading.device_info(frame.values, self._controller, self._receiver.version, self.rate, extra)

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from calib import console
+from sim.cell import load_cell
 
 
 def test_json_is_strict(capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,6 +37,22 @@ def test_warnings_do_not_mix_with_answers(capsys: pytest.CaptureFixture[str]) ->
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "calib: look here\n"
+
+
+@pytest.mark.parametrize(
+    ("alone", "sentence"),
+    [
+        ("", "mock-ur10e has a monitor process: it stops"),
+        ("its bus is one program's", "has no monitor process: its bus is one program's;"),
+    ],
+)
+def test_a_recording_begins_with_whether_a_monitor_process_exists(
+    capsys: pytest.CaptureFixture[str], alone: str, sentence: str
+) -> None:
+    console.warn_watched(load_cell("mock-ur10e"), alone)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert sentence in " ".join(captured.err.split())
 
 
 def test_table_shows_four_digits_and_a_dash_for_nothing(capsys: pytest.CaptureFixture[str]) -> None:

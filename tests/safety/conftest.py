@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import multiprocessing
 import os
 import types
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numba
@@ -21,6 +24,7 @@ from sim.joint_state import JointState
 from sim.trajectory import Trajectory
 from tests.safety.perfect import PerfectDriver, simulated
 
+CONTEXT = multiprocessing.get_context("spawn")
 MODEL = """<mujoco model="test6">
  <compiler angle="radian" inertiafromgeom="false"/>
  <option gravity="0 0 -9.81"/>
@@ -197,3 +201,12 @@ def ask(
     expected = None if tau_hat is None else Expected(tau_hat, np.zeros(6), np.zeros(6), 0.1)
     trip = monitor.check(state, state.t if now is None else now, q_cmd, expected)
     return None if trip is None else trip.quantity
+
+
+@pytest.fixture
+def talk() -> Iterator[tuple[Connection, Connection]]:
+    """Both ends of the pipe between control and monitor process."""
+    ours, theirs = CONTEXT.Pipe()
+    yield ours, theirs
+    ours.close()
+    theirs.close()

@@ -8,10 +8,12 @@ stop, and so these tests stand in the slow lane.
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,11 +22,13 @@ import numpy as np
 import pytest
 
 from logs import read_log
-from safety import audit
+from safety import audit, control
 from safety.approval import approve
+from safety.board import Board
 from safety.control import drive, is_simulated
 from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
+from safety.stop_sources import StopSignals
 from safety.trip import MotionStopped
 from sim.arm import load_arm
 from sim.cell import load_cell
@@ -83,6 +87,7 @@ def test_a_real_clock_is_kept_in_another_process(place: Path) -> None:
     done = drive(plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl", watch=seen.append)
     log = read_log(done.logs["friction"])
     assert log.metadata["end_reason"] == "completed"
+    assert log.metadata["monitor_process"].startswith("no: a device of driver")
     assert done.latency > 0
     assert any(p.cycle is not None and np.all(np.isfinite(p.cycle.q_cmd)) for p in seen)
     assert audit.verify(place / "audit.jsonl")[-1]["event"] == "run completed"
@@ -238,3 +243,35 @@ def test_an_arm_that_is_held_is_reported_and_let_go_by_ctrl_c_alone(place: Path)
         assert "a joint is silent" in process.communicate(timeout=60.0)[0]
     finally:
         process.kill()
+
+
+class Hung:
+    """A process that ends when it is killed, and never by itself."""
+
+    name = "calib control"
+
+    def __init__(self) -> None:
+        self.exitcode: int | None = None
+        self.joined: list[float] = []
+
+    def join(self, timeout: float) -> None:
+        self.joined.append(timeout)
+
+    def kill(self) -> None:
+        self.exitcode = -signal.SIGKILL
+
+
+def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "LEAVE_TIME", 0.1)
+    board, hung = Board(6, multiprocessing.get_context("spawn")), Hung()
+    said: list[str] = []
+
+    def held(sentence: str) -> None:
+        said.append(sentence)
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    with StopSignals():  # what comes before the wait begins ends nothing
+        control._let_go([hung], board, "completed", held)
+    assert said == ["completed; calib control did not end within 0.1 s and may hold the arm: support it, then press Ctrl-C"]
+    assert (hung.exitcode, hung.joined, board.may_let_go) == (-signal.SIGKILL, [control.LET_GO_TIME], True)

@@ -1,0 +1,293 @@
+"""The monitor process itself: what ends a stage, what it does with a control process that is silent or gone, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.driver import DeviceInfo
+from safety import audit, realtime, watching
+from safety.approval import approve
+from safety.clear import ClearedTrajectory
+from safety.collision import Clearance
+from safety.guard import ENDED, HOLDS
+from safety.monitor_link import MonitorLink, read, write
+from safety.plan import Motion, Plan, write_plan
+from safety.signs import Signs
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.clock import MonotonicClock
+from sim.errors import DeviceError, SafetyStop
+from sim.joint_state import JointState
+from tests.safety.conftest import CONTEXT, sine, state_at
+from tests.safety.perfect import PerfectDriver
+
+RATE = 50.0
+
+
+class Ear(PerfectDriver):
+    """Hears what the arm of another driver does, from the readings that it gave; None ends what is heard."""
+
+    def __init__(self, arm: Arm, cell: Cell, heard: Callable[[], JointState | None]) -> None:
+        super().__init__(arm, cell, RATE, MonotonicClock())
+        self.heard, self.listens, self.halts, self.closes = heard, 0, 0, 0
+
+    def beside(self) -> str:
+        return ""
+
+    def listen(self, patience: float | None = None) -> DeviceInfo:
+        self.listens += 1
+        self.patience = patience
+        return self.connect()
+
+    def read(self) -> JointState:
+        time.sleep(0.2 / RATE)
+        state = self.heard()
+        if state is None:
+            raise DeviceError("nothing is heard any more")
+        return state
+
+    def halt(self) -> None:
+        self.halts += 1
+
+    def close(self) -> None:
+        self.closes += 1
+
+
+@pytest.fixture
+def place(tmp_path: Path, arm: Arm, cell: Cell) -> tuple[Plan, Arm, Cell]:
+    slow = load_arm(arm.model_path.parent)
+    plan = write_plan(tmp_path / "plan", slow, [Motion("friction", "friction", sine(duration=3.0))], cell)
+    approve(plan, slow, cell, "operator", datetime.now(UTC))
+    return plan, slow, load_cell(cell.path)
+
+
+class Beside:
+    """The monitor process in a thread of this one, its control process a child that sleeps."""
+
+    def __init__(
+        self, place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], folder: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(os, "setsid", lambda: None)
+        monkeypatch.setattr(realtime, "prepare", dict)
+        monkeypatch.setattr(watching, "GRACE", 0.3)
+        self.plan, self.arm, self.cell = place
+        self.signs = Signs(6, CONTEXT)
+        self.audit = folder / "audit.jsonl"
+        self.child = os.fork()
+        if self.child == 0:
+            for end in talk:
+                end.close()
+            time.sleep(60)
+            os._exit(0)
+        self.state: JointState | None = state_at(0, q=np.array(self.cell.table.home))
+        self.ear = Ear(self.arm, self.cell, self.heard)
+        self.link = MonitorLink(self.signs, talk[0])
+        task = watching.Task(
+            self.plan.folder, self.cell.path, self.arm.model_path.parent, lambda cell, arm: self.ear, self.audit, self.child
+        )
+        self.thread = threading.Thread(target=watching.watch, args=(task, self.signs, talk[1]))
+        self.thread.start()
+
+    def heard(self) -> JointState | None:
+        return (
+            None
+            if self.state is None
+            else JointState(
+                time.monotonic(),
+                time.monotonic(),
+                *(getattr(self.state, name) for name in ("q", "dq", "tau", "current", "temperature")),
+            )
+        )
+
+    def begin(self, cleared: ClearedTrajectory, folder: Path) -> None:
+        self.link.begin([cleared], RATE, 0.5, folder)
+        self.show(HOLDS, cleared.q[0])
+        while not self.link.sees:
+            self.show(HOLDS, cleared.q[0])
+            time.sleep(0.005)
+
+    def show(self, k: int, q: np.ndarray) -> None:
+        self.link.sent(k, q)
+
+    def ended(self) -> int | None:
+        """The signal that ended the control process, or None; waits a while for one."""
+        end = time.monotonic() + 0.5
+        while not (found := os.waitpid(self.child, os.WNOHANG))[0] and time.monotonic() < end:
+            time.sleep(0.01)
+        return os.WTERMSIG(found[1]) if found[0] else None
+
+
+@pytest.fixture
+def beside(
+    place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Beside]:
+    made = Beside(place, talk, tmp_path, monkeypatch)
+    yield made
+    talk[0].close()
+    made.thread.join(10.0)
+    assert not made.thread.is_alive()
+    try:
+        os.kill(made.child, signal.SIGKILL)
+        os.waitpid(made.child, 0)
+    except (ProcessLookupError, ChildProcessError):
+        pass
+
+
+def test_a_stage_ends_with_what_was_measured_and_another_may_follow(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    for _ in range(2):
+        beside.begin(cleared, tmp_path)
+        beside.show(ENDED, cleared.q[0])
+        found = beside.link.end()
+        assert found["cycles"] >= 1
+        assert 0 < found["p50 us"] <= found["p99.9 us"] <= found["max us"]
+    assert beside.ear.listens == 1
+    assert beside.ended() is None
+
+
+def test_the_control_process_that_is_silent_is_ended_and_the_arm_halted(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert beside.ended() == signal.SIGKILL
+    assert (beside.ear.halts, beside.ear.closes) == (1, 1)
+    assert "the guard was silent" in str(beside.signs.tripped)
+    (entry,) = audit.verify(beside.audit)
+    assert entry["event"] == "monitor took over"
+    assert "the guard was silent" in entry["facts"]["reason"]
+
+
+@pytest.mark.parametrize("sole", [False, True])
+def test_who_must_be_alone_is_alone_before_the_halt(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sole: bool
+) -> None:
+    at_halt: list[int | None] = []
+    monkeypatch.setattr(Ear, "sole", sole)
+    monkeypatch.setattr(beside.ear, "halt", lambda: at_halt.append(beside.ended()))
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert at_halt == [signal.SIGKILL if sole else None]
+    if not sole:
+        assert beside.ended() == signal.SIGKILL
+
+
+def test_a_control_process_that_ends_by_itself_after_the_halt_is_not_killed(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(beside.ear, "halt", lambda: os.kill(beside.child, signal.SIGTERM))
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert beside.ended() == signal.SIGTERM
+
+
+def test_a_device_that_takes_no_stop_is_written_down(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse() -> None:
+        raise DeviceError("the port is closed")
+
+    monkeypatch.setattr(beside.ear, "halt", refuse)
+    beside.begin(cleared, tmp_path)
+    beside.thread.join(10.0)
+    assert audit.verify(beside.audit)[0]["facts"]["reason"].endswith("the port is closed")
+
+
+def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: ClearedTrajectory, tmp_path: Path) -> None:
+    beside.begin(cleared, tmp_path)
+    beside.state = None
+    end = time.monotonic() + 5.0
+    while beside.signs.tripped is None:
+        assert time.monotonic() < end
+        beside.show(HOLDS, cleared.q[0])
+        time.sleep(0.005)
+    reason = "the monitor process found: the monitor process hears no readings any more: nothing is heard any more"
+    assert beside.link.reason() == reason
+    beside.show(ENDED, cleared.q[0])
+    assert beside.link.end()["cycles"] > 0
+
+
+@pytest.mark.parametrize("when", ["before", "stopped"])
+def test_the_monitor_process_ends_with_the_control_process(
+    beside: Beside, cleared: ClearedTrajectory, talk: tuple[Connection, Connection], tmp_path: Path, when: str
+) -> None:
+    if when == "before":
+        beside.link.begin([cleared], RATE, 0.5, tmp_path)
+    else:
+        beside.begin(cleared, tmp_path)
+        beside.show(-2, cleared.q[0])
+    talk[0].close()
+    beside.thread.join(10.0)
+    assert not beside.thread.is_alive()
+    assert (beside.ear.halts, beside.ear.closes) == (0, 1)
+
+
+def test_a_tube_that_is_no_good_is_refused(beside: Beside, talk: tuple[Connection, Connection], tmp_path: Path) -> None:
+    file = tmp_path / "tube.npy"
+    np.save(file, np.full((3, 31), np.nan))
+    write(talk[0], {"file": str(file), "counts": [3], "rate": RATE, "latency": 0.5})
+    assert "finite" in read(talk[0])
+    beside.thread.join(10.0)
+    assert beside.ear.closes == 1
+
+
+def test_an_approval_that_is_missing_is_refused(
+    place: tuple[Plan, Arm, Cell],
+    talk: tuple[Connection, Connection],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    cleared: ClearedTrajectory,
+) -> None:
+    (place[0].folder / "approval.toml").unlink()
+    made = Beside(place, talk, tmp_path, monkeypatch)
+    made.thread.join(20.0)
+    with pytest.raises(SafetyStop, match="nobody has approved"):
+        made.link.begin([cleared], RATE, 0.5, tmp_path)
+    os.kill(made.child, signal.SIGKILL)
+    os.waitpid(made.child, 0)
+
+
+def test_a_control_process_that_is_gone_already_is_no_hindrance(
+    beside: Beside, cleared: ClearedTrajectory, tmp_path: Path
+) -> None:
+    beside.begin(cleared, tmp_path)
+    os.kill(beside.child, signal.SIGKILL)
+    os.waitpid(beside.child, 0)
+    beside.thread.join(10.0)
+    assert beside.ear.halts == 1
+
+
+def test_old_readings_are_passed_over(arm: Arm, cell: Cell, talk: tuple[Connection, Connection], clearance: Clearance) -> None:
+    times = iter([-3.0, -1.0, 0.0, 0.0])
+    ear = Ear(arm, cell, lambda: state_at(0, t=time.monotonic() + next(times)))
+    process = watching._Process(arm, cell, ear, Signs(6, CONTEXT), talk[1], clearance)
+    assert time.monotonic() - process._newest(RATE, 0.1).t < 1.0
+    assert len(list(times)) == 1
+    assert ear.patience == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize("late", [1.0, float("nan")])
+def test_readings_that_are_always_late_are_waited_for_no_longer_than_the_guard_waits(
+    arm: Arm,
+    cell: Cell,
+    talk: tuple[Connection, Connection],
+    clearance: Clearance,
+    monkeypatch: pytest.MonkeyPatch,
+    late: float,
+) -> None:
+    monkeypatch.setattr(watching, "SEEN_TIME", 0.05)
+    ear = Ear(arm, cell, lambda: state_at(0, t=time.monotonic() - late))
+    process = watching._Process(arm, cell, ear, Signs(6, CONTEXT), talk[1], clearance)
+    with pytest.raises(DeviceError, match="every reading was heard later than 40 ms after it came"):
+        process._newest(RATE, 0.1)
