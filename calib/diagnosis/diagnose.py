@@ -56,9 +56,14 @@ def diagnose(
     # Beside structure that no name explains, a name may be the nearest thing in the catalogue: it must bring very much, and again apart.
     # An effect of the whole arm is one of them where most joints have such structure.
     left = {u.joint: u.share for u in odd} | {None: float(len(odd) > arm.n / 2)}
+    # A limit that was seen to be reached needs no fit: the arm did what the torque allowed, so that clipping its model explains nothing.
+    reached = limits_reached(arm, logs)
+    limits = tuple(x.effect for x in reached)
+    seen = {(e.effect, e.joint) for e in limits}
+    asked = [j for j in assessed if (j.effect.effect, j.effect.joint) not in seen]
     kept = [
         j
-        for j in assessed
+        for j in asked
         if not odd or (left.get(j.effect.joint, 0.0) < LEAST_LEFT and j.lost > BESIDE_UNKNOWN and j.held_out >= 0)
     ]
     named = found.best
@@ -67,10 +72,7 @@ def diagnose(
         named = fit(fitted, named.hypothesis.with_effects(effects), noise=named.solved.noise, like=named.models)
         fits = zip(kept, named.accepted, named.std(), strict=True)
         kept = [replace(j, effect=e) for j, e, std in fits if not is_nothing(e, std)]
-    reached = limits_reached(arm, logs)
-    have = {(j.effect.effect, j.effect.joint) for j in kept}
-    reached = [x for x in reached if (x.effect.effect, x.effect.joint) not in have]
-    limits = tuple(x.effect for x in reached)
+    have = {(j.effect.effect, j.effect.joint) for j in kept} | seen
     progress("testing the corrected arm")
     promotion = promoted(fitted, named, found.baseline, apart, limits)
     gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}

@@ -25,6 +25,7 @@ HUBER = 3.0
 class Fit:
     """A fitted hypothesis.
 
+    joint        the nuisance with the accepted parameters free beside it
     objective    -2 log likelihood with the noise's own scale, and the prior's share; lower is better
     covariance   (k, k) of the accepted parameters in the order of `parameters_of`, in fitting units
     """
@@ -32,6 +33,7 @@ class Fit:
     hypothesis: Hypothesis
     models: list[LogModel]
     solved: Solved
+    joint: Solved
     objective: float
     covariance: np.ndarray
 
@@ -136,7 +138,7 @@ class _Point:
         joint, scales = self.joint()
         p = self.rows.p
         covariance = joint.inverse[p:, p:] * np.outer(scales, scales)
-        return Fit(self.hypothesis, self.models, self.solved, self.objective, covariance)
+        return Fit(self.hypothesis, self.models, self.solved, joint, self.objective, covariance)
 
 
 def huber(e: np.ndarray) -> float:

@@ -16,13 +16,15 @@ from logs.log import Log
 from sim.arm import Arm, ArmEffect
 
 TOP, BELOW = 0.9, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
-SMOOTH, SHORTEST, AFTER = 0.04, 0.06, 0.15  # s
+SMOOTH, LONGEST, SHORTEST, AFTER = 0.04, 0.5, 0.06, 0.15  # s
 FLAT = 0.03  # standard deviation of the torque at its limit over the limit; a drive's limit has a knee
+NOISE = 0.01  # of the largest torque: what smoothing leaves of the noise, where LONGEST allows
+SAME = 0.02  # standard deviation of the levels over the level
 MOVING = 0.05  # of a joint's fastest; a joint at rest follows exactly, whatever its delay in motion
-# Share of the following error that is its usual size: the rest may be the way back from a limit.
-CALM = 0.8
-# Largest following error at the level over its usual size: up to 132 in 78 cases of benchmarks/exam (seed 26112201) without a limit,
-# 398 and more in the two with one.
+# Share of the following error in motion that is its usual size: the rest may be the way back from a limit, at a low one most of it.
+CALM = 0.3
+# Largest following error at the level over its usual size: up to 109 at the joints without a limit of 128 cases (benchmarks/exam, seeds
+# 26112402 and 26112501, and practice), 2285 and more in the two with one that shows here.
 USUALLY, BEHIND = 130.0, 250.0
 LEAST_TIMES = 2
 
@@ -56,8 +58,8 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
             continue
         most = max(float(np.quantile(_smoothed(log, j), 0.998)) for log in read)
         found = [stand for log in read for stand in _stands(log, j, most) if stand[0] > BEHIND]
-        if len(found) >= LEAST_TIMES:
-            levels = np.array([level for _, level in found])
+        levels = np.array([level for _, level in found])
+        if len(found) >= LEAST_TIMES and levels.std() < SAME * np.median(levels):
             item = ArmEffect("torque_saturation", joint, {"limit": float(np.median(levels))})
             out.append(Limit(item, float(levels.std()), max(behind for behind, _ in found), len(found)))
     return out
@@ -82,7 +84,10 @@ def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
 
 def _smoothed(log: Log, j: int) -> np.ndarray:
     """(N,) N m without most of the noise, which stands above a limit."""
-    return np.abs(uniform_filter1d(log.tau[:, j], max(1, round(SMOOTH * _rate(log)))))
+    tau, rate = log.tau[:, j], _rate(log)
+    noise = float(np.median(np.abs(np.diff(tau)))) / (0.6745 * np.sqrt(2.0))
+    wanted = noise / max(NOISE * float(np.quantile(np.abs(tau), 0.998)), 1e-12)
+    return np.abs(uniform_filter1d(tau, max(1, round(rate * float(np.clip(wanted**2 / rate, SMOOTH, LONGEST))))))
 
 
 def _rate(log: Log) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -109,18 +109,22 @@ def cost(f: Fit) -> float:
 def scored(
     f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | None = None, ask_contact: bool = True
 ) -> list[Scored]:
-    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out."""
+    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
+
+    The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
+    """
     best: dict[tuple[str, str | None], Scored] = {}
-    solved, left, bank = f.solved, f.solved.left(), bank or Bank()
+    solved, left, bank = f.solved, f.joint.left(), bank or Bank()
     bank.turn()
+    accepted = [x[:, solved.rows.p :] for x in f.joint.xw]
     numbers: dict[tuple[str, str | None], int] = {}
     ordinary = unstated_keys(f.hypothesis.arm)
     for c in candidates(f.models):
         numbers[c.key] = numbers.get(c.key, 0) + 1
         if c.key in skip or c.key in ordinary:
             continue
-        pieces = {j: bank.piece(f, c, numbers[c.key], j) for j in c.columns[0]}
-        gain, coefficients = solved.gain_of(pieces, left, c.spread)
+        pieces = {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j)) for j in c.columns[0]}
+        gain, coefficients = f.joint.gain_of(pieces, left, c.spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
@@ -131,9 +135,14 @@ def scored(
     touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
     if touched is not None and within(touched[2]):
         log, gain, item = touched
-        if felt(solved, left, push_columns(solved, item, log)):
+        if felt(solved, solved.left(), push_columns(solved, item, log)):
             best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
     return _ranked(best)
+
+
+def _beside(accepted: np.ndarray, c: Products) -> Products:
+    """Products of a candidate with the nuisance and whitened columns (R, k) of the accepted parameters of its joint."""
+    return replace(c, xs=np.concatenate([c.xs, accepted.T @ c.s])) if accepted.shape[1] else c
 
 
 def _ranked(best: dict[Key, Scored]) -> list[Scored]:

@@ -157,7 +157,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     best = found.found.best
     model = point.model(last)
     solved = replace(best.solved, theta=solution.theta)
-    fit = Fit(point.hypothesis, [model], solved, best.objective, solution.covariance)
+    fit = Fit(point.hypothesis, [model], solved, solved, best.objective, solution.covariance)
     change = correction(fit, found.limits)
     written = replace(point.hypothesis, arm=change.of(arm))
     answer = dict(found.answer)
