@@ -59,6 +59,7 @@ SLOW = (
     "soak",
     "ur_load",
     "monitor_process",
+    "first_day",
 )
 # in slices: a run goes on where the last one ended
 SLICED = (
@@ -72,8 +73,10 @@ SLICED = (
     "peers",
     "tracking",
     "monitor_process",
+    "first_day",
     "clean_mock",
     "demo",
+    "ur_load",
 )
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
@@ -89,6 +92,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur_load": ("drivers/ur_rtde", "safety", "logs", "sim/emulated"),
     "monitor_process": ("drivers/ur_rtde", "safety", "sim/emulated"),
+    "first_day": ("drivers", "sim/emulated", "calib/commands"),
     "soak": ("safety", "drivers/mock.py", "sim/plant.py"),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
