@@ -54,7 +54,8 @@ COMMANDS = {
 STATES = {"program_played": PLAYING, "program_paused": PAUSED}
 # PolyScope of the issue: CB3, e-Series and PolyScope X
 VERSIONS = ("3.15.4", *(f"5.{minor}.0" for minor in range(4, 27)), *(f"10.{minor}.0" for minor in range(7, 13)))
-NEVER_MET = 0.3  # s of streaming
+EACH = 10  # tries of each command beside one controller
+STREAMED = 0.3  # s
 
 
 def controller(path: str, fault: str, talk: Connection) -> None:
@@ -134,7 +135,7 @@ def met(name: str, polyscope: str, number: int, real: str | None = None) -> str:
         try:
             driver.connect()
             state = driver.read()
-            for _ in range(round(NEVER_MET * driver.rate)):
+            for _ in range(round(STREAMED * driver.rate)):
                 driver.send(state.q, np.zeros(arm.n), np.zeros(arm.n))
                 driver.read()
             return "works"
@@ -169,9 +170,9 @@ def run(minutes: float = 10.0, tries: int = 100) -> list[dict[str, Any]]:
         if what not in kept.found and time.monotonic() < end:
             (done,) = forked([(what, job)], LONGEST, workers=1)
             kept.keep(what, {"sentence": done.value if not done.fault else f"fault: {done.fault[-300:]}"})
-    for number in range(tries):
+    for number in range(tries // EACH):
         if (what := f"programs {number}") not in kept.found and time.monotonic() < end:
-            kept.keep(what, programs(number, 1))
+            kept.keep(what, programs(number, EACH))
     return rows(kept.found, tries)
 
 
@@ -183,9 +184,7 @@ def rows(found: dict[str, Any], tries: int) -> list[dict[str, Any]]:
         ended = [sentence for value in rounds for sentence in value["ended"]]
         faults = [sentence for value in rounds for sentence in value["faults"]]
         codes = {what: sorted({c for value in rounds for c in value["codes"].get(what, [])}) for what in COMMANDS}
-        note = (
-            f"{len(rounds)} of {tries} tries of each of {', '.join(COMMANDS)}; playing and paused in turn; exit codes {codes}"
-        )
+        note = f"{EACH * len(rounds)} of {tries} tries of each of {', '.join(COMMANDS)}; playing and paused in turn; exit codes {codes}"
         note += f"; {len(faults)} ended otherwise: {faults[0]}" if faults else ""
         first = f"; first: {ended[0]}" if ended else ""
         out.append(

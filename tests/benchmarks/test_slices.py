@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from benchmarks import clean_mock, demo, faults, soak, ur_load
+from benchmarks import clean_mock, demo, faults, first_day, soak, ur_load
 from benchmarks.faults import TROUBLES
 from benchmarks.injection import Run
 from drivers.ur_rtde.condition import program, safety, scaling, slider
@@ -96,3 +96,22 @@ def test_a_clean_mock_with_a_name_or_a_doubt_is_counted() -> None:
     assert rows["nothing hidden: sessions not answered `no missing effect`"] == 1
     assert rows["nothing hidden: sessions whose answer says that the model does not agree"] == 1
     assert rows["held-out residual RMS, identified over nominal, worst arm"] == 1.2
+
+
+def test_a_program_that_was_ended_and_an_arm_that_nobody_named_show() -> None:
+    good = {"ended": [], "codes": {"check": [1]}, "faults": []}
+    bad = {"ended": ["record: program_played became 1, ['a.urp']"], "codes": {}, "faults": ["watch: not within 60 s"]}
+    found = {
+        "programs 0": good, "programs 1": bad,
+        "wrong ur5e": {"sentence": "this looks like a ur5e or ur7e: set arm"}, "wrong ur30": {"sentence": "this looks like a ur20: set arm"},
+        "model ur5e 5.4.0": {"sentence": "update PolyScope: the oldest"}, "model ur5e 5.25.0": {"sentence": "works"},
+        "model ur3 3.15.4": {"sentence": "fault: ended with -11: "},
+    }  # fmt: skip
+    programs, wrong, models = first_day.rows(found, 100)
+    assert (programs["value"], programs["bar"]) == (1, "0")
+    assert "20 of 100 tries" in programs["note"]
+    assert "1 ended otherwise: watch: not within 60 s" in programs["note"]
+    assert (wrong["value"], wrong["bar"]) == (1, "12")
+    assert "not: ur30: this looks like a ur20" in wrong["note"]
+    assert (models["value"], models["bar"]) == (2, "322")
+    assert "neither: ('ur3 3.15.4', 'fault: ended with -11: ')" in models["note"]
