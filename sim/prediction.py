@@ -18,9 +18,12 @@ from sim.slip import SLIP_WIDTH, slip_along
 from sim.trajectory import Trajectory
 
 
-def predict(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """tau_hat (N, n) N m as the drives of `arm` would report it along `motion`, whose angles are encoder readings."""
-    return torque_path(arm, motion).tau
+def predict(arm: Arm, motion: Trajectory, warming: np.ndarray | None = None) -> np.ndarray:
+    """tau_hat (N, n) N m as the drives of `arm` would report it along `motion`, whose angles are encoder readings.
+
+    warming (N, n): share of the way from cold to warm, where temperatures were recorded; otherwise the motion begins cold.
+    """
+    return torque_path(arm, motion, warming=warming).tau
 
 
 def torque_path(
@@ -29,13 +32,14 @@ def torque_path(
     effects: Iterable[ArmEffect] | None = None,
     width: np.ndarray | None = None,
     lead: np.ndarray | None = None,
+    warming: np.ndarray | None = None,
 ) -> PathState:
     """Every stage of the torque path along `motion`; `effects` replaces the arm's own list where it is given.
 
     width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
     """
     stages = by_stage(arm.effects if effects is None else effects, arm)
-    state = link_side(arm, motion, stages)
+    state = link_side(arm, motion, stages, warming)
     motor_side(state, stages, width, lead)
     return state
 

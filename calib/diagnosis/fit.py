@@ -254,12 +254,14 @@ def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffe
 
 
 def _scales(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> np.ndarray:
-    """(k,) prior standard deviation of every accepted parameter: WIDE over its column's size, but for a contact's force."""
+    """(k,) prior standard deviation of every accepted parameter: WIDE over its column's size, or its own, or that of a contact's force."""
     sizes = [np.sqrt(sum(float((c**2).sum()) for c in per_log)) for _, per_log in columns]
     wide = [WIDE / s if s > 0 else 0.0 for s in sizes]
     spread = force_spread(hypothesis.arm)
     of = parameters_of(hypothesis.accepted)
-    return np.array([spread if _is_push(hypothesis.accepted[i], p) else w for (i, p), w in zip(of, wide, strict=True)])
+    return np.array([
+        spread if _is_push(hypothesis.accepted[i], p) else min(w, p.spread) for (i, p), w in zip(of, wide, strict=True)
+    ])  # fmt: skip
 
 
 def _is_push(item: ArmEffect, p: Parameter) -> bool:

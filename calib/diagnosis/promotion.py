@@ -307,7 +307,7 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
     """
     out = []
     for m in measurements:
-        tau = predict(arm, m.trajectory)
+        tau = predict(arm, m.trajectory, m.warming)
         if lead:
             pairs = itertools.pairwise(m.starts)
             tau = tau + lead * np.concatenate([np.gradient(tau[a:b], m.trajectory.t[a:b], axis=0) for a, b in pairs])
@@ -319,7 +319,7 @@ def _as_read(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
     """(n,) N m RMS torque error of the samples themselves while the arm moves: what a law does in some milliseconds, a filter hides."""
     squares, count = np.zeros(arm.n), 0
     for m in measurements:
-        error = (m.tau - predict(arm, m.trajectory))[m.samples_moving]
+        error = (m.tau - predict(arm, m.trajectory, m.warming))[m.samples_moving]
         squares += np.sum(error**2, axis=0)
         count += len(error)
     return np.asarray(np.sqrt(squares / max(count, 1)))

@@ -54,6 +54,7 @@ class Parameter:
 
     zero is the value at which the effect vanishes (None where another parameter makes it vanish); lower and upper are physical
     bounds; grid are typical values from which a nonlinear fit begins (one value suffices where the torque is linear in it).
+    spread: standard deviation of the logarithm of a value without a zero, as far as a fit leaves its typical values.
     turns: cycles in a revolution, which below sim.turns.BEFORE_THE_GEAR are whole, so that a whole number is chosen and not fitted.
     """
 
@@ -64,6 +65,7 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     grid: tuple[float, ...] = (1.0,)
+    spread: float = np.inf
     turns: bool = False
 
     def chosen(self, value: float) -> bool:

@@ -8,10 +8,13 @@ from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
 
+# s, W: a lubricant's viscosity falls nearly exponentially with temperature, so that the way from cold to warm counts as a time of its own.
+WARM_TIME = 60.0
+
 
 class ThermalFriction(Effect):
-    """all friction *= 1 - d (1 - exp(-t/T)), t from the start of the recording; with measured temperatures, 1 - d times the share of
-    the way from cold to warm."""
+    """all friction *= 1 - d (1 - exp(-t/T)), t from the start of the recording; with measured temperatures,
+    1 - d (1 - exp(-W s/T)) / (1 - exp(-W/T)), s the share of the way from the coldest to the warmest."""
 
     name = "thermal_friction"
     summary = "friction changes as the joint warms"
@@ -23,13 +26,24 @@ class ThermalFriction(Effect):
     parameters = (
         Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, grid=(0.2,)),
         Parameter(
-            "time_constant", "s", "time to lose 63 % of that", zero=None, lower=2.0, upper=3000.0, grid=(10.0, 30.0, 100.0)
+            "time_constant",
+            "s",
+            "time to lose 63 % of that",
+            zero=None,
+            lower=2.0,
+            upper=3000.0,
+            grid=(10.0, 30.0, 100.0),
+            spread=1.0,
         ),
     )
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """warmth *= 1 - d (1 - exp(-t/T))."""
-        share = -np.expm1(-state.t / p["time_constant"]) if state.warming is None else state.warming[:, joint]
+        rate = 1.0 / p["time_constant"]
+        if state.warming is None:
+            share = -np.expm1(-rate * state.t)
+        else:
+            share = np.expm1(-rate * WARM_TIME * state.warming[:, joint]) / np.expm1(-rate * WARM_TIME)
         state.warmth[:, joint] *= 1.0 - p["relative_drop"] * share
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:

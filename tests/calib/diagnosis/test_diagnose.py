@@ -168,12 +168,11 @@ def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
     return Assessed(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, rivals, held_out=5.0)
 
 
-def test_weak_evidence_that_others_would_bring_too_is_no_name() -> None:
-    rival = ("asymmetric_friction", "elbow_joint")
-    weak = selection.price(assessed(0.0).effect) + APART - 1.0
-    assert assessed(weak, rival).doubtful
-    assert not assessed(weak).doubtful
-    assert not assessed(weak + 2.0, rival).doubtful
+def test_weak_evidence_is_no_name() -> None:
+    least = selection.price(assessed(0.0).effect) + APART
+    assert assessed(least - 1.0).doubtful
+    assert not assessed(least + 1.0).doubtful
+    assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
 
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
