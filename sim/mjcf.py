@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
-from sim.effects import JointSize, Stage, effect_named
+from sim.effects import JointSize, Mjcf, Stage, driven_by, effect_named
 from sim.errors import ConfigError
 from sim.tree import KinematicTree
 
@@ -43,7 +43,7 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
     option = {"timestep": repr(timestep), "integrator": "implicitfast", "jacobian": "dense", "gravity": numbers(tree.gravity)}
     ElementTree.SubElement(root, "option", option)
     world = ElementTree.SubElement(root, "worldbody")
-    sections = {"worldbody": world, "actuator": ElementTree.SubElement(root, "actuator")}
+    actuators = ElementTree.SubElement(root, "actuator")
     soft = twists(arm)
     bodies: list[ElementTree.Element] = []
     for i, joint in enumerate(tree.joint_names):
@@ -63,8 +63,8 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
         add_inertial(body, tree, i)
         bodies.append(body)
         motor = {"name": f"{joint}:motor", "joint": joint, "gear": "1"}
-        ElementTree.SubElement(sections["actuator"], "motor", motor)
-    add_effects(root, sections, arm.effects)
+        ElementTree.SubElement(actuators, "motor", motor)
+    _add_effects(root, arm)
     obstacles = list(obstacles)
     if obstacles:
         _add_obstacles(world, obstacles)
@@ -79,19 +79,32 @@ def add_inertial(body: ElementTree.Element, tree: KinematicTree, link: int) -> N
     body.insert(0, ElementTree.Element("inertial", attributes))
 
 
-def add_effects(root: ElementTree.Element, sections: dict[str, ElementTree.Element], effects: Iterable[ArmEffect]) -> None:
+def _add_effects(root: ElementTree.Element, arm: Arm) -> None:
     """Write every effect that MJCF can express into the joints and sections of a model."""
     joints = {e.get("name"): e for e in root.iter("joint")}
-    for item in effects:
+    for item in arm.effects:
         form = effect_named(item.effect).mjcf(item.joint or "", item.parameters)
-        if form is None:
-            continue
-        if form.joint:
-            joints[item.joint].attrib.update(form.joint)
-        for section, tag, attributes in form.elements:
-            if section not in sections:
-                sections[section] = ElementTree.SubElement(root, section)
-            ElementTree.SubElement(sections[section], tag, attributes)
+        if form is not None:
+            if form.joint:
+                joints[item.joint].attrib.update(form.joint)
+            add_elements(root, form, item.joint, driven_by(arm.joint_names, item))
+
+
+def add_elements(root: ElementTree.Element, form: Mjcf, joint: str | None, before: str | None) -> None:
+    """Write the elements of an effect into the sections of a model; `before`: the joint through which its joint is driven."""
+    for name, tag, attributes in form.elements:
+        ElementTree.SubElement(section(root, name), tag, attributes)
+    if form.tendon is not None and joint is not None and before is not None:
+        ratio, attributes = form.tendon
+        tendon = ElementTree.SubElement(section(root, "tendon"), "fixed", attributes)
+        for name, share in ((joint, 1.0), (before, ratio)):
+            ElementTree.SubElement(tendon, "joint", {"joint": name, "coef": repr(share)})
+
+
+def section(root: ElementTree.Element, name: str) -> ElementTree.Element:
+    """The first section of that name, made where the model has none."""
+    found = root.find(name)
+    return ElementTree.SubElement(root, name) if found is None else found
 
 
 def joint_size(arm: Arm, joint: str) -> JointSize:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from sim.arm import ArmEffect
-from sim.effects import effect_named
+from sim.effects import driven_by, effect_named
 from sim.errors import ConfigError
-from sim.mjcf import add_inertial, full_inertia, numbers
+from sim.mjcf import add_elements, add_inertial, full_inertia, numbers
 from sim.tree import KinematicTree, combined
 
 Element = ElementTree.Element
@@ -56,7 +56,7 @@ def edited(
         _set_gravity(root, after.gravity)
     if payload is not None:
         _add_payload(bodies[-1][0], payload, model.jnt_pos[before.n - 1])
-    _set_elements(root, effects)
+    _set_elements(root, effects, after.joint_names)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -164,15 +164,12 @@ def _inertial(body: Element) -> Inertial:
     return float(inertial.get("mass", "0")), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _set_elements(root: Element, effects: Iterable[ArmEffect]) -> None:
-    """Replace the passive actuators by which MuJoCo expresses effects; they are named calib_<effect>_<joint>."""
-    forms = [(e, effect_named(e.effect).mjcf(e.joint or "", e.parameters)) for e in effects]
-    for section in root.findall("actuator"):
-        for old in [e for e in section if e.get("name", "").startswith("calib_")]:
-            section.remove(old)
-    for _, form in forms:
-        for section_name, tag, attributes in form.elements if form else ():
-            place = root.find(section_name)
-            if place is None:
-                place = ElementTree.SubElement(root, section_name)
-            ElementTree.SubElement(place, tag, attributes)
+def _set_elements(root: Element, effects: Iterable[ArmEffect], joint_names: Sequence[str]) -> None:
+    """Replace the passive actuators and tendons by which MuJoCo expresses effects; they are named calib_<effect>_<joint>."""
+    for place in (*root.findall("actuator"), *root.findall("tendon")):
+        for old in [e for e in place if e.get("name", "").startswith("calib_")]:
+            place.remove(old)
+    for item in effects:
+        form = effect_named(item.effect).mjcf(item.joint or "", item.parameters)
+        if form is not None:
+            add_elements(root, form, item.joint, driven_by(joint_names, item))

@@ -19,7 +19,7 @@ from sim.arm import Arm, ArmEffect
 from sim.arm_folder import JOINT_KEYS, model_text
 from sim.effects import Effect, Exported, Stage, effect_named
 from sim.effects.effect import passive
-from sim.mjcf import SOFT_STEP, STEP, TWIST, joint_size, numbers
+from sim.mjcf import SOFT_STEP, STEP, TWIST, joint_size, numbers, section
 from sim.mjcf_edit import bodies_of, fixed_children
 from sim.model import compiled
 from sim.rigid_body import RigidBody
@@ -63,7 +63,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     soft = any(e.form.twist for e in entries)
     step = min(float(model.opt.timestep), SOFT_STEP if soft else STEP)
     _set_option(root, step)
-    actuators = _section(root, "actuator")
+    actuators = section(root, "actuator")
     own = [e for e in actuators if not e.get("name", "").startswith("calib_")]
     stiffest = STIFFEST * _inertia(arm) / step**2
     dry = {}
@@ -99,7 +99,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     for custom in root.findall("custom"):
         for old in [e for e in custom.findall("text") if e.get("name") == TABLE]:
             custom.remove(old)
-    ElementTree.SubElement(_section(root, "custom"), "text", {"name": TABLE, "data": json.dumps(table, allow_nan=False)})
+    ElementTree.SubElement(section(root, "custom"), "text", {"name": TABLE, "data": json.dumps(table, allow_nan=False)})
     ElementTree.indent(root)
     return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", files, table)
 
@@ -189,14 +189,9 @@ def _set_limit(model: mujoco.MjModel, motors: list[Element], limits: list[float]
         motor.set("forcelimited", "true")
 
 
-def _section(root: Element, name: str) -> Element:
-    found = root.find(name)
-    return ElementTree.SubElement(root, name) if found is None else found
-
-
 def _set_option(root: Element, step: float) -> None:
     """Passive actuators and stiff friction want implicitfast and a step of a millisecond at most."""
-    option = _section(root, "option")
+    option = section(root, "option")
     for other in root.findall("option"):
         for key in ("timestep", "integrator"):
             other.attrib.pop(key, None)
@@ -223,7 +218,7 @@ def _add_forces(
 def _add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step: float) -> None:
     """One sensor a motor for its torque, as late as the arm's torque channel is."""
     late = {"delay": repr(delay), "nsample": str(int(np.ceil(delay / step)) + 2), "interp": "linear"} if delay > 0 else {}
-    sensors = _section(root, "sensor")
+    sensors = section(root, "sensor")
     for old in [e for e in sensors if e.get("name", "").startswith("calib_")]:
         sensors.remove(old)
     for joint in arm.joint_names:
@@ -266,8 +261,8 @@ def _split(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str
         for b in (body, *fixed_children(body)):
             if a.get("name") and b.get("name"):
                 pair = {"body1": a.get("name", ""), "body2": b.get("name", "")}
-                if not any(e.attrib.items() >= pair.items() for e in _section(root, "contact")):
-                    ElementTree.SubElement(_section(root, "contact"), "exclude", pair)
+                if not any(e.attrib.items() >= pair.items() for e in section(root, "contact")):
+                    ElementTree.SubElement(section(root, "contact"), "exclude", pair)
 
 
 def _upwards(element: Element, above: dict[Element, Element]) -> Iterable[Element]:

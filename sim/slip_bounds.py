@@ -19,7 +19,7 @@ WAYS = np.concatenate(([0.0], np.geomspace(1e-7, 10.0, 4000)))
 BETWEEN = 1e-3
 
 
-def way_in_one_direction(dq: Interval, creep: float, ddq_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def way_in_one_direction(dq: Interval, creep: np.ndarray | float, ddq_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """X rad (C, k) that a joint must have moved on since it last turned round or stood, v^2 / (2 ddq_max), and its direction -1, 0 or 1.
 
     dq (C, k) rad/s, each as much as `creep` slower than it is said to be.

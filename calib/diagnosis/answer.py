@@ -19,7 +19,7 @@ from calib.diagnosis.selection import SearchResult
 from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
-from sim.effects import effect_named
+from sim.effects import driven_by, effect_named
 
 
 @dataclass
@@ -79,10 +79,11 @@ def entry(
 ) -> dict[str, Any]:
     """One effect as diagnosis.json has it."""
     effect = effect_named(item.effect)
-    nominal = nominal_values(arm, item)
+    nominal, through = nominal_values(arm, item), driven_by(arm.joint_names, item)
     return {
         "effect": item.effect,
         "joint": item.joint,
+        **({} if through is None else {"driven_by": through}),
         "parameters": {
             p.name: {
                 "value": float(item.parameters[p.name]),

@@ -58,7 +58,7 @@ def _agree(arm: Arm) -> str:
     model = compiled(arm.model_text, arm.model_path.parent, str(arm.model_path))
     if model.nv != arm.n:
         return f"the model has {model.nv} degrees of freedom, the arm {arm.n} joints"
-    for key in ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness"):
+    for key in ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness", "tendon_damping", "tendon_armature"):
         getattr(model, key)[:] = 0
     model.dof_dampingpoly[:] = 0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_SPRING)

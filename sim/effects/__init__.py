@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from sim.arm import Arm, ArmEffect
@@ -30,6 +31,7 @@ from sim.effects.torque_gain import TorqueGain
 from sim.effects.torque_offset import TorqueOffset
 from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
+from sim.effects.transmission_coupling import TransmissionCoupling
 from sim.effects.viscous_friction import ViscousFriction
 from sim.errors import ConfigError
 from sim.plugins import OWN, check_names, loaded, origin, plugins
@@ -60,6 +62,7 @@ OWN_EFFECTS: tuple[Effect, ...] = (
     BaseTilt(),
     ToolForce(),
     ExternalContact(),
+    TransmissionCoupling(),
 )
 
 # what a regression writes into an arm beside the named effects; nobody looks for it by name
@@ -114,6 +117,7 @@ def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
         if instance.joint is None:
             raise ConfigError(f"{where}: a joint is needed; joints: {', '.join(arm.joint_names)}")
         arm.joint_index(instance.joint)
+        driven_by(arm.joint_names, instance)
     elif instance.joint is not None:
         raise ConfigError(f"{where}: this effect belongs to the whole arm; leave the joint out")
     names = [p.name for p in effect.parameters]
@@ -124,6 +128,14 @@ def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
         if not p.lower <= value <= p.upper:
             raise ConfigError(f"{where}: {p.name} = {value} {p.unit}; it lies between {p.lower:g} and {p.upper:g}")
     return instance
+
+
+def driven_by(joint_names: Sequence[str], instance: ArmEffect) -> str | None:
+    """The joint through which that of an effect is driven, None where it is driven by itself; ConfigError for the first of the chain."""
+    effect = effect_named(instance.effect)
+    if instance.joint is None or not effect.driven:
+        return None
+    return joint_names[effect.joint_before(joint_names.index(instance.joint))]
 
 
 def with_effect(arm: Arm, instance: ArmEffect) -> Arm:
@@ -148,6 +160,7 @@ __all__ = [
     "PathState",
     "Stage",
     "checked",
+    "driven_by",
     "effect_named",
     "effect_origin",
     "with_effect",

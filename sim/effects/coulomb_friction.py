@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import SOFT_FRICTION, Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
 from sim.torque_box import Known, TorqueBox
 
 
@@ -30,7 +30,7 @@ class CoulombFriction(Effect):
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """frictionloss, as stiff as MuJoCo's soft constraint allows (slip below about 1 mrad/s is viscous)."""
-        return Mjcf({"frictionloss": repr(p["coulomb"]), "solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001"})
+        return Mjcf({"frictionloss": repr(p["coulomb"]), **SOFT_FRICTION})
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """frictionloss, or the level of a LuGre element where another effect shapes the dry friction."""

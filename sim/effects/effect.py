@@ -25,6 +25,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from sim.errors import ConfigError
 from sim.motion_view import CandidateColumns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
 from sim.tree import KinematicTree
@@ -73,12 +74,20 @@ class Parameter:
         return self.turns and value < BEFORE_THE_GEAR and float(value).is_integer()
 
 
+# dry friction of MuJoCo as stiff as its soft constraint allows: slip below about 1 mrad/s is viscous
+SOFT_FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001"}
+
+
 @dataclass(frozen=True)
 class Mjcf:
-    """How MJCF expresses an effect: attributes added to the joint's element, and (section, tag, attributes) elements."""
+    """How MJCF expresses an effect: attributes added to the joint's element, and (section, tag, attributes) elements.
+
+    tendon: (ratio, attributes) of a fixed tendon as long as the joint's angle and `ratio` times that of the joint right before it.
+    """
 
     joint: dict[str, str] = field(default_factory=dict)
     elements: tuple[tuple[str, str, dict[str, str]], ...] = ()
+    tendon: tuple[float, dict[str, str]] | None = None
 
 
 def passive(
@@ -194,6 +203,8 @@ class Effect:
     many: ClassVar[bool] = False
     # fall of -2 log likelihood that naming it must bring beyond that of an ordinary effect; each was tuned on clean recordings of the exam
     surcharge: ClassVar[float] = 0.0
+    # whether its joint is driven through the one right before it in the chain, on which it acts too; the first joint has no such effect
+    driven: ClassVar[bool] = False
     # at stage MOTOR: whether it uses the torque through the gear
     needs_load: ClassVar[bool] = False
 
@@ -284,6 +295,14 @@ class Effect:
             yield from of_the_reading(self, views, joint)
         elif joint is not None and self.stage is not Stage.RIGID:
             yield from behind_the_load(self, views, joint)
+
+    def joint_before(self, joint: int | None) -> int:
+        """Index of the joint through which that joint is driven; ConfigError for the first."""
+        if not joint:
+            raise ConfigError(
+                f"{self.name}: the joint is driven through the one before it, and the first has none; name another"
+            )
+        return joint - 1
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""

@@ -62,7 +62,7 @@ def arm_with(arm: Arm, name: str, rng: np.random.Generator) -> Arm:
         out = with_effect(out, ArmEffect("viscous_friction", joint, {"viscous": float(rng.uniform(1, 8))}))
     if name in ("coulomb_friction", "viscous_friction"):
         return out
-    joints = rng.choice(arm.joint_names, 3, replace=False) if effect.scope == "joint" else [None]
+    joints = rng.choice(arm.joint_names[effect.driven :], 3, replace=False) if effect.scope == "joint" else [None]
     for joint in joints:
         out = with_effect(out, ArmEffect(name, None if joint is None else str(joint), random_values(effect, rng)))
     return out

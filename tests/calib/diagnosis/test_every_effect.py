@@ -43,6 +43,7 @@ HIDDEN = {
     "link_inertia": {"mass": 6.5, "com_x": -0.27, "com_y": 0.0, "com_z": 0.06},
     "base_tilt": {"roll": 0.05, "pitch": -0.04},
     "tool_force": {"force_x": 12.0, "force_y": -8.0, "force_z": 5.0},
+    "transmission_coupling": {"ratio": 1.0, "inertia": 1.2, "viscous": 6.0, "coulomb": 6.0},
     CONTACT: {"start": 6.0, "duration": 1.2, "force_x": 30.0, "force_y": -25.0, "force_z": 30.0},
 }
 

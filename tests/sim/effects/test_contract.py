@@ -44,6 +44,7 @@ PUBLIC = {
     "link_inertia": ("joint", {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m"}),
     "base_tilt": ("arm", {"roll": "rad", "pitch": "rad"}),
     "tool_force": ("arm", {"force_x": "N", "force_y": "N", "force_z": "N"}),
+    "transmission_coupling": ("joint", {"ratio": "1", "inertia": "kg*m^2", "viscous": "N*m*s/rad", "coulomb": "N*m"}),
     "external_contact": ("arm", {"start": "s", "duration": "s", "force_x": "N", "force_y": "N", "force_z": "N"}),
 }
 BODIES = ("link_inertia",)  # is always there: a link has a mass
@@ -91,7 +92,7 @@ def test_its_parameters_lie_within_their_bounds(effect: Effect) -> None:
 
 
 @every_effect
-def test_bounds_are_kept(effect: Effect, arm: Arm, present: Present) -> None:
+def test_bounds_are_kept(effect: Effect, arm: Arm, motion: Trajectory, present: Present) -> None:
     item = present(effect)
     assert checked(arm, item) is item
     for p in effect.parameters:
@@ -112,6 +113,13 @@ def test_bounds_are_kept(effect: Effect, arm: Arm, present: Present) -> None:
     wrong = None if effect.scope == "joint" else arm.joint_names[0]
     with pytest.raises(ConfigError, match=r"a joint is needed|leave the joint out"):
         checked(arm, ArmEffect(item.effect, wrong, item.parameters))
+    first = ArmEffect(item.effect, arm.joint_names[0], item.parameters)
+    if effect.driven:
+        with pytest.raises(ConfigError, match="the first has none"):
+            checked(arm, first)
+        # as an arm file may have it
+        with pytest.raises(ConfigError, match="the first has none"):
+            predict(replace(arm, effects=(first,)), motion)
 
 
 @every_effect
@@ -135,7 +143,8 @@ def test_a_joint_effect_acts_at_its_joint(effect: Effect, arm: Arm, motion: Traj
     if effect.scope == "arm" or effect.stage in (Stage.ENCODER, Stage.RIGID):
         assert len(reached) > 1
     else:
-        assert reached == {arm.joint_index(str(item.joint))}
+        j = arm.joint_index(str(item.joint))
+        assert reached == ({j - 1, j} if effect.driven else {j})
 
 
 @every_effect
