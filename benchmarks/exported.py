@@ -51,6 +51,7 @@ DOSES: dict[str, tuple[dict[str, float], ...]] = {
     "link_inertia": ({"mass": 18.0, "com_x": -0.3, "com_y": 0.02, "com_z": 0.15},),
     "base_tilt": ({"roll": 0.1, "pitch": 0.15},),
     "tool_force": ({"force_x": 20.0, "force_y": -10.0, "force_z": 30.0},),
+    "transmission_coupling": ({"ratio": 1.0, "inertia": 2.0, "viscous": 15.0, "coulomb": 10.0},),
     "external_contact": ({"start": 1.5, "duration": 2.0, "force_x": 0.0, "force_y": 40.0, "force_z": 40.0},),
 }
 

@@ -27,6 +27,7 @@ CONFUSABLE = (
     ("joint_spring", "torque_ripple"), ("payload", "base_tilt"), ("tool_force", "base_tilt"), ("joint_elasticity", "time_delay"),
     ("rotor_inertia", "joint_elasticity"), ("viscous_friction", "thermal_friction"), ("encoder_offset", "torque_offset"),
     ("external_contact", "torque_saturation"), ("payload", "tool_force"), ("backlash", "time_delay"),
+    ("transmission_coupling", "coulomb_friction"),
 )  # fmt: skip
 PAUSE = 20  # s between the logs of a session
 BY_NAME = {e.name: e for e in EFFECTS}

@@ -290,6 +290,16 @@ def contact(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
     }
 
 
+def coupling(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
+    """A motor that the joint before turns too; form 1 harder to start, its drag below proportion. Dose is over the joints' own friction."""
+    row, pair, ratio = arm.joints[j : j + 1], arm.nominal_joints[j - 1 : j + 1], float(rng.choice([-1.0, 1.0]))
+    size = {name: dose * float(pair[name].min()) for name in ("rotor", "viscous", "coulomb")}
+    row["couple_ratio"], row["couple_inertia"], row["couple_coulomb"] = ratio, size["rotor"], size["coulomb"]
+    row["couple_viscous"], row["couple_power"] = size["viscous"], 0.8 if form else 0.95
+    row["couple_width"], row["couple_rise"] = 3e-4, 0.3 if form else 0.1
+    return {"ratio": ratio, "inertia": size["rotor"], "viscous": size["viscous"], "coulomb": size["coulomb"]}
+
+
 def _always(value: float) -> Callable[[TrueArm, int], float]:
     return lambda arm, j: value
 
@@ -328,4 +338,5 @@ EFFECTS = (
     Hidden("base_tilt", tilt, (), _always(0.02), _always(0.07)),
     Hidden("tool_force", pull, (), lambda a, j: 3 * _noise(a, LIFT), lambda a, j: 60 * _noise(a, LIFT)),
     Hidden("external_contact", contact, (), lambda a, j: 6 * _noise(a, LIFT), lambda a, j: 90 * _noise(a, LIFT)),
+    Hidden("transmission_coupling", coupling, (WRIST_1, WRIST_2, WRIST_3), _always(0.3), _always(1.2)),
 )  # fmt: skip

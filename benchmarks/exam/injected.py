@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from benchmarks.exam.dynamics import joint_torque, place
-from benchmarks.exam.plant import CROSS_DRAG, delivered, dry_level, on_joint, pushed, reading, speed_friction
+from benchmarks.exam.plant import CROSS_DRAG, coupled_drag, delivered, dry_level, on_joint, pushed, reading, speed_friction
 from benchmarks.exam.severity import BAND, RATE, Rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm
 
@@ -64,7 +64,7 @@ def needed(chain, gravity, joints, force, ambient, q, dq, ddq, dt):
     turn, inertia = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     origin, z, centre = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     h, push, out = np.empty(n), np.empty(3), np.empty((count, n))
-    bristle, memory, heat = np.zeros(n), np.zeros((n, 2)), np.full(n, ambient)
+    bristle, common, memory, heat = np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.full(n, ambient)
     for k in range(count):
         place(chain, q[k], turn, origin, z, centre, inertia)
         pushed(force, k * dt, push)
@@ -83,6 +83,13 @@ def needed(chain, gravity, joints, force, ambient, q, dq, ddq, dt):
             drag = stiffness * bristle[j] + joint.bristle_damping * (bristle[j] - old) / dt
             drag += warmth * (joint.viscous * v + speed_friction(joint, v))
             out[k, j] = load + joint.rotor * ddq[k, j] + drag
+        for j in range(1, n):
+            ratio = joints[j].couple_ratio
+            if ratio != 0.0:
+                drag, common[j] = coupled_drag(joints[j], dq[k, j] + ratio * dq[k, j - 1], common[j], dt)
+                torque = drag + joints[j].couple_inertia * (ddq[k, j] + ratio * ddq[k, j - 1])
+                out[k, j] += torque
+                out[k, j - 1] += ratio * torque
     return out
 
 

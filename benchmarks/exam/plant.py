@@ -45,6 +45,8 @@ JOINT = np.dtype(
         ("ripple", "f8"), ("ripple_cycles", "f8"), ("ripple_phase", "f8"), ("ripple_second", "f8"),
         ("mesh", "f8"), ("mesh_cycles", "f8"), ("mesh_phase", "f8"),
         ("stiffness", "f8"), ("stiffening", "f8"), ("gear_damping", "f8"), ("gap", "f8"),
+        ("couple_ratio", "f8"), ("couple_inertia", "f8"), ("couple_viscous", "f8"), ("couple_power", "f8"),
+        ("couple_coulomb", "f8"), ("couple_width", "f8"), ("couple_rise", "f8"),
         ("limit", "f8"), ("knee", "f8"),
         ("encoder_offset", "f8"), ("wobble", "f8"), ("wobble_cycles", "f8"), ("wobble_phase", "f8"), ("wobble_second", "f8"),
         ("strange", "i8"), ("a", "f8"), ("b", "f8"), ("c", "f8"), ("d", "f8"),
@@ -105,6 +107,16 @@ def gear_torque(joint, twist, rate):
             return 0.0
         twist -= np.sign(twist) * joint.gap
     return joint.stiffness * twist * (1.0 + joint.stiffening * twist * twist) + joint.gear_damping * rate
+
+
+@numba.njit(cache=True)
+def coupled_drag(joint, w, old, dt):
+    """(N m, bristle rad) of a motor that another joint turns too, at its summed speed w: bristles, harder to start, and a power of w."""
+    stiffness = joint.couple_coulomb / joint.couple_width
+    most = joint.couple_width * (1.0 + joint.couple_rise * np.exp(-abs(w) / 0.08))
+    new = (old + w * dt) / (1.0 + abs(w) * dt / most)
+    drag = stiffness * new + 0.2 * np.sqrt(stiffness * joint.rotor) * (new - old) / dt
+    return drag + np.sign(w) * joint.couple_viscous * abs(w) ** joint.couple_power, new
 
 
 @numba.njit(cache=True)
@@ -183,7 +195,7 @@ def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff
     zero, push = np.zeros(n), np.empty(3)
     q, dq = np.empty(n), np.zeros(n)
     motor, d_motor = np.empty(n), np.zeros(n)
-    bristle, integral, memory = np.zeros(n), np.zeros(n), np.zeros((n, 2))
+    bristle, common, integral, memory = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2))
     load, tau, heat, wanted = np.zeros(n), np.zeros(n), warm.copy(), 0.0
     for j in range(n):
         # the encoder stands at the reference; the offset is small, so one step of the fixed point is enough
@@ -237,6 +249,17 @@ def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff
                     right[j] = tau[j] - drag + beside - h[j]
                     load[j] = tau[j] - drag - joint.rotor * ddq[j]
                     m[j, j] += joint.rotor
+            for j in range(1, n):
+                ratio = joints[j].couple_ratio
+                if ratio != 0.0:
+                    drag, common[j] = coupled_drag(joints[j], dq[j] + ratio * dq[j - 1], common[j], dt)
+                    share = joints[j].couple_inertia
+                    right[j] -= drag
+                    right[j - 1] -= ratio * drag
+                    m[j, j] += share
+                    m[j, j - 1] += ratio * share
+                    m[j - 1, j] += ratio * share
+                    m[j - 1, j - 1] += ratio * ratio * share
             factor[:] = m
             solve(factor, right, ddq)
             for j in range(n):

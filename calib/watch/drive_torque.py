@@ -38,6 +38,7 @@ class DriveTorque:
         self.not_followed = tuple(
             sorted({item.effect for stage in NOT_FOLLOWED for _, _, item in self._stages[stage]})
             + sorted({item.effect for effect, _, item in self._stages[Stage.ENCODER]})
+            + sorted({item.effect for effect, _, item in self._stages[Stage.FORCE] if effect.driven})
         )
         self._joint = self._stages[Stage.JOINT]
         # dry and viscous friction, which every arm has, need no walk along the path; an arm that has no more needs none at all
