@@ -73,13 +73,13 @@ def rests(baseline: Fit, best: Fit) -> list[Rest]:
 class Odd:
     """A joint with structure that no effect explains: the variables that its rest depends on, and rms N m.
 
-    share: of what there was before any name, the part that is left, as squares.
+    fitted: fall of -2 log likelihood that the strongest part of the additive basis brings there.
     """
 
     joint: str
     depends_on: tuple[str, ...]
     rms: float
-    share: float = 1.0
+    fitted: float
 
     def entry(self) -> dict[str, Any]:
         """As diagnosis.json has it."""
@@ -95,7 +95,7 @@ def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> 
         if rest.odd or (found.real and (clear or rest.share > STRUCTURE_SHARE)):
             depends = tuple(name for name, _ in dependence(best, j)) or (found.variables,)
             rms = max(float(np.sqrt(max(rest.sigma**2 - rest.expected**2, 0.0))), found.rms)
-            out.append(Odd(rest.joint, depends, rms, rest.share))
+            out.append(Odd(rest.joint, depends, rms, found.fitted))
     return out
 
 
