@@ -1,6 +1,6 @@
 """Does the arm do what it was commanded? Checked at every reading; every rule is written so that NaN breaks it.
 
-RULES names what is looked at, in that order; `safety.cycle` has the numbers of each. Values that a device does not report (NaN in its
+RULES names what is looked at, in that order; `safety.rules` and `safety.lies` have the numbers of each. Values that a device does not report (NaN in its
 first reading) are not required; once reported, they must go on being reported.
 """
 
@@ -12,8 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from safety.collision import GJK, Clearance
-from safety.cycle import ARM, NONE, NUMBERS, ROWS, WINDOW, Of, Row, clear_swing, cycle, take_torque
+from safety.cycle import cycle
+from safety.lies import clear_swing
 from safety.looks import nearest, to_look_at
+from safety.rows import ARM, NONE, NUMBERS, ROWS, WINDOW, Of, Row
+from safety.rules import take_torque
 from safety.sudden import LATE, blend
 from safety.trip import Trip
 from sim.arm import Arm
@@ -119,13 +122,11 @@ class Expected(NamedTuple):
 @cache
 def compile_cycle() -> None:
     """Compile what a cycle needs, or load it from Numba's cache: it takes seconds once on a computer, and so comes before anything is connected."""
-    row, number = np.ones((ROWS, 1)), np.zeros(NUMBERS)
-    cycle(row, number, np.zeros((2, 3)), np.zeros((WINDOW, 2)), np.zeros((WINDOW, 1)), np.zeros((4, 4)), np.zeros(3))
+    row = np.ones((ROWS, 1))
+    cycle(row, np.zeros(NUMBERS), np.zeros((2, 3)), np.zeros((WINDOW, 2)), np.zeros((WINDOW, 1)), np.zeros((4, 4)), np.zeros(3))
     one, asked = np.zeros((1, 1)), np.zeros(1, dtype=np.int64)
     to_look_at(row[Row.Q], np.zeros(1), one, one, np.zeros(1), 0, LOOKS, asked)
     nearest(row[Row.Q], np.zeros(1), asked, np.zeros(1), one, np.zeros(1))
-    take_torque(row)
-    clear_swing(row, number)
 
 
 class Monitor:

@@ -110,7 +110,7 @@ def traced() -> None:
     """Where branches are counted, what the monitor compiles is interpreted: only so can it be seen which lines ran."""
     if "COVERAGE_RUN" not in os.environ:
         return
-    for module in (cycle, looks):
+    for module in (cycle, looks):  # what these call in other files is Python where Python calls it
         numba.config.DISABLE_JIT = True
         spec = importlib.util.spec_from_file_location(f"{module.__name__}_interpreted", str(module.__file__))
         assert spec is not None

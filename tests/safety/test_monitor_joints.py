@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.cycle import Of
 from safety.monitor import DQ_OVER, Q_OVER, Expected, Monitor
+from safety.rows import Of
 from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell

@@ -30,7 +30,8 @@ CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
 # function -> the tests that have to notice; what is mutated is the predicate, not the message when it breaks
 TARGETS = {
     "monitor": (("check", "_check_device", "_check_clearance"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
-    "cycle": (
+    "cycle": (("cycle",), ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings")),
+    "rules": (
         (
             "finite",
             "device_time",
@@ -40,17 +41,14 @@ TARGETS = {
             "position",
             "speed",
             "following_error",
-            "frozen_position",
-            "mean_speed",
             "torque",
             "sudden_torque",
-            "turned",
-            "frozen_torque",
-            "swing",
-            "clock",
             "lost_load",
-            "cycle",
         ),
+        ("test_monitor", "test_monitor_torque", "test_monitor_joints"),
+    ),
+    "lies": (
+        ("frozen_position", "mean_speed", "turned", "frozen_torque", "swing", "clock"),
         ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
     ),
     "looks": (("to_look_at", "nearest"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
@@ -138,11 +136,18 @@ class Mutated(importlib.machinery.SourceFileLoader):
 
 
 class Finder:
-    def __init__(self, name: str, loader: Mutated) -> None:
-        self.name, self.loader = name, loader
+    def __init__(self, trees: dict[str, ast.Module]) -> None:
+        self.loaders = {
+            f"safety.{module}": Mutated(f"safety.{module}", str(source_of(module)), tree) for module, tree in trees.items()
+        }
 
     def find_spec(self, name: str, path: object = None, target: object = None):  # type: ignore[no-untyped-def]
-        return importlib.machinery.ModuleSpec(name, self.loader, origin=self.loader.path) if name == self.name else None
+        loader = self.loaders.get(name)
+        return importlib.machinery.ModuleSpec(name, loader, origin=loader.path) if loader else None
+
+
+def source_of(module: str) -> Path:
+    return ROOT / "safety" / f"{module}.py"
 
 
 def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
@@ -156,8 +161,8 @@ def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
         resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
         for name in [n for n in sys.modules if n == "safety" or n.startswith(("safety.", "tests.safety"))]:
             del sys.modules[name]
-        path = str(ROOT / "safety" / f"{module}.py")
-        sys.meta_path.insert(0, Finder(f"safety.{module}", Mutated(f"safety.{module}", path, tree)))  # type: ignore[arg-type]
+        # the cycle is never compiled: it would be taken from the cache, with the rules as they were
+        sys.meta_path.insert(0, Finder({"cycle": ast.parse(source_of("cycle").read_text()), module: tree}))  # type: ignore[arg-type]
         code = 70
         try:
             files = [str(ROOT / "tests" / "safety" / f"{test}.py") for test in tests]
@@ -170,7 +175,7 @@ def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
 
 def known_of(module: str, tests: tuple[str, ...]) -> Kept:
     """What earlier runs found, in the file that MUTANTS names: a run that was cut off goes on where it was. Other sources, other answers."""
-    sources = [ROOT / "safety" / f"{module}.py", *(ROOT / "tests" / "safety" / f"{test}.py" for test in tests)]
+    sources = [source_of(module), *(ROOT / "tests" / "safety" / f"{test}.py" for test in tests)]
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()[:16]
     return Kept(Path(os.environ["MUTANTS"]) if "MUTANTS" in os.environ else None, f"{module} {digest}")
 
@@ -190,7 +195,7 @@ EQUIVALENT = {
 @pytest.mark.parametrize("module", TARGETS)
 def test_no_change_of_a_predicate_goes_unnoticed(module: str) -> None:
     functions, tests = TARGETS[module]
-    tree = ast.parse((ROOT / "safety" / f"{module}.py").read_text())
+    tree = ast.parse(source_of(module).read_text())
     known = known_of(module, tests)
     assert known.found.get("as it is") or not noticed(module, tree, tests)
     known.keep("as it is", True)

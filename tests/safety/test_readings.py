@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safety import cycle
+from safety import lies
 from safety import monitor as rules
 from safety.collision import Clearance
-from safety.cycle import NONE, Of, Row
 from safety.monitor import Monitor
+from safety.rows import NONE, Of, Row
 from safety.trip import Trip
 from sim.arm import Arm
 from sim.cell import Cell
@@ -35,8 +35,8 @@ class Readings:
         if tau_hat is not None:
             r[Row.TAU_HAT], r[Row.DOUBT] = tau_hat, doubt
         span = self.monitor._span
-        for rule, look in ((12, lambda: cycle.turned(r, x, span, out)), (13, lambda: cycle.frozen_torque(r, x, len(span), out)),
-                           (14, lambda: cycle.swing(r, x, out)), (15, lambda: cycle.clock(r, x, out))):  # fmt: skip
+        for rule, look in ((12, lambda: lies.turned(r, x, span, out)), (13, lambda: lies.frozen_torque(r, x, len(span), out)),
+                           (14, lambda: lies.swing(r, x, out)), (15, lambda: lies.clock(r, x, out))):  # fmt: skip
             joint = look()
             if joint != NONE:
                 return self.monitor._broken(rule, joint)
