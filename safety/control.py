@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import queue
 import signal
 import threading
 import time
@@ -19,6 +18,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from drivers.driver import Driver
 from drivers.mock import MockOptions
@@ -43,6 +44,7 @@ BEAT = 0.02
 SHOW = 0.05
 END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
 LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; what hangs is killed then
+STOP_TIME = 120.0  # s to stop and to close the log of a long run, after which the control process counts as hung
 LEAVE_TIME = 30.0  # s for both processes to end after the run: more than the monitor process waits for the control process
 
 
@@ -103,7 +105,7 @@ def drive(
         )
     context = multiprocessing.get_context("spawn")
     board = Board(arm.n, context)
-    answer: Any = context.Queue()
+    answer, answers = context.Pipe(duplex=False)
     wanted = None if stages is None else tuple(stages)
     alone = alone_because(driver_factory, cell, arm)
     signs, ends = Signs(arm.n, context), context.Pipe()
@@ -111,7 +113,7 @@ def drive(
     task = _Task(
         *files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]), alone
     )
-    process = context.Process(target=_serve, args=(task, board, answer), name="calib control")
+    process = context.Process(target=_serve, args=(task, board, answers), name="calib control")
     if alone:
         record(audit, "no monitor process", reason=alone)
     over = threading.Event()
@@ -126,7 +128,7 @@ def drive(
             seen = WatchTask(*files, audit.resolve(), process.pid)
             processes.append(context.Process(target=_look, args=(seen, signs, ends[1], board), name="calib monitor"))
             processes[1].start()
-        for end in ends:
+        for end in (*ends, answers):  # so that each of them ends with the process that has the other end
             end.close()
         try:
             kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
@@ -189,36 +191,40 @@ def _beat(board: Board, over: threading.Event) -> None:
 
 
 def _watched(
-    process: Any, answer: Any, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
+    process: Any, answer: Connection, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
     signs: Signs,
 ) -> tuple[str, Any]:  # fmt: skip
     """Show what the control process does until it answers; pass a wish to stop on to it."""
+    since = np.inf
     while True:
         try:
-            return answer.get(timeout=SHOW)  # type: ignore[no-any-return]
-        except queue.Empty:
-            pass
-        if not process.is_alive():
-            try:
-                return answer.get(timeout=1.0)  # type: ignore[no-any-return]
-            except queue.Empty:
-                if signs.tripped is not None:
-                    raise DeviceError(
-                        f"the monitor process ended the control process and stopped the arm: {signs.tripped}; look at the arm before "
-                        "anything else, then recover the log with `calib import`"
-                    ) from None
+            if answer.poll(SHOW):
+                return answer.recv()  # type: ignore[no-any-return]
+        except (EOFError, OSError):
+            process.join(END_TIME)
+            if signs.tripped is not None:
                 raise DeviceError(
-                    f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
-                    "the arm: look at it before anything else, then recover the log with `calib import`"
+                    f"the monitor process ended the control process and stopped the arm: {signs.tripped}; look at the arm before "
+                    "anything else, then recover the log with `calib import`"
                 ) from None
+            raise DeviceError(
+                f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
+                "the arm: look at it before anything else, then recover the log with `calib import`"
+            ) from None
         reason = stop_requested()
         if reason is None:
             watch(board.progress())
-        else:  # a terminal that was closed can show nothing any more
-            board.request_stop(reason)
+            continue
+        board.request_stop(reason)  # a terminal that was closed can show nothing any more
+        since = min(since, time.monotonic())
+        if time.monotonic() - since > STOP_TIME:
+            raise DeviceError(
+                f"{reason}, and the control process did not answer within {STOP_TIME:g} s: it hangs; look at the arm before anything else, then "
+                "recover the log with `calib import`"
+            )
 
 
-def _serve(task: _Task, board: Board, answer: Any) -> None:
+def _serve(task: _Task, board: Board, answer: Connection) -> None:
     """The control process."""
     os.setsid()
     link = None if task.link is None else MonitorLink(*task.link)
@@ -240,9 +246,9 @@ def _serve(task: _Task, board: Board, answer: Any) -> None:
             plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
             stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
         )  # fmt: skip
-        answer.put(("done", result))
+        answer.send(("done", result))
     except BaseException as error:
-        answer.put(("error", _portable(error)))
+        answer.send(("error", _portable(error)))
     _remain(board)
 
 

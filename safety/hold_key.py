@@ -18,6 +18,7 @@ from sim.errors import ConfigError, SafetyStop
 FIRST_REPEAT = 0.8
 RELEASED = 0.25
 KEY = b" "
+END_TIME = 1.0  # s for the listening thread to end; it looks every 20 ms
 
 
 class HoldKey:
@@ -55,7 +56,7 @@ class HoldKey:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._stream is not None:
             self._over.set()
-            self._thread.join()
+            self._thread.join(END_TIME)
             self._restore()
 
     def _restore(self) -> None:

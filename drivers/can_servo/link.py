@@ -24,6 +24,7 @@ FULL = {errno.ENOBUFS, errno.EAGAIN}
 FULL_IN_ROW_MAX = 2  # refused frames one after another; one alone is a hiccup
 ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more in this time, s, is a bus that is not sound
 SERVER_TIME = 2.0  # s in which a socketcand server takes a connection
+CROWDED = 10.0  # s beyond its end after which a wait for frames ends although they go on coming
 STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
 SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
 SETS_NO_FD = ("socketcand",)  # python-can's client of it knows classical frames only
@@ -98,13 +99,18 @@ class Link:
         return accepted
 
     def receive(self, until: float) -> can.Message | None:
-        """The next data frame, waiting until the instant `until`; None where none came. Error frames are evaluated here."""
+        """The next data frame, waiting until the instant `until`; None where none came. Error frames are evaluated here.
+
+        What waits already is returned after `until` as well, but no longer than CROWDED: a crowded bus never runs empty.
+        """
         self._require()
         while True:
             self._look()
-            wait = max(0.0, until - self.clock.now())
+            wait = until - self.clock.now()
+            if wait < -CROWDED:
+                return None
             try:
-                message = self.bus.recv(wait)
+                message = self.bus.recv(max(0.0, wait))
             except (can.CanError, OSError, ValueError) as error:
                 raise self.fail(f"receiving failed ({error}); is the adapter unplugged?") from error
             if message is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -135,7 +136,8 @@ class CommandProcess:
                 self._process.wait(END_TIMEOUT)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                self._process.wait()
+                with contextlib.suppress(subprocess.TimeoutExpired):  # the system ends it as soon as it can
+                    self._process.wait(END_TIMEOUT)
         if not self._output.closed:
             self._output.close()
 

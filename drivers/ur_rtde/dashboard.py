@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 import socket
+import time
 from dataclasses import dataclass
 
 from drivers.ur_rtde import robot_api
 from sim.errors import DeviceError
 
 PORT = 29999
-TIMEOUT = 3.0
+TIMEOUT = 3.0  # s for each answer
+LINE_MAX = 4096  # bytes
 
 
 @dataclass(frozen=True)
@@ -44,24 +46,31 @@ QUESTIONS = {
 def ask(host: str, *questions: str) -> list[str]:
     """One answer line for each question; DeviceError where the server is not there or does not answer."""
     try:
-        with (
-            socket.create_connection((host, PORT), timeout=TIMEOUT) as connection,
-            connection.makefile("rw", newline="\n") as line,
-        ):
-            line.readline()  # greeting
+        with socket.create_connection((host, PORT), timeout=TIMEOUT) as connection:
+            _line(connection)  # greeting
             answers = []
             for question in questions:
-                line.write(question + "\n")
-                line.flush()
-                answer = line.readline()
-                if not answer:
-                    raise ConnectionResetError("the server closed the connection")
-                answers.append(answer.strip())
+                connection.sendall(question.encode() + b"\n")
+                answers.append(_line(connection))
             return answers
     except (OSError, UnicodeDecodeError) as error:
         raise DeviceError(
             f"the dashboard server at {host}:{PORT} does not answer ({error}); enable it in Settings > Security > Services"
         ) from error
+
+
+def _line(connection: socket.socket) -> str:
+    """The next line of a server that speaks only when asked; TimeoutError where it is not whole within TIMEOUT."""
+    line, end = b"", time.monotonic() + TIMEOUT
+    while not line.endswith(b"\n"):
+        connection.settimeout(max(0.001, end - time.monotonic()))
+        more = connection.recv(4096)
+        if not more:
+            raise ConnectionResetError("the server closed the connection")
+        line += more
+        if time.monotonic() > end or len(line) > LINE_MAX:
+            raise TimeoutError(f"no whole line within {TIMEOUT:g} s and {LINE_MAX} bytes")
+    return line.decode().strip()
 
 
 def questions_for(version: tuple[int, ...]) -> list[str]:

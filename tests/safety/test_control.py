@@ -28,6 +28,7 @@ from safety.board import Board
 from safety.control import drive, is_simulated
 from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
+from safety.signs import Signs
 from safety.stop_sources import StopSignals
 from safety.trip import MotionStopped
 from sim.arm import load_arm
@@ -275,3 +276,24 @@ def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monke
         control._let_go([hung], board, "completed", held)
     assert said == ["completed; calib control did not end within 0.1 s and may hold the arm: support it, then press Ctrl-C"]
     assert (hung.exitcode, hung.joined, board.may_let_go) == (-signal.SIGKILL, [control.LET_GO_TIME], True)
+
+
+def test_a_control_process_that_hangs_after_a_stop_was_requested_is_not_waited_for_without_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(control, "STOP_TIME", 0.1)
+    context = multiprocessing.get_context("spawn")
+    board, (answer, held_open) = Board(6, context), context.Pipe(duplex=False)
+    with pytest.raises(DeviceError, match=r"Ctrl-C, and the control process did not answer within 0\.1 s"):
+        control._watched(Hung(), answer, board, lambda: "Ctrl-C", lambda progress: None, Signs(6, context))
+    assert board.stop_requested() == "Ctrl-C"
+    held_open.close()
+
+
+def test_half_an_answer_of_a_control_process_that_was_killed_is_none() -> None:
+    context = multiprocessing.get_context("spawn")
+    answer, theirs = context.Pipe(duplex=False)
+    os.write(theirs.fileno(), b"\0\0\1\0half")
+    theirs.close()
+    with pytest.raises(DeviceError, match="no answer"):
+        control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, Signs(6, context))

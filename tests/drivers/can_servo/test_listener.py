@@ -14,7 +14,7 @@ import pytest
 
 from drivers.can_servo.bring_up import make_drives
 from drivers.can_servo.driver import CanServo
-from drivers.can_servo.link import Link
+from drivers.can_servo.link import CROWDED, Link
 from drivers.can_servo.listener import Listener
 from sim.cell import Cell
 from sim.clock import SimulatedClock
@@ -219,3 +219,22 @@ def test_who_has_heard_nothing_does_not_command(tmp_path, servo6) -> None:
 )
 def test_why_a_second_program_cannot_hear_a_bus(tmp_path, servo6, interface: str, why: str) -> None:
     assert why in CanServo.from_cell(wire_cell(interface, tmp_path), servo6).beside()
+
+
+def test_a_bus_that_never_runs_empty_is_not_read_for_ever() -> None:
+    clock = SimulatedClock()
+
+    class Crowded:
+        state = can.BusState.ACTIVE
+
+        def recv(self, wait: float) -> can.Message:
+            clock.sleep_until(clock.now() + 1e-3)
+            return can.Message(arbitration_id=0x7FF, is_extended_id=False)
+
+    link = Link(Crowded(), clock, "crowded")  # type: ignore[arg-type]
+    count = 0
+    while link.receive(0.5) is not None:
+        count += 1
+        assert count < 20_000
+    assert count >= 500, "what comes in time is read"
+    assert clock.now() <= 0.5 + 2 * CROWDED
