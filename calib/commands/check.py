@@ -11,7 +11,7 @@ from calib import console
 from calib.run_folder import conclude, lock_cell
 from sim.errors import AnswerIsNo
 
-_WORDS = {True: "ok", False: "NO", None: "not reported"}
+_WORDS = {True: "ok", False: "NO", None: "noted"}
 
 
 def command(

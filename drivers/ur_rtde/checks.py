@@ -68,6 +68,22 @@ def serial(info: ControllerInfo, options: UrOptions) -> Check:
     )  # fmt: skip
 
 
+def safety_checksum(found: int | None, options: UrOptions) -> Check:
+    """Whether the safety configuration is that of the cell file, where one is stated there."""
+    pinned, name = options.safety_checksum, "safety checksum"
+    if found is None:
+        return Check(
+            name, None if pinned is None else False, "the controller does not report its safety checksum",
+            "compare the one on the pendant with your risk assessment, then take safety_checksum out of the cell file",
+        )  # fmt: skip
+    stated = "the cell file states none" if pinned is None else f"the cell file {pinned}"
+    return Check(
+        name, None if pinned is None else found == pinned,
+        f"the number of the safety configuration is {found}, {stated}; the pendant shows it as characters",
+        "somebody has changed the safety configuration: compare it with your risk assessment, then correct safety_checksum in the cell file",
+    )  # fmt: skip
+
+
 def _emulated(host: str) -> bool:
     """Whether only an emulated controller can stand at an address; a tunnel to a real one usually ends at 127.0.0.1."""
     try:

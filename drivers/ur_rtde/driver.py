@@ -95,7 +95,8 @@ class UrDriver(Driver):
         """Listen, ask whether the robot is ready, then upload the control program; DeviceError names everything that is not ready."""
         first = self._open()
         try:
-            refused = [c for c in self._readiness(first) if c.ok is False]
+            pinned = self._own_arm()[-1:] if self.options.safety_checksum is not None else []
+            refused = [c for c in (*self._readiness(first), *pinned) if c.ok is False]
             if refused:
                 raise DeviceError(f"{self.options.host}: " + "; ".join(f"{c.detail}: {c.remedy}" for c in refused))
             self._commands = CommandProcess(self.options, self.rate, self._receiver.version)
@@ -257,7 +258,7 @@ class UrDriver(Driver):
         if self._commands is not None:
             found = [c for c in found if c.name != "program"]  # it is our own
         else:
-            found.append(self._kinematics())
+            found += self._own_arm()
         source = reading.torque_source(frames[-1].values)
         return [
             *found,
@@ -270,11 +271,12 @@ class UrDriver(Driver):
         """Which arm of the family the poses say this is."""
         return [family.torque(self.arm, self._payload, q, tau, friction)]
 
-    def _kinematics(self) -> Check:
+    def _own_arm(self) -> list[Check]:
         try:
-            return own_folder.kinematics(self.arm, primary.own_arm(self.options.host))
+            own = primary.own_arm(self.options.host)
         except DeviceError as error:
-            return Check("kinematics", None, str(error))
+            return [Check("kinematics", None, str(error)), checks.safety_checksum(None, self.options)]
+        return [own_folder.kinematics(self.arm, own), checks.safety_checksum(own.safety, self.options)]
 
     def _arm_at_rest(self, frames: list[Frame]) -> Check:
         q, dq, tau, current = (

@@ -20,6 +20,7 @@ class UrOptions(StrictTable):
 
     host               name or address of the controller
     serial             its serial number, pinned at first use: `calib check` says it. A controller with another one is refused
+    safety_checksum    number of its safety configuration, as `calib check` reports it; where it is given, a controller with another one is refused
     lookahead          s, servoj smoothing; ur_rtde accepts 0.03 to 0.2
     gain               1, servoj proportional gain; ur_rtde accepts 100 to 2000
     stop_deceleration  rad/s^2 of every joint in the driver's own stop
@@ -36,6 +37,7 @@ class UrOptions(StrictTable):
 
     host: str
     serial: str | None = None
+    safety_checksum: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
     lookahead: Annotated[float, Field(ge=0.03, le=0.2)] = 0.1
     gain: Annotated[float, Field(ge=100, le=2000)] = 300.0
     stop_deceleration: Annotated[float, Field(ge=0.5, le=40.0)] = 4.0

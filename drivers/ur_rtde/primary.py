@@ -1,7 +1,8 @@
 """The primary interface, only listened to: what the controller knows of its own arm's kinematics and limits.
 
 Universal Robots, "Client Interfaces": a robot state message holds sub-packages, among them kinematics info (5) and configuration data (6),
-which come on connecting. Layout as parsed by the maker's client library (kinematics_info.cpp, configuration_data.cpp).
+which come on connecting. Layout as parsed by the maker's client library (kinematics_info.cpp, configuration_data.cpp). Safety data (10) begins with
+the checksum of the safety configuration (a reply in the maker's forum, "Safety Checksum", topic 988; the document calls the sub-package internal).
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from sim.errors import DeviceError
 PORTS = (30011, 30001)  # the first takes no commands; controllers before 3.4 and 5.0 have only the second
 TIMEOUT = 3.0
 PACKAGE_MAX = 1 << 16  # bytes; a robot state has some 1500
-ROBOT_STATE, KINEMATICS, CONFIGURATION = 16, 5, 6
+ROBOT_STATE, KINEMATICS, CONFIGURATION, SAFETY = 16, 5, 6, 10
 HEADER = struct.Struct(">IB")
 KINEMATICS_ROWS = struct.Struct(">6I24dI")
 CONFIGURATION_ROWS = struct.Struct(">24d5d24d4i")
+SAFETY_CHECKSUM = struct.Struct(">I")
 JOINTS = 6
 
 
@@ -30,7 +32,7 @@ JOINTS = 6
 class OwnArm:
     """What a controller says of its arm: calibrated kinematics, position limits rad, largest speed rad/s, its number for the robot type.
 
-    checksum is the controller's own of its kinematic calibration, as text.
+    checksum is the controller's own of its kinematic calibration, as text; safety that of its safety configuration, None where it sends none.
     """
 
     kinematics: DhRows
@@ -39,6 +41,7 @@ class OwnArm:
     dq_max: np.ndarray
     robot_type: int
     checksum: str
+    safety: int | None = None
 
 
 def own_arm(host: str) -> OwnArm:
@@ -111,5 +114,9 @@ def parsed(found: dict[int, bytes], where: str) -> OwnArm:
         raise DeviceError(f"{where}: kinematics or limits are no numbers that an arm can have; nothing was taken from them")
     return OwnArm(
         DhRows(theta, a, d, alpha), limits[:, 0].copy(), limits[:, 1].copy(), motion[:, 0].copy(), configuration[55],
-        "-".join(f"{x:08x}" for x in kinematics[:6]),
+        "-".join(f"{x:08x}" for x in kinematics[:6]), _safety(found.get(SAFETY, b"")),
     )  # fmt: skip
+
+
+def _safety(part: bytes) -> int | None:
+    return int(SAFETY_CHECKSUM.unpack_from(part)[0]) if len(part) >= SAFETY_CHECKSUM.size else None

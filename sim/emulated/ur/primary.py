@@ -1,6 +1,6 @@
 """What the primary interface sends on connecting: one robot state with mode, kinematics and configuration.
 
-Universal Robots, "Client Interfaces": robot state message 16, sub-packages robot mode 0, kinematics info 5, configuration data 6.
+Universal Robots, "Client Interfaces": robot state message 16, sub-packages robot mode 0, kinematics info 5, configuration data 6, safety data 10.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from sim.arm import Arm
 from sim.dh import DhRows
 
 # RobotType of the maker's client library
+SAFETY_CHECKSUM = 2588156642  # of the example in topic 988 of the maker's forum
 TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR8L": 6, "UR20": 7, "UR30": 8, "UR15": 9, "UR18": 10}
 
 
@@ -61,7 +62,10 @@ def greeting(arm: HeldArm, model: str) -> bytes:
     configuration = struct.pack(
         ">24d5d24d4i", *limits, *motion, 1.05, 1.4, 0.25, 1.2, 0.05, *rows.a, *rows.d, *rows.alpha, *rows.theta, 0, 3, TYPES.get(model, 0), 0
     )  # fmt: skip
-    state = b"".join(_package(kind, body) for kind, body in ((0, b"\0" * 38), (5, kinematics), (6, configuration)))
+    safety = struct.pack(">I", SAFETY_CHECKSUM)
+    state = b"".join(
+        _package(kind, body) for kind, body in ((0, b"\0" * 38), (5, kinematics), (6, configuration), (10, safety))
+    )
     return _package(16, state)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from drivers import open_driver
+from drivers.driver import Check
 from drivers.ur_rtde import checks, family
 from drivers.ur_rtde.dashboard import ControllerInfo
 from drivers.ur_rtde.driver import UrDriver
@@ -15,9 +16,12 @@ from drivers.ur_rtde.options import UrOptions
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
+from sim.emulated.ur.primary import SAFETY_CHECKSUM
+from sim.emulated.ur.robot import STOPPED
 from sim.errors import DeviceError
 from sim.resources import shipped_configs
 from sim.rigid_body import RigidBody
+from tests.drivers.ur_rtde.conftest import Pair
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 REACHED = np.array([0.0, -0.3, 0.2, -0.4, -1.2, 0.3])  # far out: gravity tells arms apart
@@ -101,6 +105,35 @@ def test_the_serial_number_is_pinned_at_first_use() -> None:
     assert checks.serial(info, UrOptions(host="192.168.1.10", serial="20231")).ok is True
     assert checks.serial(info, UrOptions(host="127.0.0.2", serial="20239")).ok is False
     assert checks.serial(ControllerInfo("3.11"), UrOptions(host="192.168.1.10")).ok is None
+
+
+@pytest.mark.parametrize(
+    ("found", "pinned", "ok"), [(7, None, None), (None, None, None), (7, 7, True), (8, 7, False), (None, 7, False)]
+)
+def test_a_changed_safety_configuration_is_refused_where_it_is_pinned(
+    found: int | None, pinned: int | None, ok: bool | None
+) -> None:
+    check = checks.safety_checksum(found, UrOptions(host="192.168.1.10", safety_checksum=pinned))
+    assert check.ok is ok
+    assert found is None or str(found) in check.detail
+
+
+def test_control_is_not_taken_of_a_robot_with_another_safety_configuration(pair: Pair) -> None:
+    emulator, driver = pair()
+    reported = next(c for c in driver_checks(driver) if c.name == "safety checksum")
+    assert str(SAFETY_CHECKSUM) in reported.detail
+    driver.options = driver.options.model_copy(update={"safety_checksum": SAFETY_CHECKSUM + 1})
+    with pytest.raises(DeviceError, match="safety configuration"):
+        driver.connect()
+    assert emulator.robot.runtime_state == STOPPED
+
+
+def driver_checks(driver: UrDriver) -> list[Check]:
+    driver.listen()
+    try:
+        return driver.checks()
+    finally:
+        driver.close()
 
 
 def test_a_cell_may_assume_its_arm(cell: Callable[..., Cell], arm: Arm) -> None:

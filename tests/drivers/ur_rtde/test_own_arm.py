@@ -20,7 +20,7 @@ from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.dh import DhRows
 from sim.emulated import open_emulator
-from sim.emulated.ur.primary import HeldArm, greeting, held, nominal_rows
+from sim.emulated.ur.primary import SAFETY_CHECKSUM, HeldArm, greeting, held, nominal_rows
 from sim.errors import DeviceError
 
 LIMITS = {"q_min": np.full(6, -6.0), "q_max": np.full(6, 6.0), "dq_max": np.full(6, 2.0)}
@@ -107,6 +107,8 @@ def test_bytes_that_are_no_primary_interface_are_refused() -> None:
     state = good[5:]
     found = parts(state, "there")
     assert np.allclose(parsed(found, "there").kinematics.d, [0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
+    assert parsed(found, "there").safety == SAFETY_CHECKSUM
+    assert parsed(found | {10: b"\0\0\0"}, "there").safety is None
     rng = np.random.default_rng(5)
     for _ in range(300):
         broken = bytearray(state)
