@@ -82,19 +82,25 @@ def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0,
 
 
 def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
-    """A row for each tool and each kind of sample: the mean over the seeds so far, and its 95 % interval (Student)."""
+    """A row for each tool and each kind of sample: the mean over the seeds so far, and its 95 % interval."""
     rows = []
     for kind in ("sliding", "reversals"):
         for tool in cases[0]["errors"]:
             x = np.array([case["errors"][tool][kind] for case in cases])
-            half = float(stats.t.ppf(0.975, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x))) if len(x) > 1 else np.nan
             ours = np.array([case["errors"][OURS][kind] for case in cases])
             worse = "" if tool in (OURS, "nominal arm") else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
             if len(x) < seeds:
                 worse = f"{len(x)} of {seeds} seeds so far{'; ' * bool(worse)}{worse}"
-            value = f"{x.mean():.2f} ± {half:.2f}"
-            rows.append(_row(f"{seconds:g} s log, {kind}: {tool}", value, "%", BARS.get((seconds, tool), ""), worse))
+            rows.append(_row(f"{seconds:g} s log, {kind}: {tool}", interval(x), "%", BARS.get((seconds, tool), ""), worse))
     return rows
+
+
+def interval(x: np.ndarray) -> str:
+    """The mean of x (N,) with its 95 % interval (Student); of a single value that value alone, because nothing is known of its interval."""
+    if len(x) < 2:
+        return f"{x.mean():.2f}"
+    half = stats.t.ppf(0.975, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x))
+    return f"{x.mean():.2f} ± {half:.2f}"
 
 
 def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:

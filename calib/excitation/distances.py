@@ -50,11 +50,53 @@ def pair_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 
 @njit(cache=True)
+def _enclose(segments: np.ndarray, balls: np.ndarray) -> None:
+    """Middles and half lengths of segments (S, 2, 3) to balls (S, 4)."""
+    for i in range(len(segments)):
+        half = 0.0
+        for c in range(3):
+            balls[i, c] = 0.5 * (segments[i, 0, c] + segments[i, 1, c])
+            half += (segments[i, 0, c] - balls[i, c]) ** 2
+        balls[i, 3] = math.sqrt(half)
+
+
+@njit(cache=True)
+def _beyond(balls: np.ndarray, i: int, j: int, least: float) -> bool:
+    """Whether two balls, and so what is in them, are at least `least` m apart."""
+    x, y, z = balls[i, 0] - balls[j, 0], balls[i, 1] - balls[j, 1], balls[i, 2] - balls[j, 2]
+    reach = balls[i, 3] + balls[j, 3] + least
+    return reach <= 0.0 or x * x + y * y + z * z >= reach * reach
+
+
+@njit(cache=True)
+def least_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray, less: np.ndarray, enough: float) -> np.ndarray:
+    """(N, P) `pair_distances` less `less` (P,) m, exact where they are below `enough` m, and the least of the others.
+
+    Elsewhere a lower bound, which is neither: `enough`, or the least so far, that the balls around two segments are apart.
+    """
+    out, apart, balls = np.empty((len(ends), len(a))), np.empty(3), np.empty((ends.shape[1], 4))
+    least = np.inf
+    for k in range(len(ends)):
+        _enclose(ends[k], balls)
+        for p in range(len(a)):
+            if _beyond(balls, a[p], b[p], least + less[p]):
+                out[k, p] = least
+                continue
+            out[k, p] = _closest(ends[k, a[p]], ends[k, b[p]], apart)[0] - less[p]
+            if out[k, p] >= enough:
+                least = min(least, out[k, p])
+    return out
+
+
+@njit(cache=True)
 def too_near(ends: np.ndarray, a: np.ndarray, b: np.ndarray, least: np.ndarray, pull: np.ndarray) -> float:
     """Sum of squares (m^2) of what the distances of pairs lack to least (P,) m; its slopes by the ends are added to pull, shaped as ends."""
-    apart, value = np.empty(3), 0.0
+    apart, balls, value = np.empty(3), np.empty((ends.shape[1], 4)), 0.0
     for k in range(len(ends)):
+        _enclose(ends[k], balls)
         for p in range(len(a)):
+            if _beyond(balls, a[p], b[p], least[p]):
+                continue
             distance, s, t = _closest(ends[k, a[p]], ends[k, b[p]], apart)
             lack = least[p] - distance
             if not lack > 0.0:

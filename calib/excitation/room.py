@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.excitation.capsules import capsules, from_box, rpy_matrix
-from calib.excitation.distances import carried, joint_frames, pair_distances, slopes_by_joints, too_near
+from calib.excitation.distances import carried, joint_frames, least_distances, pair_distances, slopes_by_joints, too_near
 from calib.excitation.stops import stops_of
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
@@ -197,17 +197,18 @@ class Room:
         chosen = set(self.pairs)
         return [k for k, pair in enumerate(self._all_pairs) if pair in chosen]
 
-    def _by_capsules(self, ends: np.ndarray) -> np.ndarray:
-        """(N, all pairs) m between capsules beyond what a proof asks for."""
+    def _by_capsules(self, ends: np.ndarray, worst: bool = False) -> np.ndarray:
+        """(N, all pairs) m between capsules beyond what a proof asks for; with `worst` the least and what is too near, elsewhere a lower bound."""
         a, b, needed, _ = self._pair_arrays
-        return np.asarray(pair_distances(ends, a, b) - self._radius[a] - self._radius[b] - needed)
+        less = self._radius[a] + self._radius[b] + needed
+        return np.asarray(least_distances(ends, a, b, less, CLEARANCE_MARGIN) if worst else pair_distances(ends, a, b) - less)
 
     def _apart(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> np.ndarray:
         """`_by_capsules`, with the distance of the bodies themselves where the capsules around them are too near.
 
         worst: a posture that is not free decides; what is too near only by its capsules is not measured beside it, and stands as free.
         """
-        found = self._by_capsules(ends)
+        found = self._by_capsules(ends, worst)
         _, _, _, body = self._pair_arrays
         unsure = (found < CLEARANCE_MARGIN) & (body >= 0)
         if worst and (found[:, body < 0] < CLEARANCE_MARGIN).any():
