@@ -81,6 +81,8 @@ ARMS: dict[str, tuple[str, list[str]]] = {
         [*TURN, "--limit", "dq_max=6", "--limit", "tau_max=5"],
     ),
 }
+# s that a step may take; longer is an end too
+LONGEST = 240.0
 # m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
 FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
 # no model format has these
@@ -115,7 +117,13 @@ def line(name: str, home: Path, only_new: bool = False) -> dict[str, object]:
     row: dict[str, object] = {"arm": name, "joints": None, "ended": ""}
     for step in STEPS[:1] if only_new else STEPS:
         begin = time.perf_counter()
-        done = subprocess.run([sys.executable, "-m", "calib", *commands[step]], capture_output=True, text=True, check=False)
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "calib", *commands[step]], capture_output=True, text=True, check=False, timeout=LONGEST
+            )
+        except subprocess.TimeoutExpired:
+            row["ended"] = f"{step}: not done within {LONGEST:.0f} s on this computer"
+            break
         row[step] = round(time.perf_counter() - begin, 1)
         # diagnose says "effects found" with 1: an answer, not a failure
         if done.returncode and not (
