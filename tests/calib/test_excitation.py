@@ -12,7 +12,7 @@ import pytest
 
 from calib import main as program
 from calib.excitation.design import Information, fitted_to_room, noise_of, random_start, too_small
-from calib.excitation.distances import pair_distances
+from calib.excitation.distances import least_distances, pair_distances, too_near
 from calib.excitation.fourier import Basis, random_fourier
 from calib.excitation.home import home_of, open_cell, posture
 from calib.excitation.room import Room
@@ -72,6 +72,48 @@ def test_distances_of_segments() -> None:
     assert apart(-x, x, -y + up, y + up) == pytest.approx(1.0)
     assert apart(z, z, 3 * x, 4 * x) == pytest.approx(3.0)
     assert apart(z, x, 2 * x, 5 * x) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("enough", [0.02, 0.3])
+def test_skipped_distances_change_neither_the_least_nor_what_is_too_near(enough: float) -> None:
+    rng = np.random.default_rng(4)
+    ends = rng.uniform(-1, 1, (40, 8, 1, 3)) + 0.2 * rng.standard_normal((40, 8, 2, 3))
+    a, b = np.triu_indices(8, 1)
+    less = rng.uniform(0.0, 0.1, len(a))
+    exact = pair_distances(ends, a, b) - less
+    found = least_distances(ends, a, b, less, enough)
+    near = exact < enough
+    assert near.any()
+    assert np.array_equal(found < enough, near)
+    assert np.array_equal(found[near], exact[near])
+    assert found[~near].min() == exact[~near].min()
+    assert np.all(found <= exact)
+    assert (found < exact).any()  # some were skipped
+
+
+def test_the_pull_of_what_is_too_near_is_that_of_every_pair() -> None:
+    rng = np.random.default_rng(5)
+    ends = rng.uniform(-1, 1, (30, 6, 1, 3)) + 0.2 * rng.standard_normal((30, 6, 2, 3))
+    a, b = np.triu_indices(6, 1)
+    least = rng.uniform(0.1, 0.6, len(a))
+    pull = np.zeros_like(ends)
+    lack = np.maximum(least - pair_distances(ends, a, b), 0.0)
+    assert too_near(ends, a, b, least, pull) == pytest.approx(np.sum(lack**2), rel=1e-12)
+    step = 1e-6
+    for where in ((0, 0, 0, 0), (3, 2, 1, 1), (29, 5, 0, 2)):
+        up, down = ends.copy(), ends.copy()
+        up[where] += step
+        down[where] -= step
+        slope = (too_near(up, a, b, least, np.zeros_like(ends)) - too_near(down, a, b, least, np.zeros_like(ends))) / (2 * step)
+        assert pull[where] == pytest.approx(slope, abs=1e-6)
+
+
+def test_a_distance_that_is_not_a_number_is_not_skipped() -> None:
+    ends = np.random.default_rng(6).uniform(-1, 1, (1, 4, 2, 3))
+    ends[0, 2, 0, 1] = np.nan
+    a, b = np.triu_indices(4, 1)
+    found = least_distances(ends, a, b, np.zeros(len(a)), 0.02)
+    assert np.array_equal(np.isnan(found[0]), (a == 2) | (b == 2))
 
 
 def test_a_random_motion_fitted_to_its_room_is_cleared() -> None:
