@@ -20,16 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from safety.pair_reach import chain, of_shape_and_obstacle, of_two_shapes
 from safety.pairs import adjacent, always_apart, never_part
-from safety.reach import joint_reach
-from safety.shapes import TOOL, Obstacle, equipped, link_body, obstacle_body
+from safety.shapes import TOOL, equipped, link_body, obstacle_body
 from safety.sheets import Sheet
 from sim.arm import Arm
-from sim.cell import Cell, PlaneObstacle
+from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
 from sim.finite import is_finite
 from sim.rigid_body import RigidBody
-from sim.tree import Shape
 
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
@@ -42,7 +41,6 @@ FEW_HALVES, FEW_ROWS = 48, 128
 CALIBRATION = 1e-3
 # of the room that there is at a box's centre, the share that must be proved before the box is good enough
 SHARE = 0.5
-EXACT = 1e-9
 # bounds lo hi (n,) rad, and the pairs that are looked at in it
 Box = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -71,14 +69,13 @@ class Clearance:
         self.arm = arm = equipped(arm, cell)
         self._model = RigidBody(arm).pinocchio
         self._geometry = pin.GeometryModel()
-        names, links, reaches = [], [], []
+        names, links = [], []
         for shape in arm.tree.shapes:
             placement = pin.SE3(shape.rotation, shape.position)
             body = link_body(shape, str(arm.model_path))
             self._geometry.addGeometryObject(pin.GeometryObject(shape.name, shape.link + 1, 0, placement, body))
             names.append(shape.name)
             links.append(shape.link)
-            reaches.append(joint_reach(arm, shape))
         if "shapes" in arm.incomplete:
             bare = [arm.tree.link_names[i] for i in range(arm.n) if i not in links]
             raise ConfigError(
@@ -104,18 +101,11 @@ class Clearance:
                     tool = names[a].startswith(TOOL) != names[b].startswith(TOOL) and links[a] != links[b]
                     if adjacent(arm.tree.parent, links[a], links[b]) and not tool:
                         continue
-                    only_one = self._chain(links[a]) ^ self._chain(links[b])
-                    span = np.where(only_one, np.maximum(reaches[a], reaches[b]), 0.0)
-                    for shape in (arm.tree.shapes[a], arm.tree.shapes[b]):
-                        span[[j for j in np.flatnonzero(only_one) if self._idle(shape, int(j))]] = 0.0
-                    reach.append(span)
-                    near_kin = int(np.sum(only_one)) <= 2
+                    reach.append(of_two_shapes(arm, arm.tree.shapes[a], arm.tree.shapes[b]))
+                    near_kin = int(np.sum(chain(arm, links[a]) ^ chain(arm, links[b]))) <= 2
                     margin.append(0.0 if near_kin else cell.table.motion.clearance_self)
                 elif b < count and links[b] >= 0:
-                    span = reaches[b].copy()
-                    span[[j for j in np.flatnonzero(span) if self._idle(arm.tree.shapes[b], int(j))]] = 0.0
-                    span[[j for j in np.flatnonzero(span) if self._level(cell.table.obstacles[a - count], int(j))]] = 0.0
-                    reach.append(span)
+                    reach.append(of_shape_and_obstacle(arm, arm.tree.shapes[b], cell.table.obstacles[a - count]))
                     margin.append(cell.table.motion.clearance_obstacle)
                 else:
                     continue
@@ -151,37 +141,6 @@ class Clearance:
 
     def _known_apart(self, k: int) -> str | None:
         return always_apart(self.arm, self.reach[k], float(self.margin[k]) + GJK, lambda q: float(self.distances(q, [k])[0]))
-
-    def _chain(self, link: int) -> np.ndarray:
-        """(n,) bool: the joints that move a link."""
-        chain = np.zeros(self.arm.n, dtype=bool)
-        while link >= 0:
-            chain[link] = True
-            link = int(self.arm.tree.parent[link])
-        return chain
-
-    def _idle(self, shape: Shape, joint: int) -> bool:
-        """Whether the joint, next to the shape's link, only turns the shape within itself: a body of revolution about its axis."""
-        tree = self.arm.tree
-        if tree.prismatic[joint] or shape.kind not in ("sphere", "capsule", "cylinder"):
-            return False
-        if joint == shape.link:
-            point, axis = np.zeros(3), tree.axis[joint]
-        elif int(tree.parent[joint]) == shape.link:
-            point, axis = tree.position[joint], tree.rotation[joint] @ tree.axis[joint]
-        else:
-            return False
-        off_axis = np.linalg.norm(np.cross(shape.position - point, axis))
-        turned = 0.0 if shape.kind == "sphere" else np.linalg.norm(np.cross(shape.rotation[:, 2], axis))
-        return bool(off_axis < EXACT and turned < EXACT)
-
-    def _level(self, obstacle: Obstacle, joint: int) -> bool:
-        """Whether the joint, next to the base, turns about the normal of a plane: it brings nothing nearer to it."""
-        tree = self.arm.tree
-        if not isinstance(obstacle, PlaneObstacle) or tree.prismatic[joint] or int(tree.parent[joint]) != -1:
-            return False
-        normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-        return bool(np.linalg.norm(np.cross(normal, tree.rotation[joint] @ tree.axis[joint])) < EXACT)
 
     def distances(self, q: np.ndarray, pairs: Sequence[int] | None = None) -> np.ndarray:
         """m between the bodies of each of `pairs` (all of them by default) at q (n,) rad; negative where they overlap, NaN never.
@@ -246,9 +205,10 @@ class Clearance:
         """(P,) rad of room that is proved for each pair within `width` of q, and (P,) what there is at q itself."""
         spare = self.distances(q, pairs.tolist()) - self.margin[pairs] - GJK
         total = self._total[pairs]
+        # a pair that nothing moves is apart for good or never; what is not a number is neither, and proves nothing
         with np.errstate(divide="ignore", invalid="ignore"):
-            inside = np.where(total > 0, (spare - self.reach[pairs] @ width) / total, np.where(spare >= 0, np.inf, -np.inf))
-            at = np.where(total > 0, spare / total, inside)
+            inside = np.where(total == 0, np.where(spare >= 0, np.inf, -np.inf), (spare - self.reach[pairs] @ width) / total)
+            at = np.where(total == 0, inside, spare / total)
         return inside - self._doubt, at - self._doubt
 
     def _halved(self, box: Box, least: float, most: float, share: float, halves: int) -> tuple[float, Box | None]:

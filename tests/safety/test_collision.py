@@ -168,6 +168,28 @@ def test_one_distance_that_is_not_a_number_is_refused(arm: Arm, cell: Cell, monk
         clearance.distances(HOME)
 
 
+@pytest.mark.parametrize("what", ["distance", "reach", "margin"])
+def test_a_box_of_which_a_bound_is_not_a_number_is_refused(
+    arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """Also where one pair stands still, and where nobody looked at the distances before."""
+    clearance = Clearance(arm, cell)
+    clearance.certify(PathSheet(sine(), arm), "the motion", LEAST, 0.1)
+    if what == "distance":
+        real = Clearance.distances
+        monkeypatch.setattr(
+            Clearance, "distances", lambda self, q, pairs=None: np.where(np.isin(pairs, [3]), np.nan, real(self, q, pairs))
+        )
+    elif what == "margin":
+        clearance.margin[3] = np.nan
+    else:
+        reach = clearance.reach.copy()
+        reach[3, 1] = np.nan
+        clearance._set(clearance.pairs, reach, clearance.margin)
+    with pytest.raises(SafetyStop, match="the motion"):
+        clearance.certify(PathSheet(sine(), arm), "the motion", LEAST, 0.1)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_posture_that_is_not_finite_is_never_free(arm: Arm, cell: Cell, bad: float) -> None:
     clearance = Clearance(arm, cell)

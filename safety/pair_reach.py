@@ -1,0 +1,113 @@
+"""|d(q) - d(q')| <= sum_j reach_j |q_j - q'_j|: how fast each joint brings two bodies nearer to each other, seen from either of them.
+
+The distance of two bodies depends only on how they stand to each other. A joint between them may be taken to move the one or the other,
+and no point of it goes faster than its distance from the joint's axis: the smaller of both bounds holds in any configuration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safety.reach import joint_reach, spine
+from sim.arm import Arm
+from sim.cell import PlaneObstacle
+from sim.tree import Shape
+
+EXACT = 1e-9
+
+
+def of_two_shapes(arm: Arm, a: Shape, b: Shape) -> np.ndarray:
+    """(n,) m/rad for two of the arm's shapes; 0 for joints that move both, or neither, or turn one within itself."""
+    of_a, of_b = chain(arm, a.link), chain(arm, b.link)
+    only_one = of_a ^ of_b
+    span = np.where(only_one, np.maximum(from_beyond(arm, a), from_beyond(arm, b)), 0.0)
+    for before, after in ((a, b), (b, a)):
+        for j, known in _from_before(arm, before, after.link).items():
+            span[j] = min(span[j], known)
+    for j in np.flatnonzero(only_one).tolist():
+        if _idle(arm, a, j) or _idle(arm, b, j):
+            span[j] = 0.0
+    return np.asarray(span)
+
+
+def of_shape_and_obstacle(arm: Arm, shape: Shape, obstacle: object) -> np.ndarray:
+    """(n,) m/rad for a shape and what stands still; 0 for joints that do not move it, turn it within itself, or along a plane."""
+    span = from_beyond(arm, shape)
+    for j in np.flatnonzero(span).tolist():
+        if _idle(arm, shape, j) or _level(arm, obstacle, j):
+            span[j] = 0.0
+    return span
+
+
+def chain(arm: Arm, link: int) -> np.ndarray:
+    """(n,) bool: the joints that move a link."""
+    found = np.zeros(arm.n, dtype=bool)
+    while link >= 0:
+        found[link] = True
+        link = int(arm.tree.parent[link])
+    return found
+
+
+def from_beyond(arm: Arm, shape: Shape) -> np.ndarray:
+    """(n,) m/rad of the shape's own motion: `joint_reach`, with the distance from its axis for the hinge of its own link."""
+    span = joint_reach(arm, shape)
+    if shape.link >= 0 and not arm.tree.prismatic[shape.link]:
+        span[shape.link] = min(span[shape.link], _from_axis(shape, np.zeros(3), arm.tree.axis[shape.link]))
+    return span
+
+
+def _from_before(arm: Arm, shape: Shape, link: int) -> dict[int, float]:
+    """m/rad for the joints from the shape's link up to `link`, as if they moved the shape; none where `link` is not beyond it."""
+    tree, joints = arm.tree, []
+    while link >= 0 and link != shape.link:
+        joints.append(link)
+        link = int(tree.parent[link])
+    if link != shape.link or not joints:
+        return {}
+    first, *others = reversed(joints)
+    points, radius = spine(shape)
+    far = float(np.max(np.linalg.norm(points - tree.position[first], axis=1))) + radius
+    found = {
+        first: 1.0
+        if tree.prismatic[first]
+        else _from_axis(shape, tree.position[first], tree.rotation[first] @ tree.axis[first])
+    }
+    last = first
+    for j in others:
+        if tree.prismatic[last]:
+            far += float(max(abs(arm.q_min[last]), abs(arm.q_max[last])))
+        far += float(np.linalg.norm(tree.position[j]))
+        found[j] = 1.0 if tree.prismatic[j] else far
+        last = j
+    return found
+
+
+def _from_axis(shape: Shape, point: np.ndarray, axis: np.ndarray) -> float:
+    """m: the farthest that a point of the shape is from a line, given in its link's frame."""
+    points, radius = spine(shape)
+    return float(np.max(np.linalg.norm(np.cross(points - point, axis / np.linalg.norm(axis)), axis=1))) + radius
+
+
+def _idle(arm: Arm, shape: Shape, joint: int) -> bool:
+    """Whether the joint, next to the shape's link, only turns the shape within itself: a body of revolution about its axis."""
+    tree = arm.tree
+    if tree.prismatic[joint] or shape.kind not in ("sphere", "capsule", "cylinder"):
+        return False
+    if joint == shape.link:
+        point, axis = np.zeros(3), tree.axis[joint]
+    elif int(tree.parent[joint]) == shape.link:
+        point, axis = tree.position[joint], tree.rotation[joint] @ tree.axis[joint]
+    else:
+        return False
+    off_axis = np.linalg.norm(np.cross(shape.position - point, axis))
+    turned = 0.0 if shape.kind == "sphere" else np.linalg.norm(np.cross(shape.rotation[:, 2], axis))
+    return bool(off_axis < EXACT and turned < EXACT)
+
+
+def _level(arm: Arm, obstacle: object, joint: int) -> bool:
+    """Whether the joint, next to the base, turns about the normal of a plane: it brings nothing nearer to it."""
+    tree = arm.tree
+    if not isinstance(obstacle, PlaneObstacle) or tree.prismatic[joint] or int(tree.parent[joint]) != -1:
+        return False
+    normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
+    return bool(np.linalg.norm(np.cross(normal, tree.rotation[joint] @ tree.axis[joint])) < EXACT)
