@@ -6,11 +6,15 @@ older, its notes: before 10.11 only the program's state could be requested. A pa
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
+import socket
+import threading
 
 BASE = "/universal-robots/robot-api"
-TIMEOUT = 2.0  # s for each answer
+TIMEOUT = 2.0  # s without a byte of an answer
+WHOLE = 2.0  # times that, in which an answer must be whole
 SIZE_MAX = 1 << 16  # bytes; the longest of these answers has some hundred
 
 # quantity -> path and the key of the answer
@@ -46,6 +50,9 @@ def answers(host: str, port: int) -> dict[str, str]:
 def fetch(host: str, port: int, path: str) -> dict[str, object]:
     """The JSON object at a path; empty where there is none. OSError where nobody answers."""
     connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
+    connection.connect()
+    end = threading.Timer(WHOLE * TIMEOUT, _shut, (connection.sock,))
+    end.start()
     try:
         connection.request("GET", BASE + path, headers={"Accept": "application/json"})
         response = connection.getresponse()
@@ -53,6 +60,7 @@ def fetch(host: str, port: int, path: str) -> dict[str, object]:
     except http.client.HTTPException:
         return {}
     finally:
+        end.cancel()
         connection.close()
     if response.status != 200:
         return {}
@@ -61,3 +69,9 @@ def fetch(host: str, port: int, path: str) -> dict[str, object]:
     except ValueError:
         return {}
     return answer if isinstance(answer, dict) else {}
+
+
+def _shut(connection: socket.socket) -> None:
+    """End what goes on for too long: whoever reads it finds its end."""
+    with contextlib.suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)

@@ -90,3 +90,27 @@ def test_what_is_no_answer_is_none(answer: bytes) -> None:
         thread.join()
     assert found in ({}, {"mode": 17})
     assert json.dumps(found)
+
+
+@pytest.mark.parametrize("drip", [b"HTTP/1.1 200 OK\r\nA: ", b"HTTP/1.1 200 OK\r\nContent-Length: 60000\r\n\r\n", b""])
+def test_an_answer_that_is_never_whole_is_given_up(monkeypatch: pytest.MonkeyPatch, drip: bytes) -> None:
+    monkeypatch.setattr(robot_api, "TIMEOUT", 0.2)
+    over = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with server.accept()[0] as client:
+                client.sendall(drip)
+                while not over.wait(0.05):
+                    try:
+                        client.sendall(b"1")
+                    except OSError:
+                        return
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            assert robot_api.fetch("127.0.0.1", server.getsockname()[1], "/system") == {}
+        finally:
+            over.set()
+            thread.join()
