@@ -44,7 +44,7 @@ hostile: $(VENV)/ready  ## 10,000 mutated files, readings and arguments through 
 soak: $(VENV)/ready  ## half an hour of motion of each of six rough arms, ten minutes of computing at a time
 	$(BIN)/python -m benchmarks soak
 
-ur-load: $(VENV)/ready  ## a UR beside two busy processes: a long recording, and each fault by its name; ten minutes at a time
+ur-load: $(VENV)/ready  ## a UR beside two busy processes: a long recording, and each fault by its name; twelve minutes at a time
 	$(BIN)/python -m benchmarks ur_load
 
 branches: $(VENV)/ready  ## every branch of safety/, its child processes included
