@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="the named topics with the few repeats that they have when none is named"
     )
-    parser.add_argument("--minutes", type=float, help=f"of computing, for {' and '.join(SLICED)}; 10 unless given")
+    parser.add_argument("--minutes", type=float, help=f"of computing, for {' and '.join(SLICED)}; mostly 10 unless given")
     given = parser.parse_args(arguments)
     unknown = [topic for topic in given.topic if topic not in (*TOPICS, *SLOW)]
     if unknown:
