@@ -32,6 +32,8 @@ AT_REST = STANDSTILL / 10
 TURNS = np.radians(1.0)
 # of the motions that are tried, so many that are cleared are driven
 TRIED, DRIVEN = range(3, 15), 4
+# instants and joints that a run tries: a box often finds no place that the arm does not touch on its way there
+ATTEMPTS = 2000
 
 
 class Watched(MockDriver):
@@ -155,7 +157,7 @@ class Injection:
     def run(self, number: int) -> Run:
         """The `number`-th run, the same at every call."""
         trouble, arm = self.trouble, self.arm
-        for attempt in range(100):
+        for attempt in range(ATTEMPTS):
             rng = np.random.default_rng([number, attempt])
             cleared = self.motions[int(rng.integers(len(self.motions)))]
             ways = np.argwhere(np.abs(cleared.dq[300:900]) > trouble.moving)
@@ -167,7 +169,7 @@ class Injection:
             if plant is not None:
                 break
         else:
-            raise RuntimeError(f"{trouble.name}: no run {number} in 100 attempts")
+            raise RuntimeError(f"{trouble.name}: no run {number} in {ATTEMPTS} attempts")
         driver = Watched(plant, arm, RATE, SimulatedClock(), start=self.home)
         driver.begin(trouble, at, joint)
         try:
