@@ -217,13 +217,14 @@ def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
 
 def _missing(kept: Kept, arm: Arm, cell: Cell, repeats: int) -> Iterator[tuple[str, Callable[[], Any]]]:
     """The runs that no earlier slice did, each of the name under which it is kept."""
-    ready: dict[str, Injection] = {}
+    ready: dict[bool, Injection] = {}
     for number in range(repeats):
         for trouble in TROUBLES:
             if (what := f"{trouble.name} {number}") not in kept.found:
-                if trouble.name not in ready:
-                    ready[trouble.name] = Injection(trouble, arm, cell, (0.12,) if trouble.payload else (0.3,))
-                yield what, partial(_injected, ready[trouble.name], number)
+                heavy = trouble.payload is not None
+                if heavy not in ready:
+                    ready[heavy] = Injection(trouble, arm, cell, (0.12,) if heavy else (0.3,))
+                yield what, partial(_injected, ready[heavy].of(trouble), number)
 
 
 def _injected(injection: Injection, number: int) -> dict[str, Any]:

@@ -7,6 +7,7 @@ a twin run without the fault by more than the noise of the sensors. Angles are t
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -140,6 +141,12 @@ class Injection:
                 return
         if not self.motions and refused:
             raise refused
+
+    def of(self, trouble: Trouble) -> Injection:
+        """The same motions for another trouble, with the same payload."""
+        other = copy.copy(self)
+        other.trouble = trouble
+        return other
 
     def _cleared(self, size: float) -> tuple[list[ClearedTrajectory], SafetyStop | None]:
         found: list[ClearedTrajectory] = []
