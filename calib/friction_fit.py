@@ -204,6 +204,8 @@ class _Problem:
         alpha = np.concatenate([np.full(len(t), 1 / (0.03 * s) ** 2) for t, s in zip(terms, size, strict=True)])
         variance = np.maximum((0.1 * size) ** 2, 1e-12)
         x = np.zeros(int(first[-1]))
+        places = [np.ix_(c, c) for c in columns]
+        sums = [t[np.ix_([*o, -1], [*o, -1])] for t, o in zip(total, own, strict=True)]
         rounds = ROUNDS if len(alpha) else 6
         for turn in range(rounds):
             a, g = np.zeros((len(x), len(x))), np.zeros(len(x))
@@ -211,8 +213,8 @@ class _Problem:
             g[:p] = self.precision @ self.mean
             for j in range(n):
                 weight = 1 / (variance[j] * self.correlated)
-                a[np.ix_(columns[j], columns[j])] += weight * total[j][np.ix_(own[j], own[j])]
-                g[columns[j]] += weight * total[j][own[j], -1]
+                a[places[j]] += weight * sums[j][:-1, :-1]
+                g[columns[j]] += weight * sums[j][:-1, -1]
             a[range(p, len(x)), range(p, len(x))] += alpha
             d = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
             factor = cho_factor(a * np.outer(d, d) + 1e-12 * np.eye(len(x)), check_finite=False)
@@ -223,8 +225,7 @@ class _Problem:
                 alpha = np.clip(known / np.maximum(x[p:] ** 2, 1e-300), LEAST_PRECISION, MOST_PRECISION)
             for j in range(n):
                 v = np.append(x[columns[j]], -1.0)
-                s = total[j][np.ix_([*own[j], -1], [*own[j], -1])]
-                variance[j] = max(float(v @ s @ v) / rows[j], 1e-12 * size[j] ** 2, 1e-16)
+                variance[j] = max(float(v @ sums[j] @ v) / rows[j], 1e-12 * size[j] ** 2, 1e-16)
         self.covariance = cho_solve(factor, np.eye(len(x)), check_finite=False)[:p, :p] * np.outer(d[:p], d[:p])
         coefficients = []
         for j in range(n):

@@ -15,7 +15,8 @@ DISAGREES = 3.0
 LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
 VARIABLES = {
     "q": "position", "dq": "speed", "ddq": "acceleration", "load": "load", "time": "time", "memory": "the recent motion",
-    "resonance": "a resonance that is driven by the acceleration", "tone": "a constant oscillation",
+    "hysteresis": "the way since a reversal", "resonance": "a resonance that is driven by the acceleration",
+    "tone": "a constant oscillation",
 }  # fmt: skip
 
 

@@ -152,7 +152,7 @@ class HeldOut:
             rows = ResidualRows([model])
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.x[j] @ f.solved.theta)
-                loss += huber(noise.whiten(j, of_joint[-1], rows.joined[j]))
+                loss += huber(rows.whiten(noise, j, of_joint[-1]))
         return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:

@@ -1,4 +1,4 @@
-"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory, resonance and time, as filtered columns per log."""
+"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory, hysteresis, resonance, time, as filtered columns per log."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
 from calib.diagnosis.model import LogModel
+from sim.slip import slip_along
 
 MEMORIES = (0.3, 1.0, 3.0)  # s
 # Damped oscillators that a joint's acceleration drives: a liquid, a pedestal, a hanging tool. A third apart, so that one is near.
 RESONANCES, DAMPING = (0.6, 0.9, 1.4, 2.1, 3.2, 4.8), 0.12  # Hz
+# rad to come to the full level after a reversal: a dress pack, a seal, a belt; dry friction of the gear itself takes a hundredth of that.
+WIDTHS = (0.05, 0.1, 0.2, 0.4)
 KNOTS = 8
 
 
@@ -23,9 +26,9 @@ class AdditiveBasis:
 
     def groups(self, j: int) -> dict[str, list[np.ndarray]]:
         """Name of the variable(s) -> per log columns (R, k), filtered like the torque, for the rest of joint j."""
-        resonance = [m.rows(_resonances(m, j)) for m in self.models]
-        own = self._filtered([_own(m, j) for m in self.models])
-        return self._common | own | {f"resonance:{self.models[0].arm.joint_names[j]}": resonance}
+        name, own = self.models[0].arm.joint_names[j], self._filtered([_own(m, j) for m in self.models])
+        linear = {"resonance": _resonances, "hysteresis": _hystereses}
+        return self._common | own | {f"{key}:{name}": [m.rows(of(m, j)) for m in self.models] for key, of in linear.items()}
 
     def _filtered(self, per_log: list[dict[str, list[np.ndarray]]]) -> dict[str, list[np.ndarray]]:
         return {
@@ -71,6 +74,12 @@ def _resonances(m: LogModel, j: int) -> np.ndarray:
         x = lfilter([0.0, -((w * dt) ** 2)], recursion, m.link.ddq[:, j])
         out += [x, np.gradient(x, dt) / w]
     return np.column_stack(out)
+
+
+def _hystereses(m: LogModel, j: int) -> np.ndarray:
+    """(N, k) levels z of Dahl's law dz/dq = (1 - z sign(dq)) / width (P. Dahl 1968)."""
+    link = m.link
+    return np.column_stack([slip_along(link.t, link.q[:, j], link.dq[:, j], np.full(len(link.t), w), 0.0) for w in WIDTHS])
 
 
 def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:

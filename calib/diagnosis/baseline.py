@@ -302,7 +302,7 @@ def _parts(solved: Solved, basis: AdditiveBasis, j: int) -> dict[str, tuple[floa
         x = rows.take(j, columns)
         keep = x.std(axis=0) > 1e-9
         if keep.any():
-            s = solved.noise.whiten(j, x[:, keep] - x[:, keep].mean(axis=0), rows.joined[j])
+            s = rows.whiten(solved.noise, j, x[:, keep] - x[:, keep].mean(axis=0))
             size = np.maximum(np.sqrt((s**2).sum(axis=0)), 1e-12)
             gain, _, _ = solved.gain({j: s / size}, (9.0,) * int(keep.sum()), left=left)
             out[name] = (gain, max(len(x), 1))

@@ -72,7 +72,7 @@ def _brought(solved: Solved) -> float:
     """Fall of chi2 by the whole refit."""
     fall = 0.0
     for j, (r, left) in enumerate(zip(solved.rows.r, solved.left(), strict=True)):
-        fall += float(np.sum(solved.noise.whiten(j, r, solved.rows.joined[j]) ** 2) - np.sum(left**2))
+        fall += float(np.sum(solved.rows.whiten(solved.noise, j, r) ** 2) - np.sum(left**2))
     return fall
 
 

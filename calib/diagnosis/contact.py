@@ -80,7 +80,7 @@ def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray])
     """Whether more than one joint speaks for a push."""
     brings = np.zeros(solved.rows.n)
     for j, x in columns.items():
-        s = solved.noise.whiten(j, x[:, 0], solved.rows.joined[j])
+        s = solved.rows.whiten(solved.noise, j, x[:, 0])
         brings[j] = max(float(2 * s @ left[j] - s @ s), 0.0)
     return bool(brings.max() < ONE_JOINT * brings.sum())
 

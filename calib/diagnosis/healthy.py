@@ -69,7 +69,7 @@ class Folds:
             rows = ResidualRows([m])
             a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
             for j, columns in enumerate(_columns(rows, self.scale)):
-                x, r = white.whiten(j, columns, rows.joined[j]), white.whiten(j, rows.r[j], rows.joined[j])
+                x, r = rows.whiten(white, j, columns), rows.whiten(white, j, rows.r[j])
                 # neighbouring rows say much the same: each counts for as much as its colour leaves
                 a += x.T @ x / CORRELATED
                 g += x.T @ r / CORRELATED

@@ -28,14 +28,15 @@ class Noise:
     sigma: np.ndarray
     phi: np.ndarray
 
-    def whiten(self, j: int, a: np.ndarray, joined: np.ndarray) -> np.ndarray:
-        """Rows (R, ...) of joint j with unit, uncorrelated noise."""
-        phi, sigma, first = self.phi[j], self.sigma[j], np.flatnonzero(~joined)
-        out = np.array(a, dtype=float)
+    def whiten(self, j: int, a: np.ndarray, joined: np.ndarray, doubt: np.ndarray) -> np.ndarray:
+        """Rows (R, ...) of joint j with unit, uncorrelated noise; doubt (R,) (N m)^2 adds to the variance of single rows."""
+        phi, variance, first = self.phi[j], self.sigma[j] ** 2, np.flatnonzero(~joined)
+        out, before = np.array(a, dtype=float), np.array(doubt, dtype=float)
         out[1:] -= phi * a[:-1]
-        out /= sigma * np.sqrt(1 - phi**2)
-        out[first] = a[first] / sigma
-        return out
+        before[1:] += phi**2 * doubt[:-1]
+        before += variance * (1 - phi**2)
+        out[first], before[first] = a[first], doubt[first] + variance
+        return np.asarray((out.T / np.sqrt(before)).T)
 
 
 def noise_of(residuals: list[np.ndarray], joined: list[np.ndarray]) -> Noise:

@@ -52,4 +52,4 @@ def numbered(models: list[LogModel]) -> Iterable[tuple[int, Candidate]]:
 
 def white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:
     rows = solved.rows
-    return {j: solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j]) for j in c.columns[0]}
+    return {j: rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns])) for j in c.columns[0]}

@@ -24,6 +24,7 @@ class ResidualRows:
     r        per joint (R_j,) N m, measured less predicted, filtered
     x        per joint (R_j, p) N m per standard deviation of the prior
     joined   per joint (R_j,) the row before is the neighbour in time
+    doubt    per joint (R_j,) (N m)^2 that bridged gaps add to the variance
     index    per joint, per log: the usable rows, to evaluate further columns on the same rows
     mean     (p,) where the prior of the parameters has its middle
     least    (p,) below this a parameter means friction that drives, or a rotor that has less than no inertia
@@ -33,6 +34,7 @@ class ResidualRows:
     r: list[np.ndarray] = field(init=False)
     x: list[np.ndarray] = field(init=False)
     joined: list[np.ndarray] = field(init=False)
+    doubt: list[np.ndarray] = field(init=False)
     index: list[list[np.ndarray]] = field(init=False)
     mean: np.ndarray = field(init=False)
     least: np.ndarray = field(init=False)
@@ -41,7 +43,7 @@ class ResidualRows:
     def __post_init__(self) -> None:
         n = self.models[0].measurement.n
         self.index = [[np.flatnonzero(m.measurement.row_usable[:, j]) for m in self.models] for j in range(n)]
-        self.r, self.x, self.joined = [], [], []
+        self.r, self.x, self.joined, self.doubt = [], [], [], []
         for j in range(n):
             self.r.append(np.concatenate([m.residual[k, j] for m, k in zip(self.models, self.index[j], strict=True)]))
             self.x.append(np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)]))
@@ -50,6 +52,7 @@ class ResidualRows:
                 stretch = m.measurement.row_stretch[k]
                 joined.append(np.concatenate([[False], (np.diff(k) == 1) & (np.diff(stretch) == 0)])[: len(k)])
             self.joined.append(np.concatenate(joined))
+            self.doubt.append(self.take(j, [m.measurement.row_doubt[:, j] for m in self.models]))
         self.mean, self.least = np.zeros(self.p), self.models[0].least
 
     def released(self) -> ResidualRows:
@@ -68,6 +71,10 @@ class ResidualRows:
     def p(self) -> int:
         """Number of nuisance parameters."""
         return self.x[0].shape[1]
+
+    def whiten(self, noise: Noise, j: int, a: np.ndarray) -> np.ndarray:
+        """(R_j, ...) of joint j with unit, uncorrelated noise; less where gaps were bridged."""
+        return noise.whiten(j, a, self.joined[j], self.doubt[j])
 
     def take(self, j: int, columns: list[np.ndarray]) -> np.ndarray:
         """Rows of joint j from arrays (R, k) given per log."""
@@ -164,7 +171,7 @@ class White:
 def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
     """Of joint j; taken from the models' link side where nothing that it depends on has changed."""
     if rows.own:
-        x, r = noise.whiten(j, rows.x[j], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
+        x, r = rows.whiten(noise, j, rows.x[j]), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, ())
     first = rows.models[0]
     sides = [m.side.joints[j] for m in rows.models]
@@ -172,13 +179,13 @@ def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
 
     def white() -> White:
         p = len(first.names)
-        x, r = noise.whiten(j, rows.x[j][:, :p], rows.joined[j]), noise.whiten(j, rows.r[j], rows.joined[j])
+        x, r = rows.whiten(noise, j, rows.x[j][:, :p]), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, (noise, *sides[1:]))
 
     found: White = sides[0].whites(sum(len(m.link.t) for m in rows.models)).of(key, white)
     if rows.x[j].shape[1] == found.x.shape[1]:
         return found
-    more = noise.whiten(j, rows.x[j][:, found.x.shape[1] :], rows.joined[j])
+    more = rows.whiten(noise, j, rows.x[j][:, found.x.shape[1] :])
     cross = found.x.T @ more
     xx = np.block([[found.xx, cross], [cross.T, more.T @ more]])
     return White(np.concatenate([found.x, more], axis=1), found.r, xx, np.concatenate([found.xr, more.T @ found.r]), found.of)

@@ -83,7 +83,7 @@ class Bank:
         found = self._new.get(key) or self._old.get(key)
         if found is None:
             rows = solved.rows
-            s = solved.noise.whiten(j, rows.take(j, [x[j] for x in c.columns]), rows.joined[j])
+            s = rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns]))
             # what the key tells apart by identity is kept with it
             found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *sides)
         self._new[key] = found

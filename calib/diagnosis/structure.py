@@ -71,16 +71,16 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
         if not varied.any():
             continue
         middle = seen.mean(axis=0)[varied]
-        white = noise.whiten(j, seen[:, varied] - middle, rows.joined[j])
+        white = rows.whiten(noise, j, seen[:, varied] - middle)
         size = np.sqrt((white**2).sum(axis=0))
         size = np.maximum(size, BARELY * size.max())
         white = white / size
         fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1], left=rest)
         held_out = np.nan
         if other is not None:
-            nuisance = noise.whiten(j, other.x[j], other.joined[j])
-            left = noise.whiten(j, other.r[j], other.joined[j]) - nuisance @ solved.theta
-            part = noise.whiten(j, other.take(j, columns[count:])[:, varied] - middle, other.joined[j]) / size
+            nuisance = other.whiten(noise, j, other.x[j])
+            left = other.whiten(noise, j, other.r[j]) - nuisance @ solved.theta
+            part = other.whiten(noise, j, other.take(j, columns[count:])[:, varied] - middle) / size
             moved = solved.inverse @ (solved.xw[j].T @ (white @ c))
             held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
         share = min(1.0, fitted / len(white))

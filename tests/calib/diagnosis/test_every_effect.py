@@ -29,7 +29,7 @@ HIDDEN = {
     "thermal_friction": {"relative_drop": 0.5, "time_constant": 12.0},
     "presliding_friction": {"stiffness": 150.0},
     "rotor_inertia": {"inertia": 5.5},
-    "joint_elasticity": {"stiffness": 1000.0},
+    "joint_elasticity": {"stiffness": 700.0},
     "backlash": {"half_gap": 0.006},
     "torque_ripple": {"amplitude": 4.0, "cycles": 4.0, "phase": 0.7},
     "joint_spring": {"stiffness": 12.0, "rest_angle": 0.4},
