@@ -21,6 +21,7 @@ SHEET: dict[str, list[tuple[str, str]]] = {
         ("identify friction, masses, inertias", "calib identify ARM LOG... --holdout LOG"),
         ("test on an unseen motion", "calib validate latest LOG"),
         ("identify the missing effect", "calib diagnose ARM LOG... --holdout LOG"),
+        ("let it move nearer to the recordings", "calib polish latest LOG... --holdout LOG"),
         ("what has changed since then", "calib diagnose ARM LOG... --baseline LOG..."),
         ("a motion that decides between effects", "calib plan ARM --cell CELL --discriminate latest"),
         ("use the result elsewhere", "calib export latest"),

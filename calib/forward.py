@@ -88,7 +88,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
         return ForwardError(horizon, none, float("nan"), none, (), np.zeros(0))
     plant, bodies, tr = Plant(arm), RigidBody(loop or arm), m.trajectory
     rotor = np.array([_value(loop or arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
-    torque, travel = _torque(arm, m), np.array([tr.q[k + steps] - tr.q[k] for k in starts])
+    torque, travel = measured_torque(arm, m), np.array([tr.q[k + steps] - tr.q[k] for k in starts])
     errors, at = [], []
     with no_warnings():
         for k in starts:
@@ -114,7 +114,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
     return ForwardError(horizon, _rms(error), float(np.sqrt(squares.mean())), _rms(travel), tuple(starts), squares)
 
 
-def _torque(arm: Arm, m: Measurement) -> np.ndarray:
+def measured_torque(arm: Arm, m: Measurement) -> np.ndarray:
     """(N, n) N m that the arm says was there when the sensor read m.tau: without its offset, gain and delay."""
     offset = np.array([_value(arm, "torque_offset", j, "offset", 0.0) for j in arm.joint_names])
     gain = np.array([_value(arm, "torque_gain", j, "gain", 1.0) for j in arm.joint_names])
@@ -140,7 +140,12 @@ def _rms(x: np.ndarray) -> np.ndarray:
 
 
 def _starts(m: Measurement, horizon: Horizon) -> list[int]:
-    """First samples of windows of readings without a gap; over a short one every joint moves all the time, over a longer one at its start."""
+    """First samples of the windows that are simulated."""
+    return _spread(whole_windows(m, horizon), horizon.steps(m), horizon.windows)
+
+
+def whole_windows(m: Measurement, horizon: Horizon) -> np.ndarray:
+    """First samples of all windows of readings without a gap; over a short one every joint moves all the time, over a longer one at its start."""
     steps = horizon.steps(m)
     moving = np.asarray(m.usable.all(axis=1))
     # a torque that was not read is held as zero
@@ -149,7 +154,7 @@ def _starts(m: Measurement, horizon: Horizon) -> list[int]:
     count = np.concatenate([[0], np.cumsum(read & same)])
     first = np.arange(max(len(read) - steps, 0))
     whole = (count[first + steps] - count[first] == steps) & read[first + steps]
-    return _spread(np.flatnonzero(whole & moving[first]), steps, horizon.windows)
+    return np.flatnonzero(whole & moving[first])
 
 
 def _spread(starts: Sequence[int] | np.ndarray, apart: int, most: int) -> list[int]:

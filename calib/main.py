@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "identify": "identify",
     "validate": "validate",
     "diagnose": "diagnose",
+    "polish": "polish",
     "watch": "watch",
     "fleet": "fleet",
     "export": "export",

@@ -42,17 +42,17 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
 
 
 def latest_arm() -> Path:
-    """The arm folder of the newest run of identify or diagnose, or of the newest guided session that is complete."""
+    """The arm folder of the newest run of identify, diagnose or polish, or of the newest guided session that is complete."""
     found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
     if found is None:
         raise ConfigError(
-            f"{LATEST}: no run of calib identify, calib diagnose or calib go has written an arm in {RUNS}/; name an arm folder"
+            f"{LATEST}: no run of calib identify, calib diagnose, calib polish or calib go has written an arm in {RUNS}/; name an arm folder"
         )
     return found
 
 
 def _arm_of(run: Run) -> Path | None:
-    if run.verb in ("identify", "diagnose"):
+    if run.verb in ("identify", "diagnose", "polish"):
         return run.folder / "arm"
     if run.verb == "go":
         with contextlib.suppress(ConfigError):  # a session that cannot be read is none

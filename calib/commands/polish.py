@@ -1,0 +1,92 @@
+"""`calib polish`: small corrections of friction and offsets after which the simulated arm moves nearer to recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calib import console
+from calib.run_folder import conclude, new_run
+
+LIST_OPTIONS = ("--holdout",)
+
+
+def command(
+    arm: console.ArmOrLogArgument,
+    log: Annotated[
+        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+    ] = None,
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option("--holdout", metavar="LOG", help="Recordings that decide whether the arm moves better, one or several."),
+    ] = None,
+    accept_partial: console.AcceptPartial = False,
+    assume: console.Assume = None,
+    out: console.Out = None,
+    as_json: console.Json = False,
+    configs: console.Configs = None,
+) -> int:
+    """Correct friction and torque offsets of an identified arm so that its simulated motion stays nearer to recordings.
+
+    An arm from identify or diagnose has the least error of torque; here the error of motion after 1 s under the measured torque counts.
+    Writes polish.json, and arm/ where the held-out recordings are followed at least 2 % better: exit code 0. 1: they are not, and no arm
+    is written.
+
+    Example:
+
+        calib polish runs/first/arm excitation.mcap --holdout validation.mcap
+    """
+    from calib.gate.commands import require
+    from calib.polish import POLISHED, polish
+    from calib.preprocessing import prepare
+    from calib.recordings import arm_and_logs, read_logs, require_unseen
+    from sim.arm_folder import write_arm
+    from sim.errors import ConfigError
+
+    subject, given = arm_and_logs(arm, log, configs)
+    if not holdout:
+        raise ConfigError(
+            "a polish is accepted only by recordings that take no part in it; name one of another motion with --holdout"
+        )
+    require_unseen(given, holdout)
+    folder = new_run(subject, "polish", out)
+    with console.progress("polish") as advance:
+        logs, held = (read_logs(paths, subject, accept_partial, assume) for paths in (given, holdout))
+        require(subject, [*logs, *held])
+        found = polish(
+            subject,
+            [prepare(one, subject) for one in logs],
+            [prepare(one, subject) for one in held],
+            lambda stage, share: advance(0, f"{stage} {share:.0%}"),
+        )
+        if found.accepted:
+            write_arm(folder / "arm", subject, effects=found.arm.effects)
+        (folder / "polish.json").write_text(json.dumps(found.as_dict(), indent=2) + "\n", encoding="utf-8")
+    conclude(found.sentence)
+    then: list[str | Path] = ["validate", folder / "arm" if found.accepted else arm, Path("OTHER_RECORDING")]
+    code = 0 if found.accepted else 1
+    if as_json:
+        console.print_json({**found.as_dict(), "next": console.command_line(then)})
+        return code
+    change = dict(zip(found.keys, found.theta.tolist(), strict=True))
+    units = {"coulomb_friction": "N m", "viscous_friction": "N m s/rad", "torque_offset": "N m"}
+    console.table(
+        ["joint", *(f"{POLISHED[effect]} [{unit}]" for effect, unit in units.items()), "before [mrad]", "after [mrad]"],
+        [
+            [
+                joint,
+                *(change.get((effect, joint), float("nan")) for effect in units),
+                1e3 * found.before[j],
+                1e3 * found.after[j],
+            ]
+            for j, joint in enumerate(subject.joint_names)
+        ],
+        "corrections, and simulated motion on the held-out recordings",
+    )
+    console.conclusion(found.sentence, [])
+    console.say(f"{folder}: {'arm/, ' if found.accepted else ''}polish.json")
+    console.next_step(then)
+    return code
