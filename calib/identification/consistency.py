@@ -101,7 +101,8 @@ def possible_arm(
             "contradicts the model: compare them with `calib validate`"
         )
     found, own = maps @ x[: 11 * n], size * x[11 * n :]
-    own[signed] = np.maximum(own[signed], 0.0)
+    # the solver keeps its bounds to within rounding
+    own[signed], found[10 * n :] = np.maximum(own[signed], 0.0), np.maximum(found[10 * n :], 0.0)
     shapes = [symmetric(x[10 * i : 10 * i + 10]) for i in range(n)]
     divergence = [np.trace(k) - np.linalg.slogdet(k)[1] - 4 for k in shapes]
     return PossibleArm(found, np.concatenate([model.base.projection @ found, own]), np.array(divergence))
