@@ -224,6 +224,7 @@ def _missing(kept: Kept, arm: Arm, cell: Cell, repeats: int) -> Iterator[tuple[s
                 heavy = trouble.payload is not None
                 if heavy not in ready:
                     ready[heavy] = Injection(trouble, arm, cell, (0.12,) if heavy else (0.3,))
+                    ready[heavy].run(number)  # here, so that no child has to load what is compiled
                 yield what, partial(_injected, ready[heavy].of(trouble), number)
 
 
