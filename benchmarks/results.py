@@ -77,7 +77,7 @@ def _checked(row: Mapping[str, Any]) -> dict[str, Any]:
     kept = {key: row[key] for key in KEYS if row.get(key) not in (None, "")}
     if not isinstance(kept.get("what"), str) or not isinstance(kept.get("value"), str | int | float):
         raise ValueError(f"results row {dict(row)!r}: needs `what` as text and `value` as text or a number")
-    if isinstance(kept["value"], float) and kept["value"] != kept["value"]:
+    if re.search(r"\bnan\b", str(kept["value"]), re.IGNORECASE):
         raise ValueError(f"results row {kept['what']!r}: its value is NaN; say in words why there is none")
     return kept
 

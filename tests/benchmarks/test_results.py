@@ -36,6 +36,7 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("demo", [ROW, ROW], "more than one row"),
         ("demo", [{"what": "a"}], "needs `what`"),
         ("demo", [{"what": "a", "value": float("nan")}], "NaN"),
+        ("demo", [{"what": "a", "value": "1.2 ± nan"}], "NaN"),
     ],
 )
 def test_wrong_rows_are_refused(tmp_path: Path, name: str, rows: list[dict[str, object]], message: str) -> None:
