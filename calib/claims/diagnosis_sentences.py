@@ -85,11 +85,12 @@ def refused(n: Numbers) -> str:
 
 
 def refit(n: Numbers) -> str:
-    moves = [
-        f"{m['name']}{' at ' + m['joint'] if m['joint'] else ''} {m['to'] - m['from']:+.3g} {unit(m['unit'])} "
-        f"({abs(m['to'] - m['from']) / m['prior_std']:.0f} times its tolerance)"
-        for m in n["parameters"][:4]
-    ]
+    moves = []
+    for m in n["parameters"][:4]:
+        by = m["to"] - m["from"]
+        far = f"to {m['to']:.2g} of its value" if m["unit"] == "times" else f"{by:+.3g} {unit(m['unit'])}"
+        where = f" at {m['joint']}" if m["joint"] else ""
+        moves.append(f"{m['name']}{where} {far} ({abs(by) / m['prior_std']:.0f} times its tolerance)")
     return f"A parameter refit without any effect moves {listed(moves)}"
 
 
