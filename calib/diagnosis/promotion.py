@@ -110,9 +110,7 @@ def promoted(
     several = not apart and len(measurements) >= SEVERAL
     pieces = PIECES if several and len(measurements) < PIECES else 1
     bare = _Written.of(ArmChange({}, ()), (), start, shown)
-    written = as_written(measurements, baseline)
-    links = bool(apart) or _links_move(written, pieces)
-    ways, alone = _ways(written, shown, limits, pieces, links)
+    ways, alone = _ways(as_written(measurements, baseline), shown, limits, pieces)
     plain = ways[0]
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
@@ -120,7 +118,7 @@ def promoted(
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
         own = [e for e in f.accepted if e.effect != CONTACT]
-        ways, beside = _ways(f, shown, limits, pieces, links)
+        ways, beside = _ways(f, shown, limits, pieces)
         harmful = [r for e in own if several and (r := _no_help(e, f, alone, beside)) is not None]
         if not harmful:
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
@@ -257,35 +255,27 @@ class _Written:
         return out
 
 
-def _ways(
-    f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int, links: bool
-) -> tuple[list[_Written], Refitted]:
+def _ways(f: Fit, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> tuple[list[_Written], Refitted]:
     """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
 
     Tried are the names alone, beside them friction and rotors of the joints that they concern, everything refitted under the measured
-    noise and without whitening, and that with laws where they help. Without `links`, friction and rotors alone move.
+    noise and without whitening, and that with laws where they help.
     """
     start = f.hypothesis.start
     split = Split.of(f, pieces)
+    refit = with_laws(f, split, (), limits)
     concerned = sorted({j for e in f.accepted if e.effect != CONTACT for j in joints_of(e, f.hypothesis.arm)})
-    refit = with_laws(f, split, (), limits, None if links else concerned)
-    changes = [names_alone(f, limits), refit.change]
-    if links:
-        changes.insert(1, correction(f, limits))
-    if links and concerned:
-        changes.insert(1, with_laws(f, split, (), limits, concerned).change)
+    there = [with_laws(f, split, (), limits, concerned).change] if concerned else []
+    changes = (names_alone(f, limits), *there, correction(f, limits), refit.change)
     ways = [_Written.of(x, (), start, shown) for x in changes]
     rms, lawful = ways[-1].rms, refit
     bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
     slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
     only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
     while only:
-        refit = with_laws(f, split, only, limits, None if links else {*concerned, *only})
+        refit = with_laws(f, split, only, limits)
         if not refit.laws:
             break
-        have = [start.joint_index(str(x.effect.joint)) for x in refit.laws]
-        if not links and set(have) != set(only):
-            refit = with_laws(f, split, have, limits, {*concerned, *have})
         found = _Written.of(refit.change, refit.laws, start, shown)
         as_read = _as_read(refit.change.of(start), shown) > bare
         spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j] or as_read[j]]
@@ -293,18 +283,9 @@ def _ways(
             ways.append(found)
             lawful = refit
             break
+        have = [start.joint_index(str(x.effect.joint)) for x in refit.laws]
         only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
     return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
-
-
-def _links_move(baseline: Fit, pieces: int) -> bool:
-    """Whether a refit of all ordinary parameters predicts recordings left out better than one of friction and rotors alone.
-
-    An arm that was identified from these recordings has little left to fit, and its links only follow the noise.
-    """
-    split = Split.of(baseline, pieces)
-    everything, own = (with_laws(baseline, split, (), (), joints).plain for joints in (None, range(baseline.hypothesis.arm.n)))
-    return bool(np.prod(everything / np.maximum(own, 1e-12)) < 1.0)
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
