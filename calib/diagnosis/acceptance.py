@@ -81,11 +81,11 @@ class Assessed:
     def doubtful(self) -> bool:
         """Whether it may as well be nothing, or brings too little.
 
-        Too little is not much more than its price: of 116 names of four exams (seeds 26112401 to 26112502) the four without rivals that
-        brought less than that were wrong, and none of the right ones brought less than 12 more. It is also a small share of what a
-        stronger effect of the same joint brings: that one's own law may have another form there.
+        Too little is, on all recordings, not much more than its price: of 116 names of four exams (seeds 26112401 to 26112502) the four
+        without rivals that brought less than that were wrong, and none of the right ones brought less than 12 more. It is also a small
+        share of what a stronger effect of the same joint brings: that one's own law may have another form there.
         """
-        if self.nothing or self.lost < price(self.effect) + APART:
+        if self.nothing or self.left < APART:
             return True
         return self.lost < (SECOND if self.rivals else SECOND_ALONE) * self.first
 

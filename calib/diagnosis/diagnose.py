@@ -16,6 +16,7 @@ from calib.diagnosis.fit import fit
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.pairs import paired
 from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
 from calib.diagnosis.selection import Scored, add, search, without
@@ -46,6 +47,7 @@ def diagnose(
     shown = apart or every[-1:]
     start = with_unstated(arm, fitted)
     found = search(fitted, Hypothesis.nominal(start), progress)
+    paired(fitted, found)
     progress("testing the candidates")
     assessed, vetoed = [], []
     for ask_rivals in (False, True) if apart else (True,):

@@ -183,25 +183,32 @@ def search(
 ) -> SearchResult:
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
     baseline = started(measurements, hypothesis)
-    found, bank = SearchResult(baseline, baseline), Bank()
-    best, hopeless = baseline, set[Key]()
+    found = SearchResult(baseline, baseline)
+    grown(measurements, found, progress)
+    return found
+
+
+def grown(
+    measurements: Sequence[Measurement], found: SearchResult, progress: Callable[[str], None] = lambda text: None
+) -> None:
+    """Effects added to `found.best`, taken away and exchanged, until nothing helps."""
+    best, bank, hopeless = found.best, Bank(), set[Key]()
     while len(best.accepted) < MOST_EFFECTS:
         progress(f"searching for effect {len(best.accepted) + 1}")
         here = {(e.effect, e.joint) for e in best.accepted}
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
         full = {e.joint for e in best.accepted if sum(a.joint == e.joint for a in best.accepted) >= MOST_AT_A_JOINT} - {None}
-        better = _next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and s.key[1] not in full])
+        better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and s.key[1] not in full])
         if better is None:
             break
         if cost(better) >= cost(best):
             break
         best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
     found.best = best
-    return found
 
 
-def _next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
+def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
     """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none settles."""
     for first in range(0, min(len(ranked), MOST_TRIED), TRIED):
         some = [s for s in ranked[first : first + TRIED] if s.gain > CLOSE * ranked[first].gain]

@@ -169,7 +169,7 @@ def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
 
 
 def test_weak_evidence_is_no_name() -> None:
-    least = selection.price(assessed(0.0).effect) + APART
+    least = selection.price(assessed(0.0).effect) + APART - assessed(0.0).held_out
     assert assessed(least - 1.0).doubtful
     assert not assessed(least + 1.0).doubtful
     assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
