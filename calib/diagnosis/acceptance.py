@@ -15,7 +15,7 @@ from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, p
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
-from sim.effects import effect_named
+from sim.effects import driven_by, effect_named
 
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished.
 APART = 8.0
@@ -39,7 +39,7 @@ class Assessed:
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
     worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart; 0 where it is not significant
     nothing   whether every size of it is within NOTHING standard deviations of none
-    first     `lost` of the strongest other effect at its joint; 0 without one
+    first     `lost` of the strongest other effect at its joint, or at the one that it is driven through; 0 without one
     """
 
     effect: ArmEffect
@@ -117,12 +117,14 @@ def assess(
         worse = with_all.rise(without_it, joints)
         nothing = is_nothing(item, stds[i])
         out.append(Assessed(item, lost, tuple(rivals), without_it.loss - with_all.loss, worse, nothing))
-    return [replace(a, first=_strongest_beside(a, out)) for a in out]
+    at = [_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
+    strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
+    return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
 
 
-def _strongest_beside(a: Assessed, every: Sequence[Assessed]) -> float:
-    joint = a.effect.joint
-    return max((b.lost for b in every if b is not a and joint is not None and b.effect.joint == joint), default=0.0)
+def _at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
+    """The joint of an effect, and the one that it is driven through; none of an effect of the whole arm."""
+    return {joint for joint in (item.joint, driven_by(joint_names, item)) if joint is not None}
 
 
 def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
