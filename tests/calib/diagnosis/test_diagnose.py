@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, SECOND, SECOND_ALONE, Assessed
+from calib.diagnosis.acceptance import APART, LEAST, SECOND, SECOND_ALONE, Assessed
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -169,7 +169,7 @@ def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
 
 
 def test_weak_evidence_is_no_name() -> None:
-    least = selection.price(assessed(0.0).effect) + APART - assessed(0.0).held_out
+    least = selection.price(assessed(0.0).effect) + LEAST - assessed(0.0).held_out
     assert assessed(least - 1.0).doubtful
     assert not assessed(least + 1.0).doubtful
     assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
