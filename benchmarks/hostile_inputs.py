@@ -159,6 +159,8 @@ CASES: dict[str, Callable[[Path], Mutant]] = {
     "identify, words": words_of(
         _short, "identify", "@ur10e", "@LOG", "--cutoff", "#8", "--max-error", "#0.3", "--assume", "@as-recorded", "--configs", "@FOLDER",
         "--accept-partial", "--out", "OUT"),
+    "polish, mcap": bytes_of(_log(MCAP, "polish", ARM, "LOG", "--holdout", "LOG", "--accept-partial", "--out", "OUT")),
+    "polish, readings": readings_of("servo6_excitation.mcap", "polish", ARM, "LOG", "--holdout", "LOG", "--out", "OUT"),
     "validate, mcap": bytes_of(_log(MCAP, "validate", ARM, "LOG", "--no-forward", "--accept-partial", "--out", "OUT")),
     "validate, csv": bytes_of(_log(CSV, "validate", "ur10e", "LOG", "--no-forward", "--out", "OUT")),
     "validate, readings": readings_of("servo6_excitation.mcap", "validate", ARM, "LOG", "--out", "OUT"),
