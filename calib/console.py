@@ -100,6 +100,9 @@ ArmOrLogArgument = Annotated[
         autocompletion=calibrated_names,
     ),
 ]  # fmt: skip
+LogsArgument = Annotated[
+    list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+]
 CellArgument = Annotated[
     str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
 ]

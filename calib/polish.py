@@ -4,7 +4,8 @@ An arm identified by inverse dynamics has the least torque error; its motion is 
 simulated one obeys this equation to first order, with r the torque that the arm does not explain, D = dtau/d(dq) and K = dtau/dq. From rest
 at the start of many short windows (multiple shooting; H. G. Bock, 1983) the errors at their ends are linear in the corrections theta of dry
 friction, viscous friction and torque offset, which a ridge regression finds. How strong it is, and whether the corrections are accepted,
-is decided by MuJoCo: the whole arm simulated on recordings that took no part in the regression.
+is decided by MuJoCo: the whole arm simulated on recordings that took no part in the regression. Their error after the best of three ridges
+flatters a little; another recording is for `calib validate`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.forward import HORIZONS, forward_error, measured_torque, whole_windows
+from calib.forward import HORIZONS, forward_error, measured_torque, value_of, whole_windows
 from calib.preprocessing import Measurement
 from calib.tracking import moved_by
 from sim.arm import Arm
@@ -95,7 +96,7 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
         return np.concatenate([predict(other, part) for part in parts])
 
     tau_hat = along(tr.q, tr.dq)
-    rotor = np.array([_value(arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
+    rotor = np.array([value_of(arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
     bodies = RigidBody(arm)
     mass = np.array([bodies.mass_matrix(q) for q in tr.q]) + np.diag(rotor)
     stiff = np.stack([(along(tr.q + STEP * e, tr.dq) - tau_hat) / STEP for e in eye], axis=-1)
@@ -104,9 +105,9 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
     force[..., 0] = measured_torque(arm, m) - tau_hat
     for k, (effect, joint) in enumerate(keys, start=1):
         if effect == "torque_offset":  # as `measured_torque` takes it off
-            force[:, arm.joint_names.index(joint), k] = -1.0 / _value(arm, "torque_gain", joint, "gain", 1.0)
+            force[:, arm.joint_names.index(joint), k] = -1.0 / value_of(arm, "torque_gain", joint, "gain", 1.0)
         else:
-            step = 0.01 * max(abs(_value(arm, effect, joint, POLISHED[effect], 0.0)), 1e-3)
+            step = 0.01 * max(abs(value_of(arm, effect, joint, POLISHED[effect], 0.0)), 1e-3)
             force[..., k] = (tau_hat - along(tr.q, tr.dq, _changed(still, [(effect, joint)], [step]))) / step
     ends = _ends(starts, HORIZON.steps(m), 1 / m.rate, mass, (ahead - behind) / (2 * SPEED_STEP), stiff, force)
     return Shots(ends[..., 0], ends[..., 1:])
@@ -189,8 +190,3 @@ def _changed(arm: Arm, keys: Sequence[Key], theta: Sequence[float] | np.ndarray)
             e = replace(e, parameters={**e.parameters, parameter.name: value})
         effects.append(e)
     return replace(arm, effects=tuple(effects))
-
-
-def _value(arm: Arm, effect: str, joint: str, parameter: str, neutral: float) -> float:
-    found = arm.effect(effect, joint)
-    return found.parameters[parameter] if found else neutral

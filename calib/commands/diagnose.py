@@ -16,9 +16,7 @@ LIST_OPTIONS = ("--holdout", "--baseline")
 
 def command(
     arm: console.ArmOrLogArgument,
-    log: Annotated[
-        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
-    ] = None,
+    log: console.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, held out to show the residual.")
     ] = None,

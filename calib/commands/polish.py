@@ -16,9 +16,7 @@ LIST_OPTIONS = ("--holdout",)
 
 def command(
     arm: console.ArmOrLogArgument,
-    log: Annotated[
-        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
-    ] = None,
+    log: console.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None,
         typer.Option("--holdout", metavar="LOG", help="Recordings that decide whether the arm moves better, one or several."),

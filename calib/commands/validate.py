@@ -14,9 +14,7 @@ from calib.run_folder import conclude, new_run
 
 def command(
     arm: console.ArmOrLogArgument,
-    log: Annotated[
-        list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
-    ] = None,
+    log: console.LogsArgument = None,
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
     cutoff: Annotated[
         float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
