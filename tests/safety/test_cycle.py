@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,6 +13,8 @@ from pathlib import Path
 import pytest
 
 import safety
+from safety import cycle
+from safety.monitor import RULES
 
 AGED = """import numpy as np
 from safety.cycle import cycle
@@ -19,6 +23,12 @@ x = np.zeros(NUMBERS)
 x[Of.T_DEVICE], x[Of.LATE], x[Of.T], x[Of.NOW] = 0.002, 0.01, 0.002, 0.1
 print(cycle(np.zeros((ROWS, 1)), x, np.zeros((2, 3)), np.zeros((5, 2)), np.zeros((5, 1)), np.zeros((4, 4)), np.zeros(3))[0])
 """
+
+
+def test_every_rule_that_has_a_name_is_looked_at() -> None:
+    text = inspect.getsource(cycle)
+    assert [int(k) for k in re.findall(r"if rule == (\d+)", text)] == list(range(len(RULES)))
+    assert f"range({len(RULES)})" in text
 
 
 @pytest.mark.slow
