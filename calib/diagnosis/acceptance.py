@@ -17,8 +17,8 @@ from calib.preprocessing import Measurement
 from sim.arm import ArmEffect
 from sim.effects import driven_by, effect_named
 
-# Fall of -2 log likelihood beyond its price, on all recordings, below which a name is none. Names of 176 cases of the exam (seeds 26112601 and
-# 26112602): below it four wrong ones and one right one; the next right ones at 20, the next wrong one at 127.
+# Fall of -2 log likelihood beyond its price, on all recordings, below which a name is none. Names of 89 cases of the exam (seeds 26112601 and
+# 26112602, on which it was chosen): below it four wrong ones and one right one; the next right ones at 20, the next wrong one at 127.
 LEAST = 16.0
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished.
 APART = 8.0

@@ -8,7 +8,8 @@ from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
 
-# s, W: a lubricant's viscosity falls nearly exponentially with temperature, so that the way from cold to warm counts as a time of its own.
+# s, W: viscosity falls nearly exponentially with temperature, so that the way from cold to warm counts as a time of its own. Its value is a
+# convention: only W over the time constant enters the law.
 WARM_TIME = 60.0
 
 
