@@ -73,9 +73,9 @@ def command(
                 with driver:
                     checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
     failed = [check for check in checks if check.ok is False]
-    unsaid = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
+    noted = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)
-    conclude(f"{passed} checks pass" + (f"; {unsaid} not reported by the device" if unsaid else ""))
+    conclude(f"{passed} checks pass" + (f"; {noted} noted, with nothing to compare" if noted else ""))
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
     else:
