@@ -59,3 +59,21 @@ def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm
     assert (found["verdict"], found["effects"]) == ("unexplained", [])
     assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
     assert "resonance:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
+
+
+@pytest.mark.parametrize(("width", "level"), [(0.15, 8.0), (0.28, 10.0)])
+def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e: Arm, width: float, level: float) -> None:
+    """By a play operator, whose level is reached at once and not as in Dahl's law."""
+
+    def hose(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out, held = np.zeros_like(tau), motion.q[0, PAN]
+        for k, q in enumerate(motion.q[:, PAN]):
+            held = np.clip(held, q - width, q + width)
+            out[k, PAN] = level * (q - held) / width
+        return out
+
+    found = asked(ur10e, hose).answer
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
+    assert "hysteresis:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
+    assert variable("hysteresis:shoulder_pan_joint") == "the way since a reversal of shoulder_pan_joint"
