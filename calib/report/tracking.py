@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims.diagnosis_sentences import listed
 from calib.report.figure import LINE, axes, draw_line, name
 from calib.report.page import Page
 from calib.tracking import Tracking
 
 FILE = "tracking.html"
+WORSE = 1.05  # of a joint's error before
 STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itself": LINE["measured"]}
 
 
@@ -23,6 +25,10 @@ def write(
     before, after = followed["nominal"], followed["calibrated"]
     ratio = after.rms / before.rms
     sentence = f"With the calibrated model in its controller the arm follows with {1e3 * after.rms:.2g} mrad instead of {1e3 * before.rms:.2g} mrad"
+    each = [np.sqrt(np.mean(t.errors**2, axis=0)) for t in (before, after)]
+    worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > WORSE * was]
+    if worse and ratio < 1:
+        sentence += f", but worse at {listed(worse)}"
     facts = [
         ("hidden", hidden),
         ("tracking error, of before", f"{ratio:.2g}"),
