@@ -65,7 +65,7 @@ format: $(VENV)/ready
 
 docs: $(VENV)/ready  ## the site, in build/site; first the pages that are derived from the catalogue
 	$(BIN)/python -m calib.report.catalogue docs
-	$(BIN)/python -m calib.cheat_sheet docs
+	$(BIN)/python -m calib.terminal.cheat_sheet docs
 	$(BIN)/zensical build --strict
 
 figures: $(VENV)/ready  ## README and docs built from results/, and which results are outdated

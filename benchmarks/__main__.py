@@ -97,9 +97,9 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
     "servo_scan": ("drivers", "sim"),
-    "derivatives": ("calib/preprocessing.py", "calib/filtering.py"),
+    "derivatives": ("calib/measurement/preprocessing.py", "calib/measurement/filtering.py"),
     "excitation": ("calib/excitation", "safety", "sim"),
-    "peers": ("calib/identification", "calib/preprocessing.py", "sim"),
+    "peers": ("calib/identification", "calib/measurement/preprocessing.py", "sim"),
 }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.torque_delay import torque_delay
+from calib.measurement.torque_delay import torque_delay
 from logs.clock_fit import fit_clocks
 from logs.log import Log
 from sim.arm import Arm, load_arm

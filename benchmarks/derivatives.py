@@ -1,4 +1,4 @@
-"""Speed and acceleration from noisy positions: Savitzky-Golay (what `calib.preprocessing` does), an RTS smoother, and period averaging.
+"""Speed and acceleration from noisy positions: Savitzky-Golay (what `calib.measurement.preprocessing` does), an RTS smoother, and period averaging.
 
 The RTS smoother is filterpy's (H. Rauch, F. Tung, C. Striebel 1965) with the state (q, dq, ddq, jerk) driven by white jerk rate, whose
 intensity is the motion's own. Period averaging fits the harmonics of a known period and differentiates them exactly (J. Swevers et al. 1997).
@@ -16,8 +16,8 @@ from filterpy.kalman import KalmanFilter
 
 from benchmarks.known_truth import HOME, fitting_motion
 from calib.excitation.fourier import Basis
-from calib.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
 from calib.identification.model import TorqueModel
+from calib.measurement.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
 from sim.arm import load_arm
 
 CUTOFF, SLOW_CUTOFF = 8.0, 2.0

@@ -28,7 +28,7 @@ from benchmarks.forked import Done, forked, warm
 from benchmarks.hostile_inputs import CASES
 from benchmarks.kept import FOLDER, Kept
 from calib.main import main as program
-from calib.unexpected import EXIT_CODE
+from calib.terminal.unexpected import EXIT_CODE
 
 CHUNK = 40  # mutants of one process
 # of pairs that compute for seconds on a mutant

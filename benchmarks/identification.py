@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.known_truth import fitting_motion, recorded_on_mock, varied
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import identify
-from calib.validation import validate
+from calib.validation.validate import validate
 from logs import read_log
 from sim.arm import Arm, load_arm
 from sim.plant import Plant

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from calib.identification.identify import identify as identify
     from calib.sitting import plan as plan
     from calib.sitting import record as record
-    from calib.validation import Validation as Validation
-    from calib.validation import validate as validate
+    from calib.validation.validate import Validation as Validation
+    from calib.validation.validate import validate as validate
     from logs.log import Log as Log
     from logs.read import read_log as read_log
     from safety.plan import Plan as Plan
@@ -44,7 +44,7 @@ _FACE = {
     "Plan": "safety.plan",
     "Session": "calib.excitation.session",
     "Trajectory": "sim.trajectory",
-    "Validation": "calib.validation",
+    "Validation": "calib.validation.validate",
     "diagnose": "calib.diagnosis.diagnose",
     "identify": "calib.identification.identify",
     "load_arm": "sim.arm",
@@ -52,7 +52,7 @@ _FACE = {
     "plan": "calib.sitting",
     "read_log": "logs.read",
     "record": "calib.sitting",
-    "validate": "calib.validation",
+    "validate": "calib.validation.validate",
 }
 __all__ = [
     "Arm",

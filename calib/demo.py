@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 
 from calib.claims.diagnosis_sentences import quantity
-from calib.tracking import Tracking, tracked
+from calib.validation.tracking import Tracking, tracked
 from drivers.preflight import GRAVITY_TOLERANCE
 from safety.plan import load_plan
 from sim.arm import Arm, ArmEffect, load_arm

@@ -11,7 +11,7 @@ import numpy as np
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.model import CONTACT
 from calib.diagnosis.selection import THRESHOLD
-from calib.validation import LogCheck, checked
+from calib.validation.validate import LogCheck, checked
 from logs.log import Log
 from sim.arm import Arm
 from sim.effects import with_effect

@@ -12,9 +12,9 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from calib import console
 from calib.run_folder import INVOCATION, Invocation, end_run
-from calib.unexpected import EXIT_CODE, quiet_libraries, write_fault
+from calib.terminal import console
+from calib.terminal.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError
 from sim.first_use import announce
 from sim.resources import nearest

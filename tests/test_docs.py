@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from calib.console import arm_names, cell_names
 from calib.main import COMMANDS, Commands, app
 from calib.report import catalogue
+from calib.terminal.console import arm_names, cell_names
 from logs.prediction import MISSING, PREDICTED
 from logs.schemas import SCHEMAS, STATES, TOPICS
 from sim.effects import EFFECTS

@@ -31,7 +31,7 @@ from calib.excitation.session import joined
 from calib.identification.identify import identify
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
-from calib.preprocessing import Measurement, prepare
+from calib.measurement.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.effects import with_effect
@@ -51,8 +51,14 @@ SLIDING, TURNED = 0.05, 0.99
 OURS, RIDGE = "calib identify", "ridge around the nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
 # what the logs and the peers' answers hang on, and what ours does besides
-LOGS = ("calib/preprocessing.py", "calib/filtering.py", "sim", "benchmarks/peers", "benchmarks/known_truth.py")
-HANGS_ON = ("calib/identification", "calib/friction_fit.py")
+LOGS = (
+    "calib/measurement/preprocessing.py",
+    "calib/measurement/filtering.py",
+    "sim",
+    "benchmarks/peers",
+    "benchmarks/known_truth.py",
+)
+HANGS_ON = ("calib/identification", "calib/regression/friction_fit.py")
 KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": "rotor_inertia"}
 SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 

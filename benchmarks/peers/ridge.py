@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.identification.prior import full_nominal
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory

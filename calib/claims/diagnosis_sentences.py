@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calib.quantity import rounded
+from calib.terminal.quantity import rounded
 
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib import console
+from calib.terminal import console
 from sim.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, lock_cell
+from calib.terminal import console
 from sim.errors import AnswerIsNo
 
 _WORDS = {True: "ok", False: "NO", None: "noted"}

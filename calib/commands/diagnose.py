@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, new_run
+from calib.terminal import console
 
 LIST_OPTIONS = ("--holdout", "--baseline")
 
@@ -45,7 +45,7 @@ def command(
     from calib.claims.diagnosis_sentences import quantity
     from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
-    from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
+    from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
 

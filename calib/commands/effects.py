@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib import console
+from calib.terminal import console
 
 if TYPE_CHECKING:
     from sim.effects import Effect

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calib import console
 from calib.run_folder import LATEST, new_run
+from calib.terminal import console
 from sim.errors import ConfigError
 
 
@@ -50,7 +50,7 @@ def command(
 
         calib export runs/real/arm --out exported
     """
-    from calib.recordings import latest_arm
+    from calib.measurement.recordings import latest_arm
     from sim.arm import load_arm, require_limits
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model

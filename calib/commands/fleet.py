@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calib import console
 from calib.run_folder import RUNS, conclude, new_run
+from calib.terminal import console
 
 
 def command(

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib import console
 from calib.claims import capital
 from calib.run_folder import LATEST, conclude, new_run, newest
+from calib.terminal import console
 
 if TYPE_CHECKING:
     from calib.guided import GuidedSession, GuidedStep

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from calib import console
+from calib.terminal import console
 
 
 def _commands(incomplete: str) -> list[str]:
@@ -26,8 +26,8 @@ def command(
 
         calib help plan
     """
-    from calib.cheat_sheet import lines
     from calib.main import main
+    from calib.terminal.cheat_sheet import lines
 
     if name:
         return main([*name, "--help"])

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, new_run
+from calib.terminal import console
 
 LIST_OPTIONS = ("--holdout", "--loaded")
 
@@ -61,7 +61,7 @@ def command(
     from calib.identification.identify import Options, identify
     from calib.identification.loaded import identify_with_load, identify_with_own_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
-    from calib.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
+    from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import identification as page
     from calib.verdict import Verdict
 

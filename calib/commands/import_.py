@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, new_run
+from calib.terminal import console
 
 MAP = "map.toml"
 
 if TYPE_CHECKING:
-    from calib.torque_delay import TorqueDelay
+    from calib.measurement.torque_delay import TorqueDelay
     from logs.column_map import ColumnMap
     from logs.convert import Imported
 
@@ -84,10 +84,10 @@ def command(
 
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
-    from calib.column_choice import chosen_map, confirm, with_words
     from calib.gate.commands import passed
-    from calib.recordings import require
-    from calib.torque_delay import torque_delay
+    from calib.measurement.column_choice import chosen_map, confirm, with_words
+    from calib.measurement.recordings import require
+    from calib.measurement.torque_delay import torque_delay
     from logs import read_log
     from logs.convert import import_recording, table_of
     from sim.arm import load_arm

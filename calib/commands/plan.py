@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import LATEST, conclude, latest, new_run
+from calib.terminal import console
 
 
 def command(

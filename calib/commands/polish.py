@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, new_run
+from calib.terminal import console
 
 LIST_OPTIONS = ("--holdout",)
 
@@ -38,9 +38,9 @@ def command(
         calib polish runs/first/arm excitation.mcap --holdout validation.mcap
     """
     from calib.gate.commands import require
-    from calib.polish import POLISHED, polish
-    from calib.preprocessing import prepare
-    from calib.recordings import arm_and_logs, read_logs, require_unseen
+    from calib.measurement.preprocessing import prepare
+    from calib.measurement.recordings import arm_and_logs, read_logs, require_unseen
+    from calib.validation.polish import POLISHED, polish
     from sim.arm_folder import write_arm
     from sim.errors import ConfigError
 

@@ -11,8 +11,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import LATEST, RUNS, conclude, latest, list_runs, lock_cell, new_run
+from calib.terminal import console
 
 
 def command(
@@ -43,8 +43,8 @@ def command(
 
         calib record mock-ur10e runs/plan --yes --out runs/recorded
     """
-    from calib.halt_key import HaltKey
-    from calib.live import LiveView, show
+    from calib.terminal.halt_key import HaltKey
+    from calib.terminal.live import LiveView, show
     from drivers import open_driver
     from safety import approval_of, approve, check_approval, check_plan, load_plan
     from safety.confirmation import check_answer, check_yes, question

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib import console
+from calib.terminal import console
 from sim.errors import ConfigError
 
 
@@ -30,8 +30,8 @@ def command(
     """
     import numpy as np
 
-    from calib.live import LiveView, Snapshot
-    from calib.recordings import recorded_arm, require
+    from calib.measurement.recordings import recorded_arm, require
+    from calib.terminal.live import LiveView, Snapshot
     from logs import read_log
     from sim.arm import load_arm
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import RUNS, list_runs, new_run, read_run
+from calib.terminal import console
 
 if TYPE_CHECKING:
-    from calib.comparison import Change
+    from calib.validation.comparison import Change
 
 
 def _names(incomplete: str) -> list[str]:
@@ -47,8 +47,8 @@ def command(
         if not pages:
             console.say("  it has no page")
         return
-    from calib.comparison import compare, found, sentence
     from calib.report import comparison as page_of
+    from calib.validation.comparison import compare, found, sentence
 
     a, b = found(first), found(read_run(other, root))
     changes = compare(a, b)

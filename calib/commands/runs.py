@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import FILE, RUNS, Run, free_folder, list_runs, read_run
+from calib.terminal import console
 from sim.errors import ConfigError
 
 

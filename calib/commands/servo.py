@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from calib import console
 from calib.run_folder import lock_cell
+from calib.terminal import console
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:

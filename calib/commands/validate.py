@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from calib import console
 from calib.run_folder import conclude, new_run
+from calib.terminal import console
 
 
 def command(
@@ -39,11 +39,11 @@ def command(
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
-    from calib.forward import SHORT
-    from calib.prediction_log import write_predictions
-    from calib.recordings import arm_and_logs, is_log, read_logs
+    from calib.measurement.recordings import arm_and_logs, is_log, read_logs
     from calib.report import validation as page
-    from calib.validation import validate
+    from calib.validation.forward import SHORT
+    from calib.validation.prediction_log import write_predictions
+    from calib.validation.validate import validate
     from calib.verdict import Verdict
 
     subject, given = arm_and_logs(arm, log, configs)

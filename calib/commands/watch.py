@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calib import console
 from calib.run_folder import new_run
+from calib.terminal import console
 from sim.errors import AnswerIsNo, ConfigError
 
 if TYPE_CHECKING:

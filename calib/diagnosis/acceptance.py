@@ -13,7 +13,7 @@ from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import ArmEffect
 from sim.effects import driven_by, effect_named
 

@@ -11,7 +11,7 @@ from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT
 from calib.gate import GateCheck
 from calib.gate.commands import LEAST_MOTION, examined
-from calib.standing import Push, pushes
+from calib.measurement.standing import Push, pushes
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.rigid_body import RigidBody

@@ -22,7 +22,7 @@ from calib.diagnosis.noise import Noise
 from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.diagnosis.selection import Key, plausible
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 

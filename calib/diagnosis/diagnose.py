@@ -23,7 +23,7 @@ from calib.diagnosis.selection import Scored, add, search, without
 from calib.diagnosis.unexplained import unexplained
 from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm
 

@@ -11,7 +11,7 @@ from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
 from calib.diagnosis.noise import Noise, noise_of
 from calib.diagnosis.rows import ResidualRows, Solved, solve
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.effects.effect import Parameter

@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, parameters_of
 from calib.diagnosis.model import LogModel, first_own
-from calib.friction_fit import FrictionFit, Part, fit_friction
+from calib.regression.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
 from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.array_cache import ArrayCache
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 from sim.effects.effect import PathState, Values
 from sim.effects.friction_law import FrictionLaw

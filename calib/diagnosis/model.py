@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.link_side import LinkSide
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named, with_effect
 from sim.effects.effect import PathState

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, maximum_filter1d, minimum_filter1d
 
-from calib.filtering import Decimator
-from calib.preprocessing import Measurement, prepare
+from calib.measurement.filtering import Decimator
+from calib.measurement.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
 from sim.trajectory import Trajectory

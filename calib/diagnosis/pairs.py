@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.selection import Bank, SearchResult, add, admissible, best_next, cost, grown, scored, without
 from calib.diagnosis.unexplained import rests
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 FIRSTS, PROMISE = 4, 0.3  # effects that a pair may begin with; share of the best one's promise
 MOST_NAMES = 2  # at a joint: what more of them leave is no matter of a wrong first one

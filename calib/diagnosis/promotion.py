@@ -4,7 +4,7 @@
   out (parts of it, where there are two) is predicted better with the effect than with free friction laws alone, or nearly as well without
   needing such a law.
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
-  every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.forward).
+  every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.validation.forward).
 
 Worse means significantly (calib.diagnosis.significance), or by more than RISEN on recordings that were held out.
 """
@@ -24,8 +24,8 @@ from calib.diagnosis.law import Law, Refitted, Split, with_laws
 from calib.diagnosis.model import CONTACT, DELAY_MEAN
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import SIGNIFICANT, WORSE, excess, positive
-from calib.forward import HORIZONS, ForwardError, forward_error
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
+from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 

@@ -16,7 +16,7 @@ from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel
 from calib.diagnosis.noise import Noise, pure_error
 from calib.diagnosis.rows import Products
 from calib.diagnosis.unstated import unstated_keys
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 from sim.effects.effect import Stage

@@ -12,7 +12,7 @@ from calib.diagnosis.fit import Fit, huber
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.tone import strongest
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
 SPREAD = 9.0

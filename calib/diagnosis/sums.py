@@ -5,7 +5,7 @@ Where names, noise and the point of linearisation are fixed beforehand, the whit
     r = X theta + D delta + S c + e
 
 theta the nuisance within its prior N(0, I), delta changes of the named effects' parameters, c the sizes of all other candidates. The
-triangular factor R_j of a piece stands for its rows; factors join in any order and any grouping (calib.identification.information).
+triangular factor R_j of a piece stands for its rows; factors join in any order and any grouping (calib.regression.information).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Key, price
-from calib.identification.information import InformationMatrix
+from calib.regression.information import InformationMatrix
 from logs.log import Log
 from sim.arm import ArmEffect
 from sim.motion_view import Combine

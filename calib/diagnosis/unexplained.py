@@ -18,7 +18,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import scale_and_colour
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.structure import structures
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 # Rest over expected rest, correlation from row to row over the other joints', and what is left of the first rest. On cases of the exam
 # (benchmarks/exam) with known effects, whose forms are not the catalogue's, a rest that is larger than expected is never coloured by more

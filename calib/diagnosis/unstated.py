@@ -13,7 +13,7 @@ import numpy as np
 from calib.diagnosis.corrected import ORDINARY
 from calib.diagnosis.fit import fit
 from calib.diagnosis.model import Hypothesis, spreads
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.prior import unstated

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from calib.console import plain
 from calib.fleet.engine import cluster, results
 from calib.fleet.inventory import Recorded, by_arm, inventory
 from calib.fleet.job import Answer, ArmStatus, Job, refusal
@@ -22,6 +21,7 @@ from calib.fleet.shrinkage import ShrinkageEstimate, packed_estimate
 from calib.fleet.siblings import OUTLIER, Siblings, compare
 from calib.fleet.table import require_row, write_table
 from calib.fleet.task import work_packed
+from calib.terminal.console import plain
 from sim.arm import Arm, load_arm
 from sim.errors import CalibError
 

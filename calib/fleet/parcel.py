@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.console import plain
 from calib.fleet.job import Answer, ArmStatus
 from calib.fleet.table import require_row
+from calib.terminal.console import plain
 from sim.errors import BadLog
 from sim.files import is_name, printable
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.preprocessing import Measurement, prepare
+from calib.measurement.preprocessing import Measurement, prepare
 from logs import Log
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect

@@ -15,7 +15,6 @@ from typing import Any
 import fsspec
 import numpy as np
 
-from calib.console import plain
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
@@ -26,7 +25,8 @@ from calib.gate.commands import require
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Identification, identify, survey
 from calib.identification.portions import Kept
-from calib.validation import Validation, validate
+from calib.terminal.console import plain
+from calib.validation.validate import Validation, validate
 from logs import Log, Pieces, open_pieces
 from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
 from sim.version import program_version

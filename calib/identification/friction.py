@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.identification.least_squares import Prior, inverse
 from calib.identification.model import FRICTION, TorqueModel
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 SHORTEST_SECONDS = 0.4
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.identification.information import InformationMatrix
 from calib.identification.model import TorqueModel
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
+from calib.regression.information import InformationMatrix
 from calib.result import Gap
 
 

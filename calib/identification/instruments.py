@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
-from calib.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.identification.least_squares import Prior, Solution, inverse
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, deviation, whitened
-from calib.preprocessing import Measurement
+from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.measurement.preprocessing import Measurement
 from logs import Log
 from sim.trajectory import Trajectory
 

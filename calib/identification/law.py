@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.filtering import Decimator
-from calib.friction_fit import FrictionFit, Part, fit_friction, left_out_error
 from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
-from calib.preprocessing import Measurement
+from calib.measurement.filtering import Decimator
+from calib.measurement.preprocessing import Measurement
+from calib.regression.friction_fit import FrictionFit, Part, fit_friction, left_out_error
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
 from sim.effects.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw

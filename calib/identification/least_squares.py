@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.identification.information import InformationMatrix
 from calib.identification.model import TorqueModel
 from calib.identification.noise import AR_ORDER, colour, leverage, spread
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, plain, summed, weighted, whitened
+from calib.regression.information import InformationMatrix
 from sim.errors import AnswerIsNo
 
 HUBER = 2.5

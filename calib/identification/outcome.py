@@ -10,8 +10,8 @@ from calib.identification.claims import is_changed
 from calib.identification.identify import Identification
 from calib.identification.model import FRICTION
 from calib.identification.rows import RegressorRows
-from calib.quantity import rounded
 from calib.result import Estimate, FitResult, Gap
+from calib.terminal.quantity import rounded
 
 MOST_ROWS = 20_000
 SIGMAS = 1.96

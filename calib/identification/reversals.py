@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 
 SLOW = 0.01  # of dq_max, or of the fastest motion where the arm states no limit; a filtered speed passes 0 more slowly than the joint

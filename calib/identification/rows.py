@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.identification.model import TorqueModel
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 KEPT_BYTES = 300_000_000
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 
 
 def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], most: int = 5000) -> np.ndarray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.information import InformationMatrix
 from calib.identification.rows import Block, RegressorRows
+from calib.regression.information import InformationMatrix
 
 MEMORY_SECONDS = 1.0
 

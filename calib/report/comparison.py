@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.comparison import Change, RunNumbers, sentence
 from calib.report.figure import ROLES, axes, name
 from calib.report.page import Page
+from calib.validation.comparison import Change, RunNumbers, sentence
 
 
 def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Change]) -> Path:

@@ -19,8 +19,8 @@ import jinja2
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from calib.console import cell, plain
 from calib.report.figure import svg
+from calib.terminal.console import cell, plain
 from sim.version import software_version
 
 Verdict = Literal["good", "bad", "open", "found"]

@@ -11,7 +11,7 @@ import numpy as np
 from calib.claims.diagnosis_sentences import listed
 from calib.report.figure import LINE, axes, draw_line, name
 from calib.report.page import Page
-from calib.tracking import Tracking
+from calib.validation.tracking import Tracking
 
 FILE = "tracking.html"
 WORSE = 1.05  # of a joint's error before

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.console import plain
+from calib.terminal.console import plain
 from calib.watch.events import CONCERNS, WatchEvent
 from calib.watch.live_gate import LiveGate
 from calib.watch.source import Source, until

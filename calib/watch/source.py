@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.gate.commands import read_as, require
 from calib.gate.correction import AS_RECORDED
-from calib.recordings import recorded_arm
+from calib.measurement.recordings import recorded_arm
 from calib.watch.watcher import Declared
 from drivers import open_driver
 from logs import read_log

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.standing import Push, Standing
+from calib.measurement.standing import Push, Standing
 from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.intake import Intake, ReadingFault, Sample

@@ -17,8 +17,8 @@ from calib.identification.identify import Identification, Options, identify
 from calib.identification.model import TorqueModel
 from calib.identification.outcome import parameter_table
 from calib.main import main
-from calib.quantity import rounded
-from calib.validation import INFORMATIVE, validate
+from calib.terminal.quantity import rounded
+from calib.validation.validate import INFORMATIVE, validate
 from calib.verdict import GOOD_SHARE
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect

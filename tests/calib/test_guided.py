@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from calib import console, guided
+from calib import guided
 from calib import main as program
 from calib.main import main
-from calib.recordings import latest_arm
+from calib.measurement.recordings import latest_arm
 from calib.run_folder import newest
+from calib.terminal import console
 from sim.errors import ConfigError
 
 SETTLED = {

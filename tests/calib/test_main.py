@@ -16,7 +16,7 @@ import pytest
 
 from calib import main as program
 from calib.run_folder import new_run
-from calib.unexpected import write_fault
+from calib.terminal.unexpected import write_fault
 from sim.errors import ConfigError
 
 

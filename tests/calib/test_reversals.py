@@ -10,7 +10,7 @@ from benchmarks.known_truth import fitting_motion, recorded_on_mock
 from calib.identification.identify import Options, identify
 from calib.identification.model import TorqueModel
 from calib.identification.reversals import reversal_rows
-from calib.preprocessing import prepare
+from calib.measurement.preprocessing import prepare
 from sim.arm import Arm
 from tests.calib.conftest import fourier_motion, recorded, varied
 

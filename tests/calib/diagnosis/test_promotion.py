@@ -15,7 +15,7 @@ from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import Promotion, _Written, promoted
 from calib.diagnosis.selection import Scored, add, started
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.trajectory import Trajectory

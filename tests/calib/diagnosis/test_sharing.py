@@ -12,7 +12,7 @@ from calib.diagnosis import selection
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import Hypothesis, LogModel
 from calib.diagnosis.motion import measured, warmed
-from calib.preprocessing import Measurement
+from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import at, recording
 

@@ -14,7 +14,7 @@ from benchmarks.wrong_commands import through
 from benchmarks.wrong_data import Case, _scaled, base, changes, within
 from calib.identification.identify import identify
 from calib.main import main
-from calib.validation import validate
+from calib.validation.validate import validate
 from logs import read_log
 from logs.convert import write_log
 from logs.log import Log

@@ -10,7 +10,7 @@ import pytest
 from calib.identification.identify import Options, fitted, identify
 from calib.identification.instruments import commanded
 from calib.identification.model import TorqueModel
-from calib.preprocessing import prepare
+from calib.measurement.preprocessing import prepare
 from logs import Log
 from sim.arm import Arm, load_arm
 from tests.calib.conftest import fourier_motion, recorded, varied

@@ -11,7 +11,7 @@ from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, rec
 from calib.identification.law import fitted_laws, smoothing, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
-from calib.preprocessing import prepare
+from calib.measurement.preprocessing import prepare
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import effect_named, with_effect

@@ -13,7 +13,7 @@ from calib.identification.model import TorqueModel
 from calib.identification.noise import LARGEST_POLE, _stable, weighted
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, correlated, summed, whitened
-from calib.preprocessing import prepare
+from calib.measurement.preprocessing import prepare
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.trajectory import Trajectory

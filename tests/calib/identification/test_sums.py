@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from calib.identification.identify import Identification, identify, survey
-from calib.identification.information import InformationMatrix
 from calib.identification.least_squares import estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, context_of, digest_of
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Sums, deviation, summed, whitened
-from calib.preprocessing import prepare
+from calib.measurement.preprocessing import prepare
+from calib.regression.information import InformationMatrix
 from logs import Pieces
 from logs.log import Log
 from sim.arm import Arm

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from calib import console
-from calib.comparison import compare, found
 from calib.main import main
 from calib.report import comparison, diagnosis
 from calib.run_folder import end_run, new_run, read_run
+from calib.terminal import console
+from calib.validation.comparison import compare, found
 from tests.calib.report import examples
 from tests.calib.report.test_identification import fit
 

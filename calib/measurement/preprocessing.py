@@ -1,0 +1,309 @@
+"""A log becomes a measurement: uniform samples on the device clock, derivatives without phase, and what must not be used.
+
+Gaps stay gaps: the samples between two of them are a stretch, and no filter reaches across. Standing ends, standing joints and clipped
+readings are found and named, never repaired.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.measurement.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
+from calib.measurement.resampling import bridging_doubt, resampled
+from logs.log import Log
+from sim.arm import Arm
+from sim.errors import BadLog, ConfigError
+from sim.trajectory import Trajectory
+
+STANDING_SECONDS = 0.3
+FLAT_SAMPLES = 3
+CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """What was left out, and why: seconds of the log, of one joint or of all (None)."""
+
+    joint: str | None
+    reason: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """N samples of n joints on a uniform grid, in stretches between gaps.
+
+    trajectory  q dq ddq (N, n), Savitzky-Golay; t (N,) s on the device clock, with steps of 1/rate inside a stretch
+    tau         (N, n) N m, resampled but not filtered
+    inside      (N,) whether the derivatives' window lies within the stretch
+    usable      (N, n) False where a joint stands, its torque is clipped or missing, or the window reaches over an end
+    starts      (S+1,) first sample of every stretch, and N
+    decimator   the filter that makes rows of samples, for the torque and every regressor column alike
+    q_noise     (n,) rad, standard deviation of the position reading about its smoothed course
+    temperature (N, n) degC, and warming (N, n), the share of the way from the coldest to the warmest of a set of recordings; None
+                where nothing was read or nothing warmed
+    doubt       (N, n) (N m)^2, what bridging a gap adds to the torque's variance, so stated that the samples of a gap count as independent;
+                None where nothing was bridged
+    period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    trajectory: Trajectory
+    tau: np.ndarray
+    usable: np.ndarray
+    inside: np.ndarray
+    starts: np.ndarray
+    decimator: Decimator
+    q_noise: np.ndarray
+    excluded: tuple[Exclusion, ...]
+    temperature: np.ndarray | None = None
+    warming: np.ndarray | None = None
+    doubt: np.ndarray | None = None
+    period: float | None = None
+    noise: np.ndarray | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return self.decimator.rate
+
+    def blocks(self, most: int = 100_000) -> Iterator[slice]:
+        """Slices of samples such that the rows of one after the other are the rows of the whole, each slice at most about `most`
+        samples long."""
+        d = self.decimator
+        rows_at_once = max(1, most // d.step)
+        for lo, hi in zip(self.starts[:-1], self.starts[1:], strict=True):
+            count = len(d.centres(hi - lo))
+            for first in range(0, count, rows_at_once):
+                rows = min(rows_at_once, count - first)
+                start = lo + first * d.step
+                yield slice(int(start), int(start + (rows - 1) * d.step + len(d.taps)))
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        """Filtered, decimated rows (R, ...) of samples x (N, ...)."""
+        parts = [self.decimator.rows(x[lo:hi]) for lo, hi in zip(self.starts[:-1], self.starts[1:], strict=True)]
+        return np.concatenate(parts)
+
+    @cached_property
+    def row_samples(self) -> np.ndarray:
+        """(R,) the sample in the middle of every row's window."""
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        return np.concatenate([lo + self.decimator.centres(hi - lo) for lo, hi in pairs])
+
+    @cached_property
+    def row_usable(self) -> np.ndarray:
+        """(R, n) rows to which no unusable sample contributes."""
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        return np.concatenate([self.decimator.clean_rows(self.usable[lo:hi]) for lo, hi in pairs])
+
+    @cached_property
+    def row_moving(self) -> np.ndarray:
+        """(R,) rows between the first and the last motion of any joint, reversals and standing joints and all."""
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        out = np.concatenate([self.decimator.clean_rows(self.inside[lo:hi, None])[:, 0] for lo, hi in pairs])
+        moving = np.flatnonzero(self.row_usable.any(axis=1))
+        out[: moving[0] if len(moving) else len(out)] = False
+        out[moving[-1] + 1 if len(moving) else 0 :] = False
+        return out
+
+    @cached_property
+    def row_doubt(self) -> np.ndarray:
+        """(R, n) (N m)^2: what bridged gaps add to the variance of every row."""
+        if self.doubt is None:
+            return np.zeros((len(self.row_samples), self.n))
+        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
+        return np.concatenate([self.decimator.variance_of(self.doubt[lo:hi]) for lo, hi in pairs])
+
+    @property
+    def samples_moving(self) -> slice:
+        """The samples from the first row in motion to the last."""
+        moving = self.row_samples[self.row_moving]
+        return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0, 0)
+
+    @cached_property
+    def row_stretch(self) -> np.ndarray:
+        """(R,) which stretch a row belongs to; rows of different stretches are not neighbours in time."""
+        return np.searchsorted(self.starts, self.row_samples, side="right") - 1
+
+
+def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
+    """The measurement in a log of this arm; `cutoff` Hz of the common filter follows from the motion where it is not given.
+
+    ConfigError where the torque is unknown (no effort, and no torque constant in the arm); BadLog where time runs backwards, a value
+    is beyond what the arm can do, or too little is left.
+    """
+    name = log.path.name if log.path else "log"
+    _check(log, arm, name)
+    torque = joint_torque(log, arm, name)
+    finite = np.isfinite(log.q).all(axis=1)
+    rate = 1 / float(np.median(np.diff(log.t)))
+    cutoff = cutoff or motion_cutoff(log)
+    smooth = SavitzkyGolay.of_bandwidth(rate, SG_OVER_BANDWIDTH * cutoff)
+    decimator = Decimator.of_cutoff(rate, cutoff)
+    measured = arm.speed_from == "measured" and bool(np.isfinite(log.dq[finite]).all())
+    readings = np.column_stack([torque, log.dq]) if measured else torque
+    t, q, tau, starts, lost = resampled(
+        log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.window
+    )
+    tau, speed = tau[:, : arm.n], tau[:, arm.n :]
+    excluded = [Exclusion(None, "gaps and readings that are not finite", lost)] if lost > 0.5 / rate else []
+    if len(t) < 2:
+        raise BadLog(
+            f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.window) / rate:.2f} s, which a filter "
+            f"of {cutoff:.3g} Hz needs; record again without losses, or give a higher --cutoff"
+        )
+    pairs = list(itertools.pairwise(starts))
+    parts = [
+        [smooth.derivative(q[lo:hi], 0), *(smooth.derivative(speed[lo:hi], k) for k in range(2))]
+        if measured
+        else [smooth.derivative(q[lo:hi], k) for k in range(3)]
+        for lo, hi in pairs
+    ]
+    q_s, dq, ddq = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
+    usable = np.isfinite(tau)
+    dq_noise = q_noise * np.linalg.norm(smooth.coefficients(1))
+    fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))
+    standing = _standing(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
+    clipped = _clipped(tau, arm.tau_max)
+    inside = np.ones(len(t), dtype=bool)
+    for lo, hi in pairs:
+        inside[lo : lo + smooth.reach] = inside[max(hi - smooth.reach, lo) : hi] = False
+    usable &= inside[:, None]
+    ends = _ends(standing)
+    excluded += _exclusions(log.joint_names, rate, usable, ends, standing, clipped)
+    usable &= ~(ends[:, None] | standing | clipped)
+    trajectory = Trajectory(t, q_s, dq, ddq)
+    tau = np.where(np.isfinite(tau), tau, 0.0)
+    doubt = bridging_doubt(log.t[finite], torque[finite], t, rate)
+    return Measurement(
+        name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt
+    )
+
+
+def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
+    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint."""
+    tau = np.array(log.tau, dtype=float)
+    silent = ~np.isfinite(tau).any(axis=0)
+    if not silent.any():
+        return tau
+    dark = silent & ~np.isfinite(log.current).any(axis=0)
+    if dark.any():
+        raise BadLog(f"{name}: neither effort nor current of {_names(log, dark)}; a log needs one of them for every joint")
+    if arm.torque_constant is None:
+        raise ConfigError(
+            f"{name}: only the current of {_names(log, silent)} is recorded, and {arm.name} has no torque_constant; write it (N m/A at "
+            "the joint) and its source into arm.toml, or identify it with a known mass: `calib identify --known-mass`"
+        )
+    tau[:, silent] = log.current[:, silent] * arm.torque_constant[silent]
+    return tau
+
+
+def motion_cutoff(log: Log) -> float:
+    """Hz: one and a half times the frequency below which 99 % of the speed's power lies, as far as it stands out of the noise.
+
+    Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
+    """
+    rate = 1 / float(np.median(np.diff(log.t)))
+    q = log.q[np.isfinite(log.q).all(axis=1)]
+    if len(q) < 64:
+        return min(CUTOFF_LEAST, 0.1 * rate)
+    spectrum = np.abs(np.fft.rfft((q - q.mean(axis=0)) * np.hanning(len(q))[:, None], axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(q), 1 / rate)
+    bins = np.minimum((frequency / 0.25).astype(int), int(0.5 * rate / 0.25) - 1)
+    count = np.maximum(np.bincount(bins), 1)
+    power = np.stack([np.bincount(bins, s) / count for s in spectrum.T], axis=1)
+    centre = (np.arange(len(power)) + 0.5) * 0.25
+    floor = np.median(power[len(power) // 2 :], axis=0)
+    speed = np.where(power > 20 * floor, power, 0.0) * centre[:, None] ** 2
+    share = np.cumsum(speed, axis=0) / np.maximum(speed.sum(axis=0), 1e-300)
+    highest = centre[np.argmax(share >= 0.99, axis=0)].max()
+    return float(min(np.clip(1.5 * highest, CUTOFF_LEAST, CUTOFF_MOST), 0.1 * rate))
+
+
+def _check(log: Log, arm: Arm, name: str) -> None:
+    if tuple(log.joint_names) != arm.joint_names:
+        raise BadLog(
+            f"{name}: joints {list(log.joint_names)}, {arm.name} has {list(arm.joint_names)}; read the log for this arm"
+        )
+    if len(log) < 16:
+        raise BadLog(f"{name}: {len(log)} samples; at least 16 are needed to differentiate; record a motion")
+    step = np.diff(log.t)
+    if not np.all(step > 0):
+        k = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
+        raise BadLog(
+            f"{name}: sample {k + 1}: device time goes from {log.t[k]:.6f} to {log.t[k + 1]:.6f} s; it must increase; "
+            "recover the log with `calib import`, which says what was lost"
+        )
+    wild = np.isfinite(log.q) & (np.abs(log.q) > 1e3)
+    if wild.any():
+        k, j = np.argwhere(wild)[0]
+        raise BadLog(
+            f"{name}: sample {k}: position of {log.joint_names[j]} is {log.q[k, j]:.4g} rad; no joint of {arm.name} reaches 1000 rad; "
+            "the file is damaged: import it with `calib import` and use what survives"
+        )
+
+
+def _standing(still: np.ndarray, starts: np.ndarray, rate: float) -> np.ndarray:
+    """(N, n) where a joint has been still for STANDING_SECONDS or longer: its torque may be anything within its dry friction."""
+    shortest = int(STANDING_SECONDS * rate)
+    out = np.zeros_like(still)
+    for j in range(still.shape[1]):
+        edge = np.flatnonzero(np.diff(still[:, j])) + 1
+        runs = np.unique(np.concatenate([[0], edge, starts[1:-1], [len(still)]]))
+        for lo, hi in itertools.pairwise(runs):
+            out[lo:hi, j] = still[lo, j] and hi - lo >= shortest
+    return out
+
+
+def _ends(standing: np.ndarray) -> np.ndarray:
+    """(N,) before the first and after the last motion of any joint."""
+    moving = np.flatnonzero(~standing.all(axis=1))
+    out = np.ones(len(standing), dtype=bool)
+    if len(moving):
+        out[moving[0] : moving[-1] + 1] = False
+    return out
+
+
+def _clipped(tau: np.ndarray, tau_max: np.ndarray) -> np.ndarray:
+    """(N, n) readings at the limit, and flat tops: FLAT_SAMPLES or more equal readings at a joint's largest value of either sign."""
+    out = np.abs(tau) >= 0.999 * np.where(np.isfinite(tau_max), tau_max, np.inf)
+    for j in range(tau.shape[1]):
+        x = np.where(np.isfinite(tau[:, j]), tau[:, j], 0.0)
+        for sign in (1.0, -1.0):
+            top = (sign * x).max()
+            at_top = (top > 0) & (sign * x >= top * (1 - 1e-9))
+            together = np.convolve(at_top, np.ones(FLAT_SAMPLES), mode="same") >= FLAT_SAMPLES
+            if together.any():
+                out[:, j] |= at_top
+    return out
+
+
+def _exclusions(
+    joints: tuple[str, ...], rate: float, usable: np.ndarray, ends: np.ndarray, standing: np.ndarray, clipped: np.ndarray
+) -> list[Exclusion]:
+    exclusions = [Exclusion(None, "standing ends", float(ends.sum()) / rate)] if ends.any() else []
+    for j, joint in enumerate(joints):
+        for mask, reason in (
+            (standing[:, j] & ~ends, "standing"),
+            (clipped[:, j] & ~ends, "torque at its limit"),
+            (~usable[:, j] & ~ends & ~clipped[:, j], "window reaches over an end, or no reading"),
+        ):
+            if mask.any():
+                exclusions.append(Exclusion(joint, reason, float(mask.sum()) / rate))
+    return exclusions
+
+
+def _names(log: Log, which: np.ndarray) -> str:
+    return ", ".join(j for j, w in zip(log.joint_names, which, strict=True) if w)

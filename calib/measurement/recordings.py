@@ -1,0 +1,181 @@
+"""The recordings that a command was given: read for one arm, with warnings of what is missing in them."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from calib import guided
+from calib.gate.commands import read_as
+from calib.run_folder import LATEST, RUNS, Run, list_runs
+from calib.terminal import console
+from logs import Log, Pieces, open_pieces, read_log
+from logs.about import ARM_FOLDER, attachments, is_inside
+from sim.arm import Arm, load_arm
+from sim.errors import BadLog, ConfigError, EmptyLog
+from sim.files import is_name
+from sim.resources import nearest
+
+T = TypeVar("T", Log, Pieces)
+
+SUFFIXES = (".mcap", ".csv")
+
+
+def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
+    """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside."""
+    logs = list(logs or [])
+    if first == LATEST and not Path(first).exists():
+        first = str(latest_arm())
+    if is_log(first):
+        return recorded_arm(Path(first), configs), [Path(first), *logs]
+    arm = load_arm(first, configs)
+    if not logs:
+        raise ConfigError(f"no recording of {arm.name} was given; name one: .mcap, .csv or a rosbag2 folder")
+    return arm, logs
+
+
+def latest_arm() -> Path:
+    """The arm folder of the newest run of identify, diagnose or polish, or of the newest guided session that is complete."""
+    found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
+    if found is None:
+        raise ConfigError(
+            f"{LATEST}: no run of calib identify, calib diagnose, calib polish or calib go has written an arm in {RUNS}/; name an arm folder"
+        )
+    return found
+
+
+def _arm_of(run: Run) -> Path | None:
+    if run.verb in ("identify", "diagnose", "polish"):
+        return run.folder / "arm"
+    if run.verb == "go":
+        with contextlib.suppress(ConfigError):  # a session that cannot be read is none
+            session = guided.read_session(run.folder)
+            return guided.best_arm(session) if session.closed else None
+    return None
+
+
+def is_log(word: str) -> bool:
+    """Whether `word` is the path of a recording, and not the name of an arm or a cell."""
+    path = Path(word)
+    return path.suffix in SUFFIXES and path.is_file()
+
+
+def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
+    """The arm folder that the recording holds, else the arm of `configs` that it names and that is the same still."""
+    attached, metadata = attachments(path)
+    name, sha256 = metadata.get("arm", ""), metadata.get("arm_sha256")
+    if "arm/arm.toml" in attached:
+        folder = Path(tempfile.mkdtemp(prefix="calib-arm-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        for inside, data in attached.items():
+            if is_inside(inside):
+                file = folder / inside
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(data)
+        arm = load_arm(folder / ARM_FOLDER)
+        if arm.sha256 != sha256:
+            raise BadLog(f"{path}: the arm in it is not the one that it was recorded of; name the arm: `calib ... ARM {path}`")
+        return arm
+    if not is_name(name):
+        raise ConfigError(f"{path}: neither holds an arm nor names one; name it: `calib ... ARM {path}`")
+    arm = load_arm(name, configs)
+    if sha256 and arm.sha256 != sha256:
+        console.warn(
+            f"{path}: {arm.name} is not as it was when this was recorded; to be sure, name the arm folder of that time"
+        )
+    return arm
+
+
+def read_logs(
+    paths: Iterable[Path], arm: Arm, accept_partial: bool = False, assume: Sequence[str] | None = None
+) -> list[Log]:  # fmt: skip
+    """The logs, columns in the arm's order; every finding (gaps, losses, clocks) goes to standard error.
+
+    BadLog for a recording that was cut short or is damaged, unless `accept_partial`. assume: words of `calib.gate.correction`.
+    """
+    return _each(
+        paths, arm, lambda k, path: read_as(read_log(path, arm.joint_names, accept_partial=accept_partial), assume or ())
+    )
+
+
+def read_pieces(
+    paths: Iterable[Path], arm: Arm, scratch: Path, accept_partial: bool = False, assume: Sequence[str] | None = None
+) -> Pieces:  # fmt: skip
+    """The logs in pieces that are read when they are needed, large files unpacked below `scratch`; otherwise as `read_logs`."""
+    change = partial(read_as, assume=assume) if assume else None
+    return Pieces.joined(
+        _each(paths, arm, lambda k, path: open_pieces(path, arm.joint_names, scratch / str(k), accept_partial, change))
+    )
+
+
+def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> list[T]:
+    """What `read` makes of each; one without a sample is left out with a warning, and is an error where no other is left."""
+    found: list[T] = []
+    empty = None
+    for k, path in enumerate(paths):
+        require(path)
+        try:
+            part = read(k, path)
+        except EmptyLog as error:
+            empty = error
+            console.warn(f"{error}; it is left out")
+            continue
+        _warn(path, part, arm)
+        found.append(part)
+    if empty is not None and not found:
+        raise empty
+    return found
+
+
+def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
+    """ConfigError where a recording is given on both sides: a log that the fit has seen says nothing of logs that it has not."""
+    seen = {path.resolve() for path in logs}
+    for path in held_out:
+        if path.resolve() in seen:
+            raise ConfigError(
+                f"--holdout {path}: is also one of the logs to fit; hold out a recording of another motion, or leave --holdout away"
+            )
+
+
+def require(path: Path) -> None:
+    """ConfigError with the nearest name where there is no such file."""
+    if path.exists():
+        return
+    folder = path.parent
+    if not folder.is_dir():
+        raise ConfigError(f"{path}: there is no folder {folder}; give the path of a recording: .mcap, .csv or a rosbag2 folder")
+    there = sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES)
+    raise ConfigError(f"there is no recording {str(path)!r}; {nearest(str(path), there)}")
+
+
+def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
+    recorded = log.metadata.get("arm")
+    if recorded and recorded != arm.name:
+        console.warn(
+            f"{path}: was recorded of {recorded} and is read for {arm.name}; if these are two arms, name the right one"
+        )
+    for finding in log.findings:
+        console.warn(f"{path}: {finding}")
+    for sentence in _sampling(log):
+        console.warn(f"{path}: {sentence}")
+
+
+def _sampling(log: Log | Pieces) -> tuple[str, ...]:
+    """What of its samples (of the first piece) an import would put right: jittered stamps, samples sent twice; nothing where it has two clocks."""
+    from logs.convert import sampling_of
+
+    first = log[0] if isinstance(log, Pieces) and len(log) else log
+    if isinstance(first, Pieces) or not len(first) or np.isfinite(first.t_host).any() or np.any(np.diff(first.t) < 0):
+        return ()
+    found = sampling_of(first)
+    if not (found.rebuilt or found.repeated):
+        return ()
+    return (*found.findings, "they are used as they are; `calib import` puts right what can be")

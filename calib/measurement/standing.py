@@ -1,0 +1,174 @@
+"""Pushes against an arm that stands: its drives answer with more torque than dry friction can hide, and nothing moves.
+
+A joint that holds still passes on its load give or take its dry friction F, so without an external torque the reported torque stays
+within a band of width 2 F, F with all that the arm's model has of it at this load (sim.feedforward.dry_friction). A change from the level of before by more than 2 F, while the joint stays where it is, is therefore a push on
+the arm, whatever the model of its inertias: S. Haddadin, A. De Luca, A. Albu-Schaffer (2017), doi:10.1109/TRO.2017.2723903, section II.
+
+A weight put on the flange does the same. Where a weight explains the change, it is a push only if it is over within LIFTED.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.measurement.preprocessing import joint_torque
+from logs.log import Log
+from sim.arm import Arm
+from sim.feedforward import dry_friction
+from sim.rigid_body import RigidBody
+
+GAP = 0.2  # s without a sample: those before and after do not belong together
+MOVED = 0.01  # rad: further than that from where it came to rest, a joint moves
+SETTLING = 0.5  # s after a motion, or after a push, in which a controller still moves its torque
+LEVEL = 0.5  # s over which the level is taken first
+FOLLOWS = 2.0  # s with which the level then follows; integrators and warming are slower
+CERTAIN = 0.15  # s that a torque must stay outside: a motion that begins has left its place by then
+LIFTED = 5.0  # s: what lasts longer may be a load, which the next motion shows
+CALM = 0.3  # s inside after which a push is over
+HIDDEN = 1.25  # of 2 F: friction at rest is that much above friction in motion, and a fit of it is uncertain
+QUIET = 0.25  # of F: the last time that no torque was further off, a push began
+NOISE = 6.0  # standard deviations of a sample's noise
+
+
+@dataclass(frozen=True)
+class Push:
+    """A push: when it began and ended (s; end NaN while it lasts), torque (n,) N m that the drives added at most, and its doubt (n,)."""
+
+    start: float
+    end: float
+    torque: np.ndarray
+    doubt: np.ndarray
+
+    @property
+    def joint(self) -> int:
+        """The joint that shows it best."""
+        return int(np.argmax(np.abs(self.torque) / self.doubt))
+
+
+class Standing:
+    """`add` takes every sample of an arm; it returns a push when it is certain, and again when it is over (one that may be a weight only then)."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._known = any(_states_friction(arm, joint) for joint in arm.joint_names)
+        self._bodies = RigidBody(arm)
+        self._up = -arm.tree.gravity
+        self._rest: np.ndarray | None = None
+        self._last = np.nan
+        self._level = _Level(0.0, arm.n)
+        self._push: Push | None = None
+        self._weight = False
+
+    def forget(self) -> None:
+        """The samples to come do not belong to those before."""
+        self._rest = self._push = None
+
+    def add(self, t: float, q: np.ndarray, tau: np.ndarray) -> Push | None:
+        """One sample: t s, q rad, tau (n,) N m of the drives."""
+        if not self._known:
+            return None
+        if not t - self._last < GAP:
+            self.forget()
+        self._last = t
+        if self._rest is None or not np.abs(q - self._rest).max() < MOVED:
+            self._rest = q.copy()
+            over = self._over(t, t)
+            return None if self._weight else over
+        level = self._level
+        if t - level.since < SETTLING:
+            return None
+        if level.friction is None:
+            level.friction = break_away(self._arm, q)
+        off = tau - level.value
+        noise = NOISE * np.sqrt(level.noise)
+        band = HIDDEN * 2.0 * level.friction + noise
+        if t - level.since < SETTLING + LEVEL or bool(np.all(np.abs(off) < band)):
+            if self._push is not None:
+                level.inside = t if np.isnan(level.inside) else level.inside
+                return self._over(level.inside, t) if t - level.inside >= CALM else None
+            if bool(np.all(np.abs(off) < QUIET * level.friction + noise)):
+                level.quiet = t
+            level.outside = np.nan
+            level.peak = np.zeros_like(q)
+            level.follow(t, tau)
+            return None
+        level.inside = np.nan
+        level.outside = t if np.isnan(level.outside) else level.outside
+        level.peak = np.where(np.abs(off) > np.abs(level.peak), off, level.peak)
+        if self._push is None and t - level.outside >= CERTAIN:
+            self._push = Push(level.quiet, np.nan, level.peak, band)
+            self._weight = self._as_weight(q, level.peak, band)
+            return None if self._weight else self._push
+        return None
+
+    def _over(self, end: float, t: float) -> Push | None:
+        """The push that lasted, if any; from t on the level is taken anew, for friction may hold the other way now."""
+        push, level = self._push, self._level
+        self._push, self._level = None, _Level(t, self._arm.n)
+        if push is None or (self._weight and end - push.start > LIFTED):
+            return None
+        return Push(push.start, end, level.peak, push.doubt)
+
+    def _as_weight(self, q: np.ndarray, torque: np.ndarray, band: np.ndarray) -> bool:
+        """Whether a weight at the flange may change every joint's torque by that much, give or take its band."""
+        linear, _ = self._bodies.jacobian(q[None])
+        per_kg = linear[0].T @ self._up
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([(torque - band) / per_kg, (torque + band) / per_kg])
+        lightest, heaviest = (np.nanmax(np.nanmin(ends, axis=0)), np.nanmin(np.nanmax(ends, axis=0)))
+        return bool(max(lightest, 0.0) <= heaviest)
+
+
+class _Level:
+    """The torque (n,) N m that an arm stands with since a time, and the variance of a sample's noise."""
+
+    def __init__(self, since: float, n: int) -> None:
+        self.since = self.quiet = self._last = since
+        self.value, self.noise, self.peak, self._before = np.zeros((4, n))
+        self.outside = self.inside = np.nan  # since when the torque is outside, or inside again
+        self.friction: np.ndarray | None = None
+        self._count = 0
+
+    def follow(self, t: float, tau: np.ndarray) -> None:
+        """A mean at first, then a low-pass."""
+        self._count += 1
+        share = 1.0 / self._count
+        if t - self.since > SETTLING + LEVEL:
+            share = min((t - self._last) / FOLLOWS, 1.0)
+        before, self._last, self._before = self._before, t, tau
+        self.value = self.value + share * (tau - self.value)
+        if self._count > 1:
+            # of neighbours' difference, which neither a slow drift nor the beginning of a push enlarges
+            self.noise = (1.0 - share) * self.noise + share * 0.5 * (tau - before) ** 2
+
+
+def pushes(arm: Arm, log: Log) -> list[Push]:
+    """Every push against the standing arm in a log; one that lasts to the end ends with it."""
+    standing, found = Standing(arm), []
+    tau = joint_torque(log, arm)
+    good = np.isfinite(tau).all(axis=1) & np.isfinite(log.q).all(axis=1)
+    latest: Push | None = None
+    for k in np.flatnonzero(good):
+        push = standing.add(float(log.t[k]), log.q[k], tau[k])
+        if push is None:
+            continue
+        latest = push if np.isnan(push.end) else None
+        if latest is None:
+            found.append(push)
+    if latest is not None:
+        found.append(Push(latest.start, float(log.t[-1]), latest.torque, latest.doubt))
+    return found
+
+
+def break_away(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """(n,) N m: what dry friction holds at rest in a pose; infinite where nobody knows of any, for then every torque may be friction."""
+    zero = np.zeros((1, arm.n))
+    held = dry_friction(arm, RigidBody(arm).inverse_dynamics(q[None], zero, zero)[0])
+    return np.where([_states_friction(arm, joint) for joint in arm.joint_names], held, np.inf)
+
+
+def _states_friction(arm: Arm, joint: str) -> bool:
+    dry = arm.effect("coulomb_friction", joint)
+    return dry is not None and dry.parameters["coulomb"] > 0

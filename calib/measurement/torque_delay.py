@@ -1,0 +1,107 @@
+"""tau(t) = y(t - delay): how much later than the motion the torque channel arrives, down to a fraction of a sample.
+
+y = Y theta is the torque along the measured motion: the arm's own gravity torque and inertial torque, each with a scale, rotor inertia,
+viscous and dry friction, offset. To first order y(t - delay) = y - delay dy/dt, so the delay is one more column beside Y; the torque is
+shifted by what was found and the rest is found again. Rows in which the joint turns round are left out: before it slides, dry friction
+lags behind the motion by itself. A delay that is left in looks like elasticity, or like viscous friction of the wrong sign.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.measurement.preprocessing import Measurement, prepare
+from logs.log import Log
+from sim.arm import Arm
+from sim.errors import BadLog
+from sim.rigid_body import RigidBody
+
+CUTOFF = 20.0  # Hz: a delay shows in what is fast
+SLOW = 0.03  # rad/s: below it a joint may be about to turn round
+ROUNDS = 5
+MOST = 0.05  # s
+BATCH_SECONDS = 1.0  # residuals are correlated for a fraction of this
+ROWS_LEAST = 60
+
+
+@dataclass(frozen=True)
+class TorqueDelay:
+    """Delay of the torque channel behind the motion channel, s, positive where torque is late.
+
+    delay, std   over all joints, weighted
+    per_joint    (n,) and per_joint_std (n,), NaN where a joint did not move enough
+    period       s, of the samples
+    """
+
+    delay: float
+    std: float
+    per_joint: np.ndarray
+    per_joint_std: np.ndarray
+    period: float
+
+    @property
+    def significant(self) -> bool:
+        """Half a sample, or more, lies within three standard deviations of it, and no delay lies beyond five: a short log has few batches."""
+        return abs(self.delay) + 3 * self.std >= 0.5 * self.period and abs(self.delay) > 5 * self.std
+
+
+def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
+    """The delay in a log; `std` shows whether its motion was fast enough. BadLog where no joint moves enough to estimate it."""
+    m = prepare(log, arm, CUTOFF)
+    body, motion = RigidBody(arm), m.trajectory
+    gravity = body.gravity_torque(motion.q)
+    inertial = body.inverse_dynamics(motion.q, motion.dq, motion.ddq) - gravity
+    found = [_of_joint(m, j, np.column_stack([gravity[:, j], inertial[:, j], motion.ddq[:, j]])) for j in range(m.n)]
+    delay, std = np.array(found).T
+    known = np.isfinite(delay)
+    if not known.any():
+        raise BadLog(
+            f"{m.name}: no joint moves long and fast enough to estimate a delay between torque and motion; use a log with fast motion"
+        )
+    weight = 1 / std[known] ** 2
+    mean = float(np.sum(weight * delay[known]) / weight.sum())
+    scatter = float(np.sum(weight * (delay[known] - mean) ** 2)) / max(int(known.sum()) - 1, 1)
+    return TorqueDelay(mean, float(np.sqrt(max(scatter, 1.0) / weight.sum())), delay, std, 1 / m.rate)
+
+
+def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
+    """Delay and standard deviation from the rows of joint j; NaN where they are not informative."""
+    dq = m.trajectory.dq[:, j]
+    sliding = m.usable[:, j] & (np.abs(dq) >= SLOW)
+    use = np.concatenate([m.decimator.clean_rows(sliding[lo:hi, None])[:, 0] for lo, hi in itertools.pairwise(m.starts)])
+    if use.sum() < ROWS_LEAST:
+        return np.nan, np.nan
+    samples = np.column_stack([model, dq, np.sign(dq), np.ones(len(dq))])
+    samples = samples[:, np.abs(samples).max(axis=0) > 0]
+    size = np.linalg.norm(samples, axis=0)
+    rows = m.rows(samples / size)[use]
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    rank = int((s > 1e-6 * s[0]).sum())
+    u, inverse = u[:, :rank], vt[:rank].T / s[:rank]
+    delay = 0.0
+    for _ in range(ROUNDS):
+        torque = m.rows(_earlier(m, m.tau[:, j], delay))[use]
+        theta = inverse @ (u.T @ torque)
+        slope = -m.rows(_rate_of_change(m, samples @ (theta / size)))[use]
+        slope -= u @ (u.T @ slope)
+        residual = torque - rows @ theta
+        delay += float(slope @ residual / (slope @ slope))
+        if not abs(delay) < MOST:
+            return np.nan, np.nan
+    score = slope * residual
+    batch = np.unique(m.row_samples[use] // max(int(BATCH_SECONDS * m.rate), 1), return_inverse=True)[1]
+    std = float(np.sqrt(np.sum(np.bincount(batch, score) ** 2)) / (slope @ slope))
+    return delay, max(std, 1e-6)
+
+
+def _earlier(m: Measurement, tau: np.ndarray, by: float) -> np.ndarray:
+    """tau(t + by) on the samples of every stretch."""
+    t = m.trajectory.t
+    return np.concatenate([np.interp(t[lo:hi] + by, t[lo:hi], tau[lo:hi]) for lo, hi in itertools.pairwise(m.starts)])
+
+
+def _rate_of_change(m: Measurement, y: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.gradient(y[lo:hi], 1 / m.rate) for lo, hi in itertools.pairwise(m.starts)])

@@ -1,0 +1,1 @@
+"""The terminal: messages, tables, numbers, the live view and the stop key."""

@@ -1,0 +1,316 @@
+"""One voice on the terminal: answers go to standard output, progress and complaints to standard error.
+
+With `--json`, standard output is one JSON document and nothing else, so that `calib ... --json | jq` always works.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+import re
+import shlex
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from calib.claims import capital
+from calib.terminal import text_table
+from sim.files import printable
+from sim.resources import config_folders
+
+if TYPE_CHECKING:
+    from drivers.driver import Driver
+    from sim.cell import Cell
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; runs/<utc>-<arm>-<verb>/ if not given.")
+]
+AcceptPartial = Annotated[
+    bool,
+    typer.Option(
+        "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; says what is missing."
+    ),
+]
+MaxError = Annotated[
+    float | None,
+    typer.Option(
+        "--max-error",
+        min=0.0,
+        metavar="SHARE",
+        help="Exit code 1 if at some joint the residual RMS exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
+    ),
+]
+Assume = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--assume",
+        metavar="HOW",
+        help="Read the recordings that way: q=deg, t=ms, tau=current, sign:tau:JOINT, ...; a refusal names it.",
+    ),
+]
+Configs = Annotated[
+    Path | None,
+    typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
+]
+
+
+# of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
+QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+# JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
+_STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
+
+
+def arm_names(incomplete: str = "") -> list[str]:
+    """Arms that the shell offers for completion."""
+    return _names("arms", "*/arm.toml", lambda p: p.parent.name, incomplete)
+
+
+def calibrated_names(incomplete: str = "") -> list[str]:
+    """The same with `latest`, where the arm of the newest run will do."""
+    from calib.run_folder import LATEST
+
+    return [name for name in (LATEST, *arm_names()) if name.startswith(incomplete)]
+
+
+def cell_names(incomplete: str = "") -> list[str]:
+    """Cells that the shell offers for completion."""
+    return _names("cells", "*.toml", lambda p: p.stem, incomplete)
+
+
+ArmArgument = Annotated[
+    str,
+    typer.Argument(metavar="ARM", help="Name from configs/arms, arm folder, or .xml/.urdf file.", autocompletion=arm_names),
+]
+ArmOrLogArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` calibrated arm, or a recording: its arm is inside.",
+        autocompletion=calibrated_names,
+    ),
+]  # fmt: skip
+LogsArgument = Annotated[
+    list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
+]
+CellArgument = Annotated[
+    str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
+]
+
+
+def run_folders(verb: str) -> Callable[[str], list[str]]:
+    """Folders of the runs of one command that the shell offers for completion."""
+
+    def names(incomplete: str) -> list[str]:
+        from calib.run_folder import LATEST, list_runs
+
+        return [n for n in (LATEST, *(str(r.folder) for r in list_runs() if r.verb == verb)) if n.startswith(incomplete)]
+
+    return names
+
+
+def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
+    found = {name(p) for folder in config_folders(None, kind) for p in folder.glob(pattern)}
+    return sorted(n for n in found if n.startswith(incomplete))
+
+
+def conclusion(first: str, more: Iterable[str]) -> None:
+    """What a run found: `more` sentences as a list, then the one that answers the question, where the eye ends."""
+    for sentence in more:
+        say(f"- {capital(sentence).rstrip('.')}.")
+    say(f"{capital(first)}.")
+
+
+def say(sentence: str) -> None:
+    """A sentence for the person, on standard output; brackets and file names stand as they are.
+
+    On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is printed by `copyable`.
+    """
+    if QUIET.get():
+        return
+    _out().print(_wrapped(sentence, _out()), markup=False, highlight=False, soft_wrap=True)
+
+
+def copyable(line: str) -> None:
+    """A line to be copied, such as a command or a path, on standard output: whole, however long."""
+    if QUIET.get():
+        return
+    _out().print(printable(line), markup=False, highlight=False, soft_wrap=True)
+
+
+def next_step(words: Sequence[str | Path]) -> None:
+    """The command to type next, whole, to be copied."""
+    copyable(f"next: {command_line(words)}")
+
+
+def command_line(words: Sequence[str | Path]) -> str:
+    """A command of this program as a shell takes it; names in capitals, which the person fills in, stay as they are."""
+    return shlex.join(["calib", *map(str, words)])
+
+
+def warn(sentence: str) -> None:
+    """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
+    _err().print(_wrapped(f"calib: {sentence}", _err()), markup=False, highlight=False, soft_wrap=True)
+
+
+def warn_assumed(cell: Cell) -> None:
+    """What a cell file takes for granted, at the start of every command that talks to its device."""
+    for name, sentence in cell.assumed.items():
+        warn(f"{cell.name} assumes {name}: {sentence}")
+
+
+def warn_control(cell: Cell, driver: Driver) -> None:
+    """What taking control of a device does to it, before it is done."""
+    if driver.control:
+        warn(f"takes control of {cell.name}: {driver.control}")
+
+
+def warn_watched(cell: Cell, alone: str) -> None:
+    """Whether a process of its own monitors the arm beside the one that moves it; alone: why there is none."""
+    if alone:
+        warn(
+            f"{cell.name} has no monitor process: {alone}; where the control process hangs, only the device's own watchdog is left"
+        )
+    else:
+        warn(f"{cell.name} has a monitor process: it stops the arm where the control process hangs or breaks a rule")
+
+
+def ask(question: str) -> str:
+    """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
+    console, words = _err(), question.rstrip(" ")
+    text = _wrapped(words, console) + question[len(words) :]
+    console.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+    return sys.stdin.readline().rstrip("\n")
+
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
+    """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off, no wider than the terminal."""
+    if QUIET.get():
+        return
+    body = [list(row) for row in rows]
+    numeric = [
+        any(_is_number(row[k]) for row in body) and all(_is_number(row[k]) or row[k] in (None, "") for row in body)
+        for k in range(len(headers))
+    ]
+    out = _out()
+    shown = [[cell(value) for value in row] for row in body]
+    if title:
+        out.print(Text(printable(title), style="italic"), soft_wrap=True)
+    for line, heading in text_table.lines([printable(h) for h in headers], shown, numeric, out.width):
+        out.print(Text(line, style="bold" if heading else ""), soft_wrap=True)
+
+
+def cell(value: Any) -> str:
+    """A value as a table shows it: four significant digits, an en dash for nothing."""
+    value = _own(value)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else printable(value)
+
+
+def share(x: float) -> str | None:
+    """As a percentage; None, which a table shows as nothing, where there is no number."""
+    return None if math.isnan(x) else f"{x:.1%}"
+
+
+def print_json(data: Any) -> None:
+    """`data` as one strict JSON document: arrays as lists, NaN and infinities as null, paths as text."""
+    text = json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write(_STEERING.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
+
+
+def plain(data: Any) -> Any:
+    """`data` in the types that JSON and TOML have; TypeError names a type that has no such form."""
+    data = _own(data)
+    if data is None or (isinstance(data, bool | str | int) and not isinstance(data, enum.Enum)):
+        return data
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, PurePath):
+        return str(data)
+    if isinstance(data, enum.Enum):
+        return plain(data.value)
+    if isinstance(data, dict):
+        return {str(key): plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple | set | frozenset):
+        return [plain(value) for value in data]
+    if dataclasses.is_dataclass(data) and not isinstance(data, type):
+        return {f.name: plain(getattr(data, f.name)) for f in dataclasses.fields(data)}
+    raise TypeError(f"{type(data).__name__} has no JSON form")
+
+
+@contextmanager
+def progress(description: str, total: float | None = None) -> Iterator[Callable[..., None]]:
+    """Progress on standard error while the block runs; call the yielded `advance(step=1, text=None)` as work gets done.
+
+    On a terminal a bar that vanishes at the end; elsewhere one plain line at the start, so that log files stay readable.
+    """
+    console, description = _err(), printable(description)
+    if QUIET.get():
+        yield lambda step=1, text=None: None
+        return
+    if not console.is_terminal:
+        console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
+        yield lambda step=1, text=None: None
+        return
+    columns = [SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(bar_width=30)]
+    if total is not None:
+        columns.append(MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(description, total=total)
+
+        def advance(step: float = 1, text: str | None = None) -> None:
+            bar.update(task, advance=step, description=description if text is None else f"{description}: {printable(text)}")
+
+        yield advance
+
+
+def _is_number(value: Any) -> bool:
+    value = _own(value)
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _own(value: Any) -> Any:
+    """NumPy's scalars and arrays as Python's numbers and lists, recognised by their methods: `calib --help` need not import NumPy."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _wrapped(text: str, console: Console) -> str:
+    """`text` in lines that fit a terminal; longer words, such as paths, stay whole. Elsewhere, and where it fits, as it is."""
+    text = printable(text)
+    if not console.is_terminal:
+        return text
+    lines = []
+    for line in text.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        fits = textwrap.wrap(
+            line,
+            console.width,
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+            replace_whitespace=False,
+        )
+        lines += fits if len(line) > console.width else [line]
+    return "\n".join(lines)
+
+
+def _out() -> Console:
+    """Standard output; wide enough for any table where nobody looks, so that a file or a pipe gets whole lines."""
+    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else 400)
+
+
+def _err() -> Console:
+    return Console(file=sys.stderr)

@@ -1,0 +1,47 @@
+"""M de'' + D de' = -(Y dtheta + noise): how far a forward simulation may be off, from what is known of the arm and of its readings.
+
+M is the mass matrix with rotors and D the viscous friction where a window begins; dtheta has the covariance of the arm's numbers and the noise the
+power of the torque that they leave unexplained. Both are followed along the window to its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import expm
+
+from calib.identification.known import Known
+from calib.identification.model import TorqueModel
+from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.measurement.preprocessing import Measurement
+from sim.arm import Arm
+
+STEPS = 25
+SIGMAS = 1.96
+
+
+def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, known: Known) -> np.ndarray:
+    """(n,) rad that 95 % of simulations of `steps` samples stay within, RMS over windows that begin at samples `starts`."""
+    n, model = arm.n, TorqueModel.of_arm(arm)
+    rotor = np.array([e.parameters["inertia"] if (e := arm.effect("rotor_inertia", j)) else 0.0 for j in arm.joint_names])
+    viscous = np.array([e.parameters["viscous"] if (e := arm.effect("viscous_friction", j)) else 0.0 for j in arm.joint_names])
+    smooth = SavitzkyGolay.of_bandwidth(m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff)
+    speed_variance = (m.q_noise * np.linalg.norm(smooth.coefficients(1))) ** 2
+    dt = steps / m.rate / STEPS
+    total = np.zeros(n)
+    for k in starts:
+        at = k + np.round((np.arange(STEPS) + 0.5) * steps / STEPS).astype(int)
+        tr = m.trajectory
+        columns = model.columns(tr.q[at], tr.dq[at], tr.ddq[at])
+        compliance = np.linalg.inv(model.body.mass_matrix(tr.q[k]) + np.diag(rotor))
+        system = np.zeros((2 * n, 2 * n))
+        system[:n, n:], system[n:, n:] = np.eye(n), -compliance * viscous
+        move, push = expm(system * dt), np.concatenate([0.5 * dt * np.eye(n), np.eye(n)]) @ compliance * dt
+        by_theta, variance = np.zeros((2 * n, model.p)), np.diag(np.r_[np.zeros(n), speed_variance])
+        shake = push * (known.intensity / dt) @ push.T
+        for y in columns:
+            by_theta = move @ by_theta + push @ y
+            variance = move @ variance @ move.T + shake
+        total += np.einsum("jp,pr,jr->j", by_theta[:n], known.covariance, by_theta[:n]) + np.diag(variance)[:n]
+    return np.asarray(SIGMAS * np.sqrt(total / max(len(starts), 1)))

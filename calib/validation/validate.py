@@ -1,0 +1,245 @@
+"""How well an arm predicts logs: torque along the measured motion, and motion under the measured torque.
+
+Torque: tau_hat = sim.prediction along the measured motion, filtered like the measured torque. Motion: calib.validation.forward over its horizons. How
+far the shortest may be off is stated beforehand (calib.validation.forward_bound), from what is known of the arm's numbers and nothing of this log's torque.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.claims import Claim, in_one_sentence
+from calib.gate.commands import require
+from calib.identification.known import Known
+from calib.measurement.preprocessing import Measurement, prepare
+from calib.validation.forward import HORIZONS, SHORT, ForwardError, forward_error
+from calib.validation.forward_bound import forward_bound
+from calib.verdict import Assessment, assess
+from logs.log import Log
+from sim.arm import Arm
+from sim.prediction import predict
+
+# s in motion, and rad (m): with less, a joint's torque may be anything within its dry friction
+LEAST_MOTION, LEAST_TRAVEL = 3.0, 0.01
+INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples; NaN
+    where a joint was in motion for less than LEAST_MOTION or LEAST_TRAVEL.
+
+    signal: standard deviation of the filtered torque; motion: the error of the simulated motion over each horizon, empty where it was not
+    requested; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
+    """
+
+    log: str
+    residual: np.ndarray
+    unfiltered: np.ndarray
+    signal: np.ndarray
+    rows: np.ndarray
+    motion: tuple[ForwardError, ...]
+    measurement: Measurement
+    tau_hat: np.ndarray
+    bound: np.ndarray | None = None
+
+    @property
+    def short(self) -> ForwardError | None:
+        """The error over the shortest horizon; None where nothing was simulated."""
+        return self.motion[0] if self.motion and self.motion[0].starts else None
+
+    @property
+    def within_bound(self) -> np.ndarray | None:
+        """(n,) whether the forward simulation stayed within its bound; None where there was none."""
+        return None if self.short is None or self.bound is None else self.short.angle <= self.bound
+
+    @property
+    def informative(self) -> np.ndarray:
+        """(n,) whether the bound is at most INFORMATIVE of what the joint really travelled."""
+        none = np.zeros(len(self.residual), dtype=bool)
+        return none if self.bound is None or self.short is None else np.asarray(self.bound <= INFORMATIVE * self.short.travel)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The checks of several logs against one arm, the verdict joint by joint, and what is claimed; source: what the bounds rest on."""
+
+    arm: Arm
+    checks: tuple[LogCheck, ...]
+    assessment: Assessment
+    claims: tuple[Claim, ...]
+    source: str = ""
+
+    @property
+    def outcome(self) -> str:
+        """The claims in one sentence."""
+        return in_one_sentence(self.claims)
+
+    def as_dict(self) -> dict[str, Any]:
+        """validation.json."""
+        constant = self.arm.torque_constant
+        logs = []
+        for c in self.checks:
+            entry: dict[str, Any] = {
+                "log": c.log,
+                "residual": _numbers(c.residual),
+                "residual_unfiltered": _numbers(c.unfiltered),
+                "signal": _numbers(c.signal),
+                "rows": c.rows.tolist(),
+                "cutoff_hz": c.measurement.decimator.cutoff,
+                "excluded": [[e.joint, e.reason, e.seconds] for e in c.measurement.excluded],
+            }
+            if constant is not None:
+                entry["residual_ampere"] = _numbers(c.residual / constant)
+            entry["motion"] = [e.entry() for e in c.motion if e.starts]
+            if c.short is not None:
+                entry["forward"] = {
+                    "horizon_s": SHORT.seconds, "windows": len(c.short.starts), "unit": "rad",
+                    "rms": _numbers(c.short.angle), "travel": _numbers(c.short.travel),
+                }  # fmt: skip
+                if c.bound is not None and c.within_bound is not None:
+                    entry["forward"] |= {
+                        "bound": _numbers(c.bound),
+                        "within_bound": c.within_bound.tolist(),
+                        "informative": c.informative.tolist(),
+                        "bound_from": self.source,
+                    }
+            logs.append(entry)
+        return {
+            "schema": "validation/1", "arm": self.arm.name, "unit": "N*m", "joints": list(self.arm.joint_names), "logs": logs,
+            "outcome": self.outcome, **self.assessment.as_dict(), "claims": [claim.as_dict() for claim in self.claims],
+        }  # fmt: skip
+
+    def write(self, folder: Path) -> None:
+        """validation.json, and prediction.csv of all logs one after another (column `log` where there are several)."""
+        (folder / "validation.json").write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        several = len(self.checks) > 1
+        with (folder / "prediction.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            names = self.arm.joint_names
+            writer.writerow(
+                [*(["log"] if several else []), "t", *[f"tau_{j}" for j in names], *[f"tau_hat_{j}" for j in names]]
+            )
+            for c in self.checks:
+                t = c.measurement.trajectory.t
+                keep = np.flatnonzero(c.measurement.inside)
+                table = np.column_stack([t, c.measurement.tau, c.tau_hat])[keep]
+                lead = [c.log] if several else []
+                writer.writerows([*lead, f"{row[0]:.6f}", *[f"{x:.6g}" for x in row[1:]]] for row in table)
+
+
+def validate(
+    arm: Arm,
+    logs: Sequence[Log],
+    forward: bool = True,
+    cutoff: float | None = None,
+    progress: Progress = lambda stage, share: None,
+    most: float | None = None,
+) -> Validation:
+    """Predict every log with everything the arm has; BadLog and ConfigError for logs that cannot serve, or are not of this arm.
+
+    most: the share of its torque's variation that every joint may leave; without it, the limits of `calib.verdict`.
+    """
+    progress("checking", 0.0)
+    require(arm, logs)
+    known = Known.of_arm(arm)
+    checks = []
+    for k, log in enumerate(logs):
+        share = k / len(logs)
+        checks.append(checked(arm, log, known if forward else None, cutoff, lambda stage, share=share: progress(stage, share)))  # type: ignore[misc]
+    found = _assessed(arm, checks, most)
+    where = checks[0].log if len(checks) == 1 else f"{len(checks)} logs"
+    return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *_forward_claims(arm, checks)), known.source)
+
+
+def checked(
+    arm: Arm, log: Log, known: Known | None, cutoff: float | None = None, progress: Callable[[str], None] = lambda stage: None
+) -> LogCheck:
+    """What the arm predicts of one log; simulated forward where `known` is given. Which arm the log is of is not checked."""
+    progress("torque")
+    m = prepare(log, arm, cutoff)
+    tau_hat = predict(arm, m.trajectory)
+    usable = m.row_usable & _moved(m)
+    rows, predicted = m.rows(m.tau), m.rows(tau_hat)
+    motion: tuple[ForwardError, ...] = ()
+    bound = None
+    if known is not None:
+        progress("forward simulation")
+        motion = tuple(forward_error(arm, m, horizon) for horizon in HORIZONS)
+        if motion[0].starts:
+            bound = forward_bound(arm, m, motion[0].starts, SHORT.steps(m), known)
+    return LogCheck(
+        m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable & _moved(m)), _std(rows, usable), usable.sum(axis=0),
+        motion, m, tau_hat, bound,
+    )  # fmt: skip
+
+
+def _moved(m: Measurement) -> np.ndarray:
+    """(n,) joints of which the torque can be compared."""
+    seconds = m.row_usable.sum(axis=0) / m.decimator.row_rate
+    q = np.where(m.usable, m.trajectory.q, np.nan)
+    travel = np.fmax.reduce(q, initial=-np.inf) - np.fmin.reduce(q, initial=np.inf)
+    moved: np.ndarray = (seconds >= LEAST_MOTION) & (travel >= LEAST_TRAVEL)
+    return moved
+
+
+def _rms(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    count = usable.sum(axis=0)
+    return np.sqrt(np.where(usable, x**2, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
+
+
+def _std(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    count = np.where(usable.any(axis=0), usable.sum(axis=0), np.nan)
+    mean = np.where(usable, x, 0.0).sum(axis=0) / count
+    return np.sqrt(np.where(usable, (x - mean) ** 2, 0.0).sum(axis=0) / count)
+
+
+def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Assessment:
+    """All logs together: RMS over their rows."""
+    rows = np.array([c.rows for c in checks], dtype=float)
+
+    def together(x: Sequence[np.ndarray]) -> np.ndarray:
+        power = np.where(rows > 0, np.square(np.array(x, dtype=float)), 0.0) * rows
+        count = rows.sum(axis=0)
+        return np.sqrt(power.sum(axis=0) / np.where(count > 0, count, np.nan))
+
+    residual, signal = together([c.residual for c in checks]), together([c.signal for c in checks])
+    return assess(arm.joint_names, residual, signal, arm.tau_max, most)
+
+
+def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
+    """How far the forward simulation is off, and whether the stated bounds were kept; a bound that says little is no bound."""
+    rows: list[dict[str, Any]] = [
+        {
+            "joint": joint, "log": c.log, "off_deg": float(np.degrees(c.short.angle[j])), "travel_deg": float(np.degrees(c.short.travel[j])),
+            "bound_deg": float(np.degrees(c.bound[j])), "informative": bool(c.informative[j]),
+        }
+        for c in checks
+        if c.short is not None and c.bound is not None
+        for j, joint in enumerate(arm.joint_names)
+    ]  # fmt: skip
+    if not rows:
+        return []
+    worst = max(rows, key=lambda r: float(r["off_deg"]))
+    beyond = [r for r in rows if not r["off_deg"] <= r["bound_deg"]]
+    vague = [j for j in arm.joint_names if any(r["joint"] == j and not r["informative"] for r in rows)]
+    off = {r["joint"] for r in beyond}
+    within = [j for j in arm.joint_names if j not in off and j not in vague]
+    return [
+        Claim("forward", {"horizon": SHORT.seconds, **{k: worst[k] for k in ("joint", "log", "off_deg", "travel_deg")}}),
+        Claim(
+            "bounds", {"rows": rows, "within": within, "beyond": beyond, "not_informative": [j for j in vague if j not in off]}
+        ),
+    ]
+
+
+def _numbers(x: np.ndarray) -> list[float | None]:
+    return [float(v) if np.isfinite(v) else None for v in x]

@@ -1,0 +1,172 @@
+"""A recording that was cut short is refused by the commands, and used with --accept-partial, with its loss in plain sight."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import logs
+from calib.main import main
+from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm
+from logs import Recorder, State
+from logs.about import About, about_recording, attachments, is_inside
+from logs.convert import write_log
+from sim.arm import Arm, load_arm
+from sim.cell import load_cell
+from sim.errors import BadLog, ConfigError, EmptyLog
+from sim.joint_state import JointState
+from sim.resources import shipped_configs
+from sim.urdf import base_name
+
+SAMPLES = Path(logs.__file__).parent / "samples"
+
+
+@pytest.fixture
+def aborted(tmp_path: Path) -> Path:
+    """Forty samples of a UR5e, ended by a fault."""
+    arm = load_arm("ur5e")
+    path = tmp_path / "aborted.mcap"
+    recorder = Recorder(path, arm.joint_names)
+    for k in range(40):
+        x = np.full(6, 0.001 * k)
+        recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x), x, x, x)
+    recorder.close("the emergency stop was pressed")
+    return path
+
+
+def test_it_is_refused_unless_accepted(aborted: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = load_arm("ur5e")
+    with pytest.raises(BadLog, match=r"emergency stop was pressed.*--accept-partial"):
+        read_logs([aborted], arm)
+    log = read_logs([aborted], arm, accept_partial=True)[0]
+    assert (len(log), log.state) == (40, State.ABORTED)
+    assert "the emergency stop was pressed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["identify", "validate"])
+def test_the_commands_refuse_it(command: str, aborted: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "ur5e", str(aborted), "--out", str(aborted.parent / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert "ended by a fault" in printed
+    main([command, "ur5e", str(aborted), "--accept-partial", "--out", str(aborted.parent / "out")])
+    assert "ended by a fault (the emergency stop was pressed); record" not in capsys.readouterr().err
+
+
+def recorded(path: Path, model: Arm, files: dict[str, bytes], **metadata: str) -> Path:
+    words = {"arm": model.name, "arm_sha256": model.sha256} | metadata
+    with Recorder(path, model.joint_names, words, About("", files)) as recorder:
+        for k in range(20):
+            x = np.full(model.n, 0.001 * k)
+            recorder.write(JointState(0.002 * k, 0.002 * k, x, x, x, x, x))
+    return path
+
+
+def test_a_recording_brings_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(shipped_configs() / "arms" / "servo6", "mine")
+    table = Path("mine/arm.toml").read_text()
+    Path("mine/arm.toml").write_text(table.replace('name = "servo6"', 'name = "nobody-has-it"'))
+    arm = load_arm("mine")
+    about = about_recording(arm, load_cell("mock-ur10e"))
+    assert about.frame == base_name(arm)
+    assert "<robot" in about.urdf
+    assert ".stl" not in about.urdf
+    file = recorded(tmp_path / "a.mcap", arm, dict(about.files))
+    shutil.rmtree("mine")
+    found, logs = arm_and_logs(str(file), [Path("b.mcap")], None)
+    assert (found.name, found.sha256, found.joint_names) == (arm.name, arm.sha256, arm.joint_names)
+    assert logs == [file, Path("b.mcap")]
+    assert set(attachments(file)[0]) == {"arm/arm.toml", "arm/model.xml", "cell.toml"}
+
+
+def test_an_arm_that_was_changed_in_the_recording_is_refused(tmp_path: Path) -> None:
+    arm = load_arm("servo6")
+    files = dict(about_recording(arm).files)
+    files["arm/arm.toml"] = files["arm/arm.toml"].replace(b"rate", b"# \nrate", 1)
+    with pytest.raises(BadLog, match="not the one that it was recorded of"):
+        recorded_arm(recorded(tmp_path / "a.mcap", arm, files))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "arm/../../out",
+        "arm//out",
+        "/out",
+        "arm/.hidden",
+        "arm/\x1b",
+        "arm/a/../b",
+        "out/arm.toml",
+        "arm/" + "a/" * 9 + "b",
+        "arm/",
+    ],
+)
+def test_an_attachment_is_never_made_a_file_elsewhere(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    arm = load_arm("servo6")
+    file = recorded(tmp_path / "a.mcap", arm, dict(about_recording(arm).files) | {name: b"x"})
+    assert not is_inside(name)
+    assert recorded_arm(file).sha256 == arm.sha256
+    made = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert made == {"a.mcap", "arm.toml", "model.xml"}
+
+
+def test_without_an_arm_inside_the_one_of_that_name_is_taken_and_a_change_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = load_arm("servo6")
+    assert recorded_arm(recorded(tmp_path / "a.mcap", arm, {})).sha256 == arm.sha256
+    assert capsys.readouterr().err == ""
+    recorded_arm(recorded(tmp_path / "b.mcap", arm, {}, arm_sha256="0" * 64))
+    assert "is not as it was when this was recorded" in " ".join(capsys.readouterr().err.split())
+    for name in ("../servo6", "/etc", ""):
+        with pytest.raises(ConfigError, match="neither holds an arm nor names one"):
+            recorded_arm(recorded(tmp_path / f"c{len(name)}.mcap", arm, {}, arm=name))
+
+
+def test_a_recording_without_samples_is_left_out_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = load_arm("servo6")
+    full = recorded(tmp_path / "a.mcap", arm, {})
+    Recorder(tmp_path / "b.mcap", arm.joint_names).close("stopped in another motion")
+    assert len(read_logs([full, tmp_path / "b.mcap"], arm)) == 1
+    assert "holds no sample" in capsys.readouterr().err
+    with pytest.raises(EmptyLog):
+        read_logs([tmp_path / "b.mcap"], arm)
+
+
+@pytest.mark.parametrize(("limit", "following"), [("0.1", "calib diagnose {}"), ("0.9", "calib export servo6")])
+def test_what_follows_a_validation_without_an_arms_name_can_be_typed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], limit: str, following: str
+) -> None:
+    file = shutil.copy(SAMPLES / "servo6_excitation.mcap", tmp_path / "a.mcap")
+    main(["validate", str(file), "--no-forward", "--max-error", limit, "--out", str(tmp_path / "out"), "--json"])
+    assert json.loads(capsys.readouterr().out)["next"] == following.format(file)
+
+
+@pytest.mark.parametrize("what", ["jitter", "repeats", "neither"])
+def test_samples_that_an_import_would_put_right_are_reported(
+    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recording that is given to a command as it is: late stamps and samples that were sent twice are not passed over in silence."""
+    log, rng = logs.read_log(SAMPLES / "servo6_excitation.mcap"), np.random.default_rng(1)
+    k = np.arange(len(log))
+    t = log.t
+    if what == "repeats":
+        k[5::14] -= 1
+    if what == "jitter":
+        t = np.sort(t + 2e-3 * rng.standard_normal(len(log)))
+    nothing = np.full(log.q.shape, np.nan)
+    names = ("q", "dq", "tau", "temperature")
+    changed = replace(log, t=t, t_host=nothing[:, 0], q_cmd=nothing, dq_cmd=nothing, **{n: getattr(log, n)[k] for n in names})
+    write_log(changed, tmp_path / "log.mcap", "clean", {"arm": "servo6"})
+    read_logs([tmp_path / "log.mcap"], load_arm("servo6"))
+    read_pieces([tmp_path / "log.mcap"], load_arm("servo6"), tmp_path)
+    printed = " ".join(capsys.readouterr().err.split())
+    assert printed.count("`calib import` puts right what can be") == (0 if what == "neither" else 2)
+    assert ("repeat the one before" in printed) == (what == "repeats")
+    assert ("the clock was rebuilt" in printed) == (what == "jitter")

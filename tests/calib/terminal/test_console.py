@@ -1,0 +1,108 @@
+"""Answers on standard output, everything else on standard error, and JSON that any parser reads."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from calib.terminal import console
+from sim.cell import load_cell
+
+
+def test_json_is_strict(capsys: pytest.CaptureFixture[str]) -> None:
+    console.print_json(
+        {"a": np.array([1.0, np.nan]), "b": Path("x"), "c": np.float32(np.inf), "d": (np.bool_(True), np.int64(3))}
+    )
+    assert json.loads(capsys.readouterr().out) == {"a": [1.0, None], "b": "x", "c": None, "d": [True, 3]}
+
+
+def test_what_has_no_json_form_is_named() -> None:
+    with pytest.raises(TypeError, match="object has no JSON form"):
+        console.plain({"a": object()})
+
+
+def test_brackets_in_names_are_not_markup(capsys: pytest.CaptureFixture[str]) -> None:
+    console.say("joint [red]a[/red] in log [1].mcap")
+    console.table(["joint"], [["[bold]b"]])
+    out = capsys.readouterr().out
+    assert "joint [red]a[/red] in log [1].mcap" in out
+    assert "[bold]b" in out
+
+
+def test_warnings_do_not_mix_with_answers(capsys: pytest.CaptureFixture[str]) -> None:
+    console.warn("look here")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "calib: look here\n"
+
+
+@pytest.mark.parametrize(
+    ("alone", "sentence"),
+    [
+        ("", "mock-ur10e has a monitor process: it stops"),
+        ("its bus is one program's", "has no monitor process: its bus is one program's;"),
+    ],
+)
+def test_a_recording_begins_with_whether_a_monitor_process_exists(
+    capsys: pytest.CaptureFixture[str], alone: str, sentence: str
+) -> None:
+    console.warn_watched(load_cell("mock-ur10e"), alone)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert sentence in " ".join(captured.err.split())
+
+
+def test_table_shows_four_digits_and_a_dash_for_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    console.table(["joint", "rms"], [["a", 0.123456], ["b", float("nan")], ["c", None]])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines] == [["joint", "rms"], ["a", "0.1235"], ["b", "–"], ["c", "–"]]
+
+
+def test_progress_away_from_a_terminal_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with console.progress("reading", total=3) as advance:
+        advance()
+        advance(2, "the last")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "reading ...\n"
+
+
+def test_completion_offers_what_is_shipped() -> None:
+    assert "mock-ur10e" in console.cell_names("mock")
+    assert console.cell_names("no such") == []
+
+
+def test_a_terminal_gets_lines_between_words_and_whole_paths() -> None:
+    terminal = Console(width=20, force_terminal=True)
+    path = "runs/20260102T030405Z-ur10e-demo/report.html"
+    assert console._wrapped(f"  the page stands in {path}", terminal).splitlines() == ["  the page stands in", f"  {path}"]
+    assert console._wrapped("   two words", terminal) == "   two words"
+    assert console._wrapped("a line that is longer than twenty", Console(width=20, force_terminal=False)).count("\n") == 0
+
+
+def test_what_a_file_says_never_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    bad = "a\x1b[2J\x9b\u202e\x07"
+    console.say(bad)
+    console.warn(bad)
+    console.copyable(bad)
+    console.table([bad, "n"], [[bad, 1.0]], bad)
+    console.print_json({"name": bad})
+    with console.progress(bad) as advance:
+        advance(1, bad)
+    printed = capsys.readouterr()
+    assert not set("\x1b\x9b\u202e\x07") & set(printed.out + printed.err)
+    assert (printed.out + printed.err).count("a\\x1b[2J") >= 5
+    assert "a\\u001b[2J\\u009b\\u202e\\u0007" in printed.out
+
+
+def test_a_question_is_wrapped_and_keeps_the_space_before_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(console, "_err", lambda: Console(file=out, width=20, force_terminal=True))
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    assert console.ask("Type a word that is longer to let it move: ") == "yes"
+    lines = out.getvalue().split("\n")
+    assert max(map(len, lines)) <= 21
+    assert lines[-1].endswith("move: ")

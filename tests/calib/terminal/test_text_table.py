@@ -1,0 +1,73 @@
+"""Tables fit a terminal of 80 columns and lose nothing; numbers are rounded to their uncertainty."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from calib.terminal.quantity import rounded
+from calib.terminal.text_table import lines
+
+JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
+VALIDATE = [
+    "joint",
+    "residual [N m]",
+    "unfiltered [N m]",
+    "torque std [N m]",
+    "share",
+    "residual [A]",
+    "off after 0.25 s [deg]",
+    "bound [deg]",
+]
+RUNS = ["started (UTC)", "verb", "arm", "exit", "folder", "outcome"]
+LONG = "No effect is missing: the model of ur10e agrees with the log within noise and its own uncertainty"
+
+
+def shown(headers: list[str], rows: list[list[str]], numeric: list[bool], width: int = 80) -> list[str]:
+    return [line for line, _ in lines(headers, rows, numeric, width)]
+
+
+def test_a_wide_table_of_numbers_becomes_parts_with_the_first_column() -> None:
+    rows = [[joint, *[f"{k + 0.125:.4g}" for k in range(7)]] for joint in JOINTS]
+    table = shown(VALIDATE, rows, [False, *[True] * 7])
+    assert max(map(len, table)) <= 80
+    assert sum(line.startswith("joint") for line in table) == 2
+    text = "\n".join(table)
+    for word in itertools.chain(VALIDATE, *rows):
+        assert word in text
+
+
+def test_a_long_last_column_goes_below_its_row() -> None:
+    rows = [["2026-11-22 08:06", "identify", "ur10e", "0", "20261122T080602Z-ur10e-identify", LONG]] * 2
+    table = shown(RUNS, rows, [False] * 6)
+    assert max(map(len, table)) <= 80
+    assert " ".join("\n".join(table).split()).count(LONG) == 2
+
+
+def test_a_table_that_fits_stays_as_it_is() -> None:
+    assert shown(["a", "b"], [["x", "1"], ["yy", "22"]], [False, True]) == ["a    b", "x    1", "yy  22"]
+
+
+@pytest.mark.parametrize("width", [20, 40, 80, 120])
+def test_nothing_is_cut_off(width: int) -> None:
+    rows = [[joint, LONG, "3.5", LONG] for joint in JOINTS]
+    words = " ".join(shown(["joint", "first", "value", "second"], rows, [False, False, True, False], width)).split()
+    assert all(words.count(word) >= 2 * 3 for word in LONG.split())
+    assert not shown([], [], [])
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "text"),
+    [
+        (-0.03011, 0.29, "N*m", "-0.03 ± 0.29 N m"),
+        (-0.0001, 0.29, "", "0.00 ± 0.29"),
+        (12345.6, 1234.0, "N*m/rad", "12300 ± 1200 N m/rad"),
+        (0.124, 0.005, "1", "0.1240 ± 0.0050"),
+        (3.0, None, "kg", "3 kg"),
+        (3.0, 0.0, "kg", "3 kg"),
+        (float("nan"), 1.0, "kg", "–"),
+    ],
+)
+def test_a_number_is_rounded_to_its_uncertainty(value: float, std: float | None, unit: str, text: str) -> None:
+    assert rounded(value, std, unit) == text
