@@ -52,7 +52,7 @@ def missing_facts(arm: Arm, joint: int) -> str:
         return ""
     return (
         f". Nobody stated {' and '.join(missing)} of {arm.joint_names[joint]}, so they count as much as an ordinary drive has: state "
-        f"them in arm.toml, or identify the arm on a slower motion first"
+        f"them (`calib arm new --drive`), or identify the arm on a slower motion first"
     )
 
 

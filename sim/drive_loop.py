@@ -13,6 +13,10 @@ BANDWIDTH = 2 * np.pi * 6.0
 PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
 # postures in which it is looked for: of a Panda without stated rotors it is 2 in one and 79 in another, where its axes 1 and 3 meet
 POSTURES = 200
+# rad beside its command by which the gains of a pushed arm overcome the dry friction that its drive knows, as far as a loop that is closed
+# every millisecond stays steady: its own frequency, rad/s, there
+GIVES_WAY = 5e-3
+SWIFT = 500.0
 State = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -25,9 +29,9 @@ class DriveLoop:
 
     def __init__(self, known: Arm, joint_names: tuple[str, ...]) -> None:
         self._nominal = RigidBody(known)
-        self._rotor, self._viscous = (
+        self._rotor, self._viscous, self._coulomb = (
             np.array([e.parameters[key] if (e := known.effect(effect, n)) else 0.0 for n in joint_names])
-            for effect, key in (("rotor_inertia", "inertia"), ("viscous_friction", "viscous"))
+            for effect, key in (("rotor_inertia", "inertia"), ("viscous_friction", "viscous"), ("coulomb_friction", "coulomb"))
         )
         self.pushed = self._most_pushed(known) > PUSHED
 
@@ -107,10 +111,15 @@ class DriveLoop:
         """kp N m/rad and kd N m s/rad at q, (n, n): by what each joint carries, the others held.
 
         Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
-        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by the viscous friction besides.
+        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by friction besides: a light link that rubs
+        would stay behind.
         """
         matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
         if not self.pushed:
             held = np.diag(np.diag(matrix))
             return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
-        return BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous), 2 * 0.9 * BANDWIDTH * matrix
+        least = 1.0 / np.diag(np.linalg.inv(matrix))  # of each joint, where the others give way
+        stiff = np.minimum(self._coulomb / GIVES_WAY, SWIFT**2 * least)
+        damped = np.maximum(2 * 0.9 * np.sqrt(stiff * least) - self._viscous, 0.0)
+        kp = BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous) + np.diag(stiff)
+        return kp, 2 * 0.9 * BANDWIDTH * matrix + np.diag(damped)

@@ -44,6 +44,15 @@ Limit = Annotated[
         help="A limit, one number for all joints or one each: q_min q_max (rad) dq_max ddq_max jerk_max tau_max (N m). Repeatable.",
     ),
 ]
+Drive = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--drive",
+        metavar="KEY=N[,N...]",
+        help="What a data sheet or a bench says of the drives, one number for all joints or one each: coulomb (N m), viscous (N m s/rad), inertia "
+        "(kg m^2, reflected to the joint). Repeatable.",
+    ),
+]
 At = Annotated[
     TorqueAt,
     typer.Option(
@@ -68,6 +77,7 @@ def new(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="MJCF (.xml) or URDF (.urdf; expand a .xacro first).")],
     name: Name = None,
     limit: Limit = None,
+    drives: Drive = None,
     joints: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="Joints that move, by name or pattern; the others stand still at 0.")
     ] = None,
@@ -98,14 +108,15 @@ def new(
     """Make an arm folder from a model file, and ask for each limit that the model does not state.
 
     Nothing is guessed: an empty answer leaves the limit out, and what needs it will ask for it by name. Without a terminal
-    nothing is asked; give --limit instead. A gripper's joints are left out with --joints, --lock or --tool.
+    nothing is asked; give --limit instead. What is not known of friction and reflected inertia counts as much as an ordinary
+    drive has, until --drive states it. A gripper's joints are left out with --joints, --lock or --tool.
 
     Example:
 
         calib arm new my_robot.urdf --numbers cad --lock 'finger_*' --limit ddq_max=5 --limit jerk_max=100
     """
     from calib.excitation.home import FREE, free_share
-    from sim.new_arm import Choice, read_model, staging_folder
+    from sim.new_arm import Choice, read_model, staging_folder, with_drives
 
     person = sys.stdin.isatty() and not json
     if numbers is None and not geometry_only and person:
@@ -128,6 +139,7 @@ def new(
             console.warn(note)
         if arm.prior.numbers is None:
             console.warn("the source of the masses is unknown, so they count as guessed; state it with --numbers")
+        arm = with_drives(arm, dict(_numbers("--drive", text) for text in drives or []))
         _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
 
 
@@ -154,7 +166,7 @@ def drive(
     """
     from sim.new_arm import drive_arm, staging_folder
 
-    known = None if load in (None, "unknown") else _limit(f"--load={load}")[1]
+    known = None if load in (None, "unknown") else _numbers("--load", f"load={load}")[1]
     if known is not None and (len(known) != 2 or not min(known) > 0 or not max(known) < 1e4):
         raise ConfigError(f"--load {load}: write KG,M, both above zero, or unknown")
     with staging_folder() as staging:
@@ -212,7 +224,7 @@ def _finish(
     from sim.files import is_name
     from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
 
-    arm = with_limits(arm, dict(_limit(text) for text in limit or []))
+    arm = with_limits(arm, dict(_numbers("--limit", text) for text in limit or []))
     if person:
         arm = _with_entered_limits(arm)
     label = name or arm.name
@@ -239,12 +251,12 @@ def _finish(
     console.say(f"{folder}")
 
 
-def _limit(text: str) -> tuple[str, list[float]]:
+def _numbers(option: str, text: str) -> tuple[str, list[float]]:
     key, _, numbers = text.partition("=")
     try:
         return key, [float(x) for x in numbers.split(",")]
     except ValueError:
-        raise ConfigError(f"--limit {text}: write KEY=N for all joints, or KEY=N,N,... with one number a joint") from None
+        raise ConfigError(f"{option} {text}: write KEY=N for all joints, or KEY=N,N,... with one number a joint") from None
 
 
 def _locked(text: str) -> tuple[str, float]:
@@ -264,5 +276,5 @@ def _with_entered_limits(arm: Arm) -> Arm:
     for key in missing_limits(arm):
         answer = console.ask(f"{key} in {LIMIT_UNITS[key]}, one number or {arm.n} with commas, empty to leave it out: ")
         if answer.strip():
-            arm = with_limits(arm, dict([_limit(f"{key}={answer}")]))
+            arm = with_limits(arm, dict([_numbers("--limit", f"{key}={answer}")]))
     return arm

@@ -9,6 +9,7 @@ import numpy as np
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room, Use
 from calib.identification.model import TorqueModel
+from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
 
@@ -17,13 +18,10 @@ LEAST_REACH, LEAST_SHARE = (
     0.1,
     0.02,
 )  # rad, and of a joint's range: less than this stays within what dry friction and gears hide
-GROWTH = {
-    "dq": 1,
-    "point speed": 1,
-    "ddq": 2,
-    "torque": 2,
-    "jerk": 3,
-}  # by which power of the period a motion at that limit grows
+# by which power of the period a motion at that limit grows
+GROWTH = {"dq": 1, "ddq": 2, "jerk": 3}
+# times the period in which a path is looked at that does not fit
+SLOWER = (1.1, 1.25, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -125,10 +123,23 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     if share <= 1:
         return f"no motion of useful size fits: a fifth of it brings {_too_near(room, use)}"
     own = use.shares[name]
-    where = f"{room.arm.joint_names[int(np.argmax(own))]}'s " if len(own) == room.arm.n else "the "
-    slower = f"a longer --period (about {basis.period * share ** (1 / GROWTH.get(name, 1)):.3g} s instead of {basis.period:g})"
-    remedy = "another --home" if name == "q" else f"{slower} or another --home"
-    return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit"
+    worst = int(np.argmax(own)) if len(own) == room.arm.n else None
+    where = "the " if worst is None else f"{room.arm.joint_names[worst]}'s "
+    remedy = "another --home"
+    if name != "q" and (slower := _slow_enough(room, trial, name)):
+        remedy = f"a longer --period (about {slower:.3g} s instead of {basis.period:g}) or {remedy}"
+    missing = missing_facts(room.arm, worst) if name == "torque" and worst is not None else ""
+    return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit{missing}"
+
+
+def _slow_enough(room: Room, motion: Fourier, name: str) -> float | None:
+    """The period, s, in which the same path keeps that limit; None where it does not in any of SLOWER times the motion's own."""
+    for times in SLOWER:
+        basis = Basis(motion.basis.harmonics, times * motion.basis.period)
+        shares = room.use(coarse(Fourier(basis, motion.home, motion.x / times))).shares
+        if float(np.max(shares[name])) <= MARGIN[name]:
+            return basis.period
+    return None
 
 
 def _too_near(room: Room, use: Use) -> str:

@@ -11,6 +11,7 @@ from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.room import CLEARANCE_MARGIN, Room
 from safety.collision import Clearance
 from safety.pairs import postures
+from safety.parameters import missing_facts
 from safety.reach import spine
 from sim.arm import Arm
 from sim.cell import Cell, CellTable, MotionTable
@@ -85,14 +86,17 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
     q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
     clearances, names = room.clearances(q)
-    free, held = clearances.min(axis=1), room.held(q)
+    free, taken = clearances.min(axis=1), room.holding(q)
+    share = taken.max(axis=1)
+    held = share <= 1
     if not held.any():
+        j = int(np.argmax(taken[np.argmin(share)]))
         raise AnswerIsNo(
-            f"{arm.name}: in none of {POSTURES} postures do its torque limits hold it, with what nobody knows of its masses: correct tau_max "
-            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with --home"
+            f"{arm.name}: in none of {POSTURES} postures do its torque limits hold it, with what nobody knows of its masses: {arm.joint_names[j]} may "
+            f"take {share.min():.0%} of its limit (less margin) where it is best. Correct tau_max ({np.round(arm.tau_max, 1).tolist()} N m) or the masses, "
+            f"say with --numbers how well they are known, or give a posture with --home{missing_facts(arm, j)}"
         )
     free = np.where(held, free, -np.inf)
-    roomy = q[np.argsort(-free)[:LOOKED_AT]]
     if free.max() < CLEARANCE_MARGIN:
         near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
         worst = int(np.argmax(near))
@@ -107,8 +111,14 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         )
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
-    scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in roomy]
-    return np.round(roomy[int(np.argmax(scores))], 3)
+    roomy = np.argsort(-free)[:LOOKED_AT]
+    # where torque leaves no motion about any of those, the free postures that it takes least to hold
+    strong = np.argsort(np.where(free >= CLEARANCE_MARGIN, share, np.inf))[:LOOKED_AT]
+    for chosen in (q[roomy], q[strong]):
+        scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
+        if max(scores) > 0:
+            break
+    return np.round(chosen[int(np.argmax(scores))], 3)
 
 
 def _amplitude(room: Room, motion: Fourier) -> float:

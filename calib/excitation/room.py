@@ -304,12 +304,12 @@ class Room:
         found = Use(shares, *self.nearest(motion.q, ends))
         return self._stopped(motion, found) if found.fits else found
 
-    def held(self, q: np.ndarray) -> np.ndarray:
-        """(N,) bool: whether the torque limits, less what a plan leaves of them, hold the arm still at each posture q (N, n)."""
+    def holding(self, q: np.ndarray) -> np.ndarray:
+        """(N, n) of the torque limits, less what a plan leaves of them: the share that standing still at each posture q (N, n) may take."""
         twice = np.concatenate([q, q[-1:]])  # a motion has two instants at least
         still = Trajectory(np.arange(len(twice), dtype=float), twice, np.zeros_like(twice), np.zeros_like(twice))
         torque = torque_interval(still, self.arm, self.cell, self._bounds)
-        return np.asarray((torque.most <= MARGIN["torque"] * torque.limit).all(axis=1))[:-1]
+        return np.asarray(torque.most / (MARGIN["torque"] * torque.limit))[:-1]
 
     def _stopped(self, motion: Trajectory, path: Use) -> Use:
         """`path`, with what the stops from every sample use more."""

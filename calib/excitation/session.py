@@ -21,7 +21,7 @@ from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import home_of
 from calib.excitation.optimise import Site, optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
-from calib.excitation.sweeps import friction_sweeps, overlay, reversal_ladder, static_holds
+from calib.excitation.sweeps import GENTLE, friction_sweeps, overlay, reversal_ladder, static_holds
 from calib.identification.model import TorqueModel
 from drivers import open_driver
 from safety.latency import stop_to_plan_for
@@ -34,6 +34,8 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
+# of the range, speed and acceleration of the sweeps and the chirp
+GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 
 
@@ -102,7 +104,8 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     progress("checking the excitation", 0.0)
     excitation, kept = cleared_fourier(best, room, rate, session.periods)
     motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
-    motions.append(Motion("friction", "friction", _friction(room, home, session, rate)))
+    progress("friction", 0.0)
+    motions.append(Motion("friction", "friction", cleared_friction(room, home, session, rate)))
     motions.append(Motion("excitation", "excitation", excitation))
     progress("validation", 0.0)
     other = None
@@ -120,7 +123,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         motions.append(Motion("discriminate", "probe", cleared_fourier(parting, room, rate)[0]))
     for motion in motions:
         progress(f"checking {motion.name}", 0.0)
-        if motion.kind not in ("excitation", "validation"):
+        if motion.kind not in ("excitation", "validation", "friction"):
             room.clear(motion.trajectory)
     worth = information.worth(kept.sampled(1000 / basis.period))
     weak = [e for e, known in identifiable(model, information, kept).items() if not known]
@@ -175,22 +178,41 @@ def cleared_fourier(motion: Fourier, room: Room, rate: float, periods: int = 1) 
     raise AssertionError("SHARES is not empty")
 
 
-def _friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:
-    """Sweeps with ranges and speeds that fit, joint by joint, and the chirp after them."""
+def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:
+    """Sweeps with ranges and speeds that fit, joint by joint, and the chirp after them; gentler where safety.clear refuses.
+
+    The refusal is passed on where that does not help.
+    """
     arm = room.arm
     low, high = home.copy(), home.copy()
     speeds = np.outer(arm.dq_max, session.speeds)
     for j in range(arm.n):
         low[j], high[j], speeds[j] = _swept(room, home, j, speeds[j], rate)
-    sweeps = friction_sweeps(arm, home, low, high, speeds, session.cruise, rate)
     size = 0.12 * arm.dq_max
-    chirp = overlay(arm, home, size, session.chirp, rate)
+    for k, share in enumerate(GENTLER):
+        gentle = share * GENTLE
+        sweeps = friction_sweeps(
+            arm, home, home + share * (low - home), home + share * (high - home), share * speeds, session.cruise, rate, gentle
+        )
+        motion = joined(sweeps, _chirp(room, home, share * size, session.chirp, rate, gentle))
+        try:
+            room.clear(motion)
+            return motion
+        except SafetyStop:
+            if k == len(GENTLER) - 1:
+                raise
+    raise AssertionError("GENTLER is not empty")
+
+
+def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate: float, gentle: float) -> Trajectory:
+    """The chirp with as much of its size as fits."""
+    chirp = overlay(room.arm, home, size, seconds, rate, gentle)
     for _ in range(ATTEMPTS):
         if room.use(_thinned(chirp, 60.0)).fits:
             break
         size = size * SHRINK
-        chirp = overlay(arm, home, size, session.chirp, rate)
-    return joined(sweeps, chirp)
+        chirp = overlay(room.arm, home, size, seconds, rate, gentle)
+    return chirp
 
 
 def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:

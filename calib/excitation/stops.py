@@ -20,9 +20,11 @@ from sim.trajectory import Trajectory
 PREDICTED, POWERED = 0.9, 0.5
 
 
-def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> tuple[np.ndarray, float]:
-    """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and the largest share of tau_max that they take,
-    or of the power."""
+def stops_of(
+    motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds
+) -> tuple[np.ndarray, np.ndarray]:
+    """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and (n,) the largest share of tau_max that
+    they take, or of the power."""
     fastest = np.abs(motion.dq)
     if stop.proportional:
         fastest = np.broadcast_to(fastest.max(axis=1, keepdims=True), fastest.shape)
@@ -30,16 +32,16 @@ def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds:
     own = np.where(np.abs(motion.dq) > 0, arm.ddq_max, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         device = np.where(fastest > 0, stop.deceleration * np.abs(motion.dq) / fastest, 0.0)
-    passed, taken = [], 0.0
+    passed, taken = [], np.zeros(arm.n)
     for reaction, full in ((0.0, own), (stop.reaction, device)):
         for share in SHARES:
             slowing = Trajectory(motion.t, motion.q, motion.dq, -np.sign(motion.dq) * share * full)
             torque = torque_interval(slowing, arm, cell, bounds)
             power = float(np.max(np.sum(torque.most * np.abs(motion.dq), axis=1))) / POWER_MAX
-            use = max(float(np.max(torque.most / torque.limit)), power * PREDICTED / POWERED)
-            if use <= PREDICTED:
+            use = np.maximum((torque.most / torque.limit).max(axis=0), power * PREDICTED / POWERED)
+            if np.all(use <= PREDICTED):
                 break
-        taken = max(taken, use)
+        taken = np.maximum(taken, use)
         with np.errstate(divide="ignore", invalid="ignore"):
             braking = np.where(full > 0, np.abs(motion.dq) / (share * full), 0.0)
         passed += [motion.q + motion.dq * (reaction + part * braking) for part in (0.25, 0.5)]

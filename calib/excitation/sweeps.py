@@ -27,15 +27,17 @@ class Waypoint:
     hold: float = DWELL
 
 
-def through(arm: Arm, start: np.ndarray, stops: Sequence[Waypoint], rate: float) -> Trajectory:
+def through(arm: Arm, start: np.ndarray, stops: Sequence[Waypoint], rate: float, gentle: float = GENTLE) -> Trajectory:
     """From rest at `start` (n,) through every stop, at rest at each, sampled at `rate` Hz; all joints arrive together.
+
+    gentle: share of acceleration and jerk that is used.
 
     ConfigError where Ruckig finds no profile, which means that a stop lies outside the limits.
     """
     q, dq, ddq = [np.asarray(start, dtype=float)[None]], [np.zeros((1, arm.n))], [np.zeros((1, arm.n))]
     here = np.asarray(start, dtype=float)
     for stop in stops:
-        path = _leg(arm, here, stop)
+        path = _leg(arm, here, stop, gentle)
         if path is not None:
             count = max(2, int(np.ceil(path.duration * rate)))
             states = [path.at_time(min((k + 1) / rate, path.duration)) for k in range(count)]
@@ -52,14 +54,14 @@ def through(arm: Arm, start: np.ndarray, stops: Sequence[Waypoint], rate: float)
     return Trajectory(np.arange(len(positions)) / rate, positions, np.concatenate(dq), np.concatenate(ddq))
 
 
-def _leg(arm: Arm, here: np.ndarray, stop: Waypoint) -> RuckigPath | None:
+def _leg(arm: Arm, here: np.ndarray, stop: Waypoint, gentle: float) -> RuckigPath | None:
     if np.allclose(here, stop.q, atol=1e-12):
         return None
     task = InputParameter(arm.n)
     task.current_position, task.target_position = list(here), list(stop.q)
     task.max_velocity = list(np.maximum(stop.speed, 1e-4))
-    task.max_acceleration = list(GENTLE * arm.ddq_max)
-    task.max_jerk = list(GENTLE * arm.jerk_max)
+    task.max_acceleration = list(gentle * arm.ddq_max)
+    task.max_jerk = list(gentle * arm.jerk_max)
     path = RuckigPath(arm.n)
     try:
         result: object = Ruckig(arm.n).calculate(task, path)
@@ -73,13 +75,14 @@ def _leg(arm: Arm, here: np.ndarray, stop: Waypoint) -> RuckigPath | None:
 
 
 def friction_sweeps(
-    arm: Arm, home: np.ndarray, low: np.ndarray, high: np.ndarray, speeds: np.ndarray, cruise: float, rate: float
-) -> Trajectory:
+    arm: Arm, home: np.ndarray, low: np.ndarray, high: np.ndarray, speeds: np.ndarray, cruise: float, rate: float,
+    gentle: float = GENTLE,
+) -> Trajectory:  # fmt: skip
     """Each joint in turn, about `cruise` s each way at every speed (n, m) rad/s, within [low, high], the others still at home."""
     stops = []
     for j in range(arm.n):
         for speed in speeds[j]:
-            reach = cruise * float(speed) + 2 * float(speed) ** 2 / (GENTLE * float(arm.ddq_max[j]))
+            reach = cruise * float(speed) + 2 * float(speed) ** 2 / (gentle * float(arm.ddq_max[j]))
             reach = min(float(high[j] - low[j]), reach)
             middle = float(np.clip(home[j], low[j] + reach / 2, high[j] - reach / 2))
             for end in (middle - reach / 2, middle + reach / 2, middle - reach / 2):
@@ -87,7 +90,7 @@ def friction_sweeps(
                 q[j] = end
                 stops.append(Waypoint(q, _only(arm, j, float(speed))))
         stops.append(Waypoint(home, _only(arm, j, float(speeds[j].max()))))
-    return through(arm, home, stops, rate)
+    return through(arm, home, stops, rate, gentle)
 
 
 def reversal_ladder(arm: Arm, home: np.ndarray, amplitudes: Sequence[float], rate: float) -> Trajectory:
@@ -115,11 +118,12 @@ def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], app
 
 
 def overlay(
-    arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, low: float = 0.5, high: float = 7.0
-) -> Trajectory:
+    arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, gentle: float = GENTLE, low: float = 0.5,
+    high: float = 7.0,
+) -> Trajectory:  # fmt: skip
     """A small chirp of every joint, low to high Hz and each at its own phase, faded at the ends.
 
-    Its speed is amplitude (n,) rad/s, less where that would take more than GENTLE of the acceleration or jerk.
+    Its speed is amplitude (n,) rad/s, less where that would take more than `gentle` of the acceleration or jerk.
     """
     count = round(seconds * rate)
     t = np.arange(count + 1) / rate
@@ -127,7 +131,7 @@ def overlay(
     sweep = np.log(high / low)
     phase = 2 * np.pi * low * seconds / sweep * (np.exp(t / seconds * sweep) - 1)[:, None] * offsets
     turn = 2 * np.pi * low * np.exp(t / seconds * sweep)[:, None] * offsets
-    slowness = amplitude**-4.0 + (GENTLE * arm.ddq_max / turn) ** -4.0 + (GENTLE * arm.jerk_max / turn**2) ** -4.0
+    slowness = amplitude**-4.0 + (gentle * arm.ddq_max / turn) ** -4.0 + (gentle * arm.jerk_max / turn**2) ** -4.0
     q = home + slowness**-0.25 * _fade(t, seconds, 0.15 * seconds)[:, None] * np.sin(phase) / turn
     spline = _smooth_derivatives(t, q)
     return Trajectory(t, q, *spline)

@@ -207,6 +207,28 @@ def test_friction_is_free_where_nobody_measured_it_and_relative_where_somebody_d
     assert (known["rotor"] > 0.01).all()
 
 
+def test_what_is_known_of_the_drives_is_stated_and_no_more(gripper, tmp_path, capsys):
+    command = ["arm", "new", str(gripper), "--tool", "hand", "--numbers", "cad"]
+    facts = ["--drive", "coulomb=0.3,0.1", "--drive", "inertia=0.02"]
+    assert main([*command, *facts, "--out", str(tmp_path / "arm")]) == 0
+    arm = load_arm(tmp_path / "arm")
+    assert arm.prior.unknown == ["viscous", "offset"]
+    assert arm.tree.frictionloss.tolist() == [0.3, 0.1]
+    assert arm.tree.armature.tolist() == [0.02, 0.02]
+    wide = spread(arm)
+    assert wide["coulomb"].tolist() == pytest.approx([0.09, 0.03])
+    assert wide["rotor"].tolist() == pytest.approx([0.002, 0.002])
+    assert wide["viscous"].tolist() == pytest.approx([0.25, 0.25]), "as wide as an ordinary drive has it"
+
+
+@pytest.mark.parametrize(
+    "fact", ["coulomb=0", "coulomb=nan", "coulomb=-1", "coulomb=1,2,3", "rubbing=1", "coulomb", "inertia=x", "viscous=inf"]
+)
+def test_a_fact_of_a_drive_that_states_nothing_is_refused(gripper, tmp_path, capsys, fact):
+    assert main(["arm", "new", str(gripper), "--tool", "hand", "--drive", fact, "--out", str(tmp_path / "arm")]) == 2
+    assert not (tmp_path / "arm").exists()
+
+
 def test_a_drive_on_a_bench_is_an_arm_of_one_joint(tmp_path):
     limits = ["--limit", "tau_max=2", "--limit", "dq_max=6"]
     assert main(["arm", "drive", "pendulum", "--load", "0.49,0.1", *limits, "--out", str(tmp_path / "p")]) == 0

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from calib.excitation.design import SLOWER, _own_scale, binding, coarse
+from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import home_of, open_cell
-from calib.excitation.room import CLEARANCE_MARGIN, Room
+from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
+from calib.excitation.session import QUICK, cleared_friction
 from sim.arm import Arm, load_arm
-from sim.errors import AnswerIsNo
+from sim.errors import AnswerIsNo, SafetyStop
+from sim.trajectory import Trajectory
 from sim.tree import Shape
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
@@ -69,12 +74,66 @@ def test_a_home_that_the_torque_limits_cannot_hold_is_not_taken() -> None:
     weak = replace(arm, tau_max=np.array([330.0, 150.0, 150.0, 56.0, 56.0, 56.0]))
     room = Room(weak, open_cell(weak))
     home = home_of(room, room.cell, None, np.random.default_rng(0))
-    assert room.held(home[None]).all()
+    assert (room.holding(home[None]) <= 1).all()
     outstretched = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
-    assert room.held(outstretched).tolist() == [False, True]
+    assert (room.holding(outstretched) <= 1).all(axis=1).tolist() == [False, True]
     weaker = replace(arm, tau_max=np.full(6, 1e-3))
     with pytest.raises(AnswerIsNo, match="in none of 1000 postures do its torque limits hold it"):
         home_of(Room(weaker, room.cell), room.cell, None, np.random.default_rng(0))
+
+
+def silent(arm: Arm) -> Arm:
+    """The arm with drives of which nobody stated anything."""
+    return replace(arm, prior=arm.prior.model_copy(update={"unknown": ["coulomb", "viscous", "rotor", "offset"]}))
+
+
+def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> None:
+    arm = replace(load_arm("ur10e"), tau_max=np.array([330.0, 330.0, 150.0, 56.0, 56.0, 0.2]))
+    room = Room(silent(arm), open_cell(arm))
+    with pytest.raises(
+        AnswerIsNo, match=r"wrist_3_joint may take \d+% .*Nobody stated dry friction .* of wrist_3_joint.*--drive"
+    ):
+        home_of(room, room.cell, None, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("name", "helps"), [("torque", False), ("point speed", True)])
+def test_a_longer_period_is_advised_only_where_the_path_then_fits(name: str, helps: bool) -> None:
+    """A stop takes torque at any speed; the speed of a point does not."""
+    arm = load_arm("ur10e")
+    home, basis, cell = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0), open_cell(arm)
+    if name == "torque":
+        arm = silent(replace(arm, tau_max=arm.tau_max * np.array([1.0, 0.37, 1.0, 1.0, 1.0, 1.0])))
+    else:
+        slow = cell.table.motion.model_copy(update={"point_speed_max": 0.15})
+        cell = replace(cell, table=cell.table.model_copy(update={"motion": slow}))
+    room = Room(arm, cell)
+    sentence = binding(room, basis, home)
+    assert "a fifth of it takes" in sentence
+    assert ("shoulder_lift_joint's torque limit" if name == "torque" else "the point speed limit") in sentence
+    advised = re.search(r"--period \(about (\S+) s", sentence)
+    assert (advised is not None) is helps
+    trial = random_fourier(basis, home, np.random.default_rng(0))
+    trial = trial.scaled(0.2 * _own_scale(room, trial))
+    for times in SLOWER:
+        slower = Fourier(Basis(6, 20.0 * times), home, trial.x / times)
+        fits = float(room.use(coarse(slower)).shares[name].max()) <= MARGIN[name]
+        assert fits is (advised is not None and 20.0 * times >= float(advised[1]))
+
+
+def test_sweeps_are_gentler_where_they_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = load_arm("ur10e")
+    room, asked = Room(arm, open_cell(arm)), []
+
+    def refused_twice(motion: Trajectory) -> None:
+        asked.append(motion)
+        if len(asked) < 3:
+            raise SafetyStop("too much torque")
+
+    monkeypatch.setattr(room, "clear", refused_twice)
+    found = cleared_friction(room, HOME, QUICK, 100.0)
+    assert found is asked[2]
+    first, _, third = ((np.abs(m.dq).max(), np.abs(m.ddq).max(), np.abs(m.q - HOME).max()) for m in asked)
+    assert all(b < 0.75 * a for a, b in zip(first, third, strict=True))
 
 
 def test_the_assumed_plane_is_below_what_turns_upright_on_the_base() -> None:

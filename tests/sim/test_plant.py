@@ -41,6 +41,19 @@ def test_it_is_steady_without_rotors(q):
     assert _followed(bare, q) < 2e-3
 
 
+def test_light_links_that_rub_follow_without_rotors():
+    """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: gains by its mass alone leave it 46 mrad behind."""
+    arm = load_arm("ur10e")
+    for joint in arm.joint_names:
+        for effect, parameter, value in (
+            ("rotor_inertia", "inertia", 0.0),
+            ("coulomb_friction", "coulomb", 1.0),
+            ("viscous_friction", "viscous", 0.0),
+        ):
+            arm = with_effect(arm, ArmEffect(effect, joint, {parameter: value}))
+    assert _followed(arm, HOME) < 0.015
+
+
 @pytest.mark.parametrize("rate", [500.0, 250.0, 200.0])
 def test_torque_and_position_are_of_one_instant(rate):
     """The torque reported behaves as inverse dynamics of the positions reported, with no delay: a clean mock has no time_delay."""
