@@ -20,9 +20,7 @@ from sim.trajectory import Trajectory
 PREDICTED, POWERED = 0.9, 0.5
 
 
-def stops_of(
-    motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds
-) -> tuple[np.ndarray, np.ndarray]:
+def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> tuple[np.ndarray, np.ndarray]:
     """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and (n,) the largest share of tau_max that
     they take, or of the power."""
     fastest = np.abs(motion.dq)
