@@ -91,9 +91,9 @@ peers:  ## figaroh and mujoco.sysid in an environment of their own, for `make be
 coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; some ten minutes
 	$(BIN)/python -m benchmarks coverage
 
-arms: $(VENV)/ready  ## 29 published arms through the whole line on the mock, half an hour of them at a time; the next run goes on
+arms: $(VENV)/ready  ## 29 published arms through the whole line on the mock, half an hour of them at a time; writes results/arms.json
 	$(BIN)/python -m pip install --quiet --no-deps "example-robot-data==6.0.0"
-	$(BIN)/python -m benchmarks public_arms
+	$(BIN)/python -m benchmarks arms
 
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
 	cd calib/report/web && npm ci && npm run build

@@ -102,6 +102,7 @@ def title(name: str) -> str:
 
 TITLES = {
     "real": "A real UR10e",
+    "arms": "Published arms through the whole line",
     "clean_mock": "Mock arms with nothing hidden",
     "demo": "The demo with many seeds",
     "install": "What an installation takes",

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks import clean_mock, demo, faults, first_day, soak, ur_load
+from benchmarks import arms, clean_mock, demo, faults, first_day, soak, ur_load
 from benchmarks.faults import TROUBLES
 from benchmarks.injection import Run
 from drivers.ur_rtde.condition import program, safety, scaling, slider
+from sim.arm import load_arm
 
 STOP = Run(reaction=1, angle=0.1, share=0.9, alone=1.02, beyond=0.002, beside=0.3, time=0.2)
 
@@ -115,3 +119,49 @@ def test_a_program_that_was_ended_and_an_arm_that_nobody_named_show() -> None:
     assert "not: ur30: this looks like a ur20" in wrong["note"]
     assert (models["value"], models["bar"]) == (2, "322")
     assert "neither: ('ur3 3.15.4', 'fault: ended with -11: ')" in models["note"]
+
+
+def test_an_arm_that_failed_one_that_was_helped_and_a_wrong_name_are_counted() -> None:
+    whole = dict.fromkeys(arms.STEPS, 2.0) | {
+        "joints": 6,
+        "seconds": 14.0,
+        "ended": "",
+        "given": [],
+        "invented": [],
+        "named": [],
+    }
+    found = {
+        "panda": whole | {"arm": "panda"},
+        "z1": whole | {"arm": "z1", "given": ["q_min, q_max"], "named": ["joint_spring at j1"]},
+        "ur3": whole | {"arm": "ur3", "ended": "plan: no room", "invented": ["tau_max of j1: 5, its file has nan"]},
+    }
+    through, made_up, wrong, panda, z1, ur3 = arms.rows(found)
+    assert (through["value"], made_up["value"], wrong["value"]) == (2, 1, 1)
+    assert "1 with nothing but their file" in through["note"]
+    assert "z1: joint_spring at j1" in wrong["note"]
+    assert (panda["value"], z1["value"], ur3["value"]) == ("through", "through after giving q_min, q_max", "failed at plan")
+    assert "no room" in ur3["note"]
+
+
+def test_a_fact_is_given_only_where_a_sentence_asks_for_it(tmp_path: Path) -> None:
+    row = {"ended": "new: missing: q_min, q_max"}
+    assert arms.answer("kinova_j2s6s200", row, tmp_path)[0] == "q_min, q_max"
+    assert arms.answer("panda", row, tmp_path) == ("", [])
+    assert arms.answer("panda", {"ended": "record: stopped"}, tmp_path) == ("", [])
+
+
+def test_a_limit_that_neither_file_nor_option_states_is_invented(tmp_path: Path) -> None:
+    arm = load_arm("ur10e")
+    joints = (
+        f'<joint name="{name}" type="revolute"><limit lower="{low!r}" upper="{high!r}" velocity="{fast!r}" effort="{strong!r}"/></joint>'
+        for name, low, high, fast, strong in zip(
+            arm.joint_names, arm.q_min.tolist(), arm.q_max.tolist(), arm.dq_max.tolist(), arm.tau_max.tolist(), strict=True
+        )
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(f"<robot name='x'>{''.join(joints)}</robot>")
+    options = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]
+    assert arms.invented(arm, file, options) == []
+    assert len(arms.invented(arm, file, options[:2])) == arm.n
+    more = replace(arm, tau_max=np.append(arm.tau_max[:5], arm.tau_max[5] + 1.0))
+    assert [x.split(":")[0] for x in arms.invented(more, file, options)] == ["tau_max of wrist_3_joint"]

@@ -1,0 +1,292 @@
+"""`python -m benchmarks.arms [NAME...] [--new]`: published arms through the whole line on the mock, one row each.
+
+`python -m benchmarks arms` goes on where the last call ended (build/arms.jsonl), for `minutes` at a time: `make arms`.
+
+The models are those of the wheel `example-robot-data`, unedited. Beside each stand the options that say what is the arm. All are given
+ddq_max and jerk_max, which no model format has. A fact beyond these is given only after a sentence has asked for it by name, and the row says
+so; a row that ends early carries the sentence that ended it. With --new the line ends after `calib arm new`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import ONE_THREAD
+from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import CODE, digest
+from sim.arm import Arm, load_arm
+from sim.errors import AnswerIsNo
+from sim.new_arm import LIMIT_UNITS
+
+STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
+# name -> file in the wheel, and what is the arm
+ARMS: dict[str, tuple[str, list[str]]] = {
+    "panda": ("panda_description/urdf/panda.urdf", ["--tool", "panda_hand"]),
+    "panda_capsules": ("panda_description/urdf/panda_collision.urdf", ["--tool", "panda_hand"]),
+    "so100": ("so_arm_description/urdf/so100.urdf", []),
+    "so101": ("so_arm_description/urdf/so101.urdf", []),
+    "z1": ("z1_description/urdf/z1.urdf", []),
+    "z1_on_b1": ("b1_description/urdf/b1-z1.urdf", ["--joints", "joint?"]),
+    "talos_left": ("talos_data/robots/talos_left_arm.urdf", []),
+    "talos_right": ("talos_data/robots/talos_reduced.urdf", ["--tool", "arm_right_7_link"]),
+    "tiago": ("tiago_description/robots/tiago.urdf", ["--tool", "arm_7_link"]),
+    "tiago_no_hand": ("tiago_description/robots/tiago_no_hand.urdf", ["--tool", "arm_tool_link"]),
+    "tiago_dual_left": ("tiago_description/robots/tiago_dual.urdf", ["--tool", "arm_left_7_link"]),
+    "tiago_pro_left": ("tiago_pro_description/robots/tiago_pro.urdf", ["--tool", "arm_left_7_link"]),
+    "baxter_left": ("baxter_description/urdf/baxter.urdf", ["--tool", "left_hand_link"]),
+    "baxter_right": ("baxter_description/urdf/baxter.urdf", ["--tool", "right_hand_link"]),
+    "centauro_left": ("centauro_description/urdf/centauro.urdf", ["--joints", "j_arm1_?"]),
+    "kinova_j2s6s200": ("kinova_description/robots/kinova.urdf", []),
+    "kinova_on_anymal": ("anymal_b_simple_description/robots/anymal-kinova.urdf", ["--joints", "j2s6s200_joint_?"]),
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", []),
+    "ur3_gripper": ("ur_description/urdf/ur3_gripper.urdf", []),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", []),
+    "ur5_gripper": ("ur_description/urdf/ur5_gripper.urdf", []),
+    "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot.urdf", []),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", []),
+    "pr2_right": ("pr2_description/urdf/pr2.urdf", ["--tool", "r_wrist_roll_link", "--lock", "torso_lift_joint"]),
+    "romeo_right": ("romeo_description/urdf/romeo.urdf", ["--tool", "r_wrist"]),
+    "icub_right": ("icub_description/robots/icub.urdf", ["--tool", "r_hand", "--lock", "torso_*"]),
+    "alex_left": ("alex_description/urdf/alex_nub_hands.urdf", ["--tool", "LeftGripperYawLink"]),
+    "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand"]),
+    "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", []),
+}
+# name -> what a sentence asks for -> the answer, as an owner of the arm has it from its data sheet
+FACTS: dict[str, dict[str, list[str]]] = {
+    "kinova_j2s6s200": {
+        "missing: q_min, q_max": [
+            "--limit", "q_min=-6.28,0.8204,0.3317,-6.28,0.5236,-6.28", "--limit", "q_max=6.28,5.4628,5.9515,6.28,5.7595,6.28",
+        ],
+    },
+    "pr2_right": {
+        "--numbers guessed": ["--numbers", "guessed"],
+        # the fore-arm and the wrist turn without end
+        "missing: q_min, q_max": [
+            "--limit", "q_min=-2.285,-0.523,-3.9,-2.321,-6.28,-2.094,-6.28", "--limit", "q_max=0.714,1.396,0.8,0,6.28,0,6.28",
+        ],
+    },
+    "double_pendulum": {
+        "missing: q_min, q_max, dq_max, tau_max": [
+            "--limit", "q_min=-6.28", "--limit", "q_max=6.28", "--limit", "dq_max=6", "--limit", "tau_max=5",
+        ],
+    },
+}  # fmt: skip
+# what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
+DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": 0.03, "viscous": 0.03, "inertia": 0.1})
+# s that a step may take; longer is an end too
+LONGEST = 400.0
+# m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
+FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
+SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]
+CELL = 'schema = "cell/1"\nname = "{name}"\narm = "{arm}"\ndriver = "mock"\nhome = {home}\n'
+
+
+def robots() -> Path:
+    """The folder of models in the wheel."""
+    try:
+        files = distribution("example-robot-data").files or []
+    except PackageNotFoundError:
+        raise SystemExit("example-robot-data is not installed: `make arms` does it") from None
+    found = next(f for f in files if f.as_posix().endswith("panda_description/urdf/panda.urdf"))
+    return Path(str(found.locate())).resolve().parents[2]
+
+
+def line(name: str, home: Path, only_new: bool = False) -> dict[str, Any]:
+    """The row of one arm: how it ended, what it was given after a sentence that asked for it, and of the last attempt the seconds of each step."""
+    given: list[str] = []
+    facts: list[str] = []
+    while True:
+        begin = time.perf_counter()
+        row = attempt(name, home / str(len(given)), facts, only_new)
+        row |= {"given": list(given), "seconds": round(time.perf_counter() - begin, 1)}
+        what, more = answer(name, row, home / str(len(given)) / name)
+        if not more or what in given:
+            return row
+        given.append(what)
+        facts += more
+
+
+def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False) -> dict[str, Any]:
+    """The steps of one arm: seconds each, and the sentence that ended it where one did."""
+    file, options = ARMS[name]
+    numbers = [] if "--numbers" in facts else ["--numbers", "cad"]
+    arm, cell, logs = home / name, home / f"{name}.toml", home / "logs"
+    home.mkdir(parents=True, exist_ok=True)
+    fit = [str(logs / "friction.mcap"), str(logs / "excitation.mcap"), "--holdout", str(logs / "validation.mcap")]
+    new = [str(robots() / file), "--name", name, "--out", str(arm), *SHEET, *numbers, *options, *facts, "--json"]
+    commands = {
+        "new": ["arm", "new", *new],
+        "check": ["check", str(cell)],
+        "plan": ["plan", str(arm), "--cell", str(cell), "--quick", "--out", str(home / "plan")],
+        "record": ["record", str(cell), str(home / "plan"), "--yes", "--out", str(logs)],
+        "identify": ["identify", str(arm), *fit, "--out", str(home / "fit")],
+        "diagnose": ["diagnose", str(arm), *fit, "--out", str(home / "diagnosis")],
+        "export": ["export", str(home / "fit" / "arm"), "--out", str(home / "exported")],
+    }
+    row: dict[str, Any] = {"arm": name, "joints": None, "ended": "", "invented": [], "named": []}
+    for step in STEPS[:1] if only_new else STEPS:
+        begin = time.perf_counter()
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "calib", *commands[step]], capture_output=True, text=True, check=False, timeout=LONGEST
+            )
+        except subprocess.TimeoutExpired:
+            row["ended"] = f"{step}: not done within {LONGEST:.0f} s on this computer"
+            break
+        row[step] = round(time.perf_counter() - begin, 1)
+        answer = home / "diagnosis" / "diagnosis.json"
+        # diagnose says "effects found" with 1: an answer, not a failure
+        if done.returncode and not (step == "diagnose" and done.returncode == 1 and answer.exists()):
+            row["ended"] = f"{step}: {' '.join((done.stderr or done.stdout).split())[-700:]}"
+            break
+        if step == "diagnose":
+            found = json.loads(answer.read_text(encoding="utf-8"))["effects"]
+            row["named"] = [" at ".join(filter(None, (e["effect"], e["joint"]))) for e in found]
+        if step == "new":
+            made = json.loads(done.stdout)
+            row["joints"] = len(made["joints"])
+            row["invented"] = invented(load_arm(arm), robots() / file, [*SHEET, *facts])
+            if made["missing"]:
+                row["ended"] = f"new: missing: {', '.join(made['missing'])}"
+                break
+            try:
+                cell.write_text(_cell(name, arm), encoding="utf-8")
+            except AnswerIsNo as no:  # what `calib plan` would answer without a cell
+                row["ended"] = f"plan: {no}"
+                break
+    return row
+
+
+def answer(name: str, row: Mapping[str, Any], folder: Path) -> tuple[str, list[str]]:
+    """What the sentence that ended a row asks for, and the options that state it; nothing where it asks for no fact."""
+    for sentence, options in FACTS.get(name, {}).items():
+        if sentence in row["ended"]:
+            return sentence.removeprefix("missing: "), options
+    sentence, shares = DRIVES
+    if sentence not in row["ended"]:
+        return "", []
+    arm = load_arm(folder)
+    scale = {"coulomb": arm.tau_max, "viscous": arm.tau_max / arm.dq_max, "inertia": arm.tau_max / arm.ddq_max}
+    given = {key: ",".join(f"{share * x:.4g}" for x in scale[key]) for key, share in shares.items()}
+    return "friction and reflected inertia of the drives", [
+        x for key, row in given.items() for x in ("--drive", f"{key}={row}")
+    ]
+
+
+def invented(arm: Arm, file: Path, options: Sequence[str]) -> list[str]:
+    """The limits of an arm that neither its URDF nor an option states."""
+    given = {option.partition("=")[0] for option in options}
+    stated = {}
+    for joint in ElementTree.parse(file).getroot().iter("joint"):
+        limit = joint.find("limit")
+        if limit is not None:
+            turns = joint.get("type") == "continuous"
+            keys = {"dq_max": "velocity", "tau_max": "effort"} | ({} if turns else {"q_min": "lower", "q_max": "upper"})
+            stated[joint.get("name")] = {key: float(limit.get(of, "nan")) for key, of in keys.items()}
+    out = []
+    for key in LIMIT_UNITS:
+        for name, value in zip(arm.joint_names, getattr(arm, key).tolist(), strict=True):
+            own = stated.get(name, {}).get(key, float("nan"))
+            if key not in given and math.isfinite(value) and not math.isclose(value, own, rel_tol=1e-9, abs_tol=1e-12):
+                out.append(f"{key} of {name}: {value:g}, its file has {own:g}")
+    return out
+
+
+def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[str, Any]]:
+    """A slice of the arms, then what came of each that was tried so far: rows of what, value, unit, bar, note."""
+    end = time.monotonic() + 60 * minutes
+    kept = Kept(FOLDER / "arms.jsonl", " ".join(digest(path) for path in (*CODE, "benchmarks/arms.py")))
+    for name in names:
+        if name not in kept.found and time.monotonic() < end:
+            with tempfile.TemporaryDirectory(prefix="calib-arms-") as home:
+                kept.keep(name, line(name, Path(home)))
+    return rows({name: kept.found[name] for name in ARMS if name in kept.found})
+
+
+def rows(found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The counts, then a row for each arm."""
+    tried = f"{len(found)} of {len(ARMS)} tried"
+    through = [row for row in found.values() if not row["ended"]]
+    wrong = [row for row in through if row["named"]]
+    made_up = [sentence for row in found.values() for sentence in row["invented"]]
+    out: list[dict[str, Any]] = [
+        {"what": "published arms through the whole line", "value": len(through), "bar": str(len(ARMS)),
+         "note": f"{tried}; {sum(not row['given'] for row in through)} with nothing but their file, ddq_max and jerk_max"},
+        {"what": "invented limits", "value": len(made_up), "bar": "0", "note": "; ".join(made_up)[:400] or tried},
+        {"what": "arms with an effect named that is not there", "value": len(wrong), "bar": "0",
+         "note": "; ".join(f"{row['arm']}: {', '.join(row['named'])}" for row in wrong)[:600] or f"{len(through)} diagnosed"},
+    ]  # fmt: skip
+    for name, row in found.items():
+        steps = f"{row['joints']} joints; {row['seconds']:.0f} s: " + ", ".join(f"{s} {row[s]:.0f}" for s in STEPS if s in row)
+        after = f" after giving {'; '.join(row['given'])}" if row["given"] else ""
+        value = f"failed at {row['ended'].partition(':')[0]}" if row["ended"] else "through"
+        out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:600] if row["ended"] else steps})
+    return out
+
+
+def _cell(name: str, arm: Path) -> str:
+    """A mock cell of the arm, with the plane that `calib plan` assumes where there is no cell, and a home from which it can move."""
+    import numpy as np
+
+    from calib.excitation.home import home_of, open_cell
+    from calib.excitation.room import Room
+
+    model = load_arm(arm)
+    cell = open_cell(model)
+    plane = cell.table.obstacles[0]
+    if name in FLOOR:
+        plane = plane.model_copy(update={"position": (0.0, 0.0, FLOOR[name])})
+        cell = replace(cell, table=cell.table.model_copy(update={"obstacles": [plane]}))
+    home = home_of(Room(model, cell), cell, None, np.random.default_rng(0))
+    where = f'[[obstacles]]\nkind = "plane"\nname = "floor"\nposition = {list(plane.position)}\nnormal = [0.0, 0.0, 1.0]\n'
+    return CELL.format(name=name, arm=arm, home=[round(float(x), 6) for x in home]) + where
+
+
+def main() -> None:
+    """Run the arms and print the table; exit code 1 where one did not come through."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.arms", description=__doc__)
+    parser.add_argument("name", nargs="*", help=f"of {', '.join(ARMS)}; all if none")
+    parser.add_argument("--new", action="store_true", help="only `calib arm new`")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
+    given = parser.parse_args()
+    os.environ.update(ONE_THREAD)
+    found = []
+    for name in given.name or ARMS:
+        if name not in ARMS:
+            parser.error(f"unknown arm {name!r}; known: {', '.join(ARMS)}")
+        with tempfile.TemporaryDirectory(prefix="calib-arms-") as home:
+            found.append(line(name, Path(home), given.new))
+        print(json.dumps(found[-1]), file=sys.stderr, flush=True)
+        if given.json:
+            given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    steps = STEPS[:1] if given.new else STEPS
+    grid = Table(title="seconds of each step", title_justify="left")
+    for heading in ("arm", "joints", *steps, "given", "ended by"):
+        grid.add_column(heading, justify="left" if heading in ("arm", "given", "ended by") else "right", overflow="fold")
+    for row in found:
+        grid.add_row(*(str(row.get(key, "")) for key in ("arm", "joints", *steps)), "; ".join(row["given"]), row["ended"])
+    console = Console(width=None if sys.stdout.isatty() else 180)
+    console.print(grid)
+    through = sum(not row["ended"] for row in found)
+    console.print(f"{through} of {len(found)} came through")
+    raise SystemExit(through < len(found))
+
+
+if __name__ == "__main__":
+    main()
