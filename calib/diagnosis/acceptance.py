@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from calib.diagnosis.fit import Fit, huber
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import huber
 from sim.arm import ArmEffect
 from sim.effects import driven_by, effect_named
 

@@ -32,7 +32,6 @@ def force_spread(arm: Arm) -> float:
 def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]:
     """(log, fall of chi2, effect) of every window tried."""
     spread, left, noise = force_spread(arm), solved.left(), solved.noise
-    innovation = noise.sigma * np.sqrt(1 - noise.phi**2)
     first = np.zeros(solved.rows.n, dtype=int)
     for which, model in enumerate(solved.rows.models):
         mine = [index[which] for index in solved.rows.index]
@@ -42,30 +41,30 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
             continue
         at = model.link.t[model.measurement.row_samples]
         # all joints on the rows of the recording, one after the other in each: what a joint cannot use is zero and has no neighbour
-        unit, force = force_rows(model), np.zeros((len(at) + 1, solved.rows.n, 3))
-        whitened = np.zeros((*force.shape[:2], solved.rows.p + 1))
-        carried, alone = np.zeros(force.shape[:2]), np.zeros(force.shape[:2])
+        after = noise.ar.shape[1]  # rows that still carry a push when it is over
+        unit, force = force_rows(model), np.zeros((len(at) + after, solved.rows.n, 3))
+        whitened, taps = np.zeros((*force.shape[:2], solved.rows.p + 1)), np.zeros((1 + after, *force.shape[:2]))
         for j, (index, part) in enumerate(zip(mine, parts, strict=True)):
-            joined = solved.rows.joined[j][part]
+            of_joint = noise.taps(j, solved.rows.joined[j][part], solved.rows.doubt[j][part])
             force[index, j] = unit[index, j]
             whitened[index, j, 0], whitened[index, j, 1:] = left[j][part], solved.xw[j][part]
-            alone[index, j] = np.where(joined, 1 / innovation[j], 1 / noise.sigma[j])
-            carried[index, j] = np.where(joined, noise.phi[j] / innovation[j], 0.0)
-        counted = np.concatenate([np.zeros((1, solved.rows.n)), np.cumsum(alone[:-1] > 0, axis=0)])
+            taps[: of_joint.shape[1], index, j] = of_joint.T
+        counted = np.concatenate([np.zeros((1, solved.rows.n)), np.cumsum(taps[0, :-after] > 0, axis=0)])
         for duration in DURATIONS:
             for start in np.arange(at[0], at[-1] - duration, STEP * duration):
                 lo, hi = np.searchsorted(at, (start, start + duration))
                 felt = counted[hi] - counted[lo]
                 if np.sum(felt > 0.5 * felt.max()) < LEAST_JOINTS:
                     continue
-                here = slice(lo, hi + 1)
+                here = slice(lo, hi + after)
                 phase = (at[lo:hi] - start) / duration
                 push = force[here].copy()
-                push[:-1] *= np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)[:, None, None]
-                push[-1] = 0.0
+                push[:-after] *= np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)[:, None, None]
+                push[-after:] = 0.0
                 push[:, felt < 2] = 0.0
-                s = alone[here, :, None] * push
-                s[1:] -= carried[here][1:, :, None] * push[:-1]
+                s = taps[0, here, :, None] * push
+                for lag in range(1, 1 + after):
+                    s[lag:] += taps[lag, here, :, None][lag:] * push[:-lag]
                 s = s.reshape(-1, 3)
                 products = s.T @ whitened[here].reshape(len(s), -1)
                 g, xs = products[:, 0], products[:, 1:].T

@@ -9,16 +9,14 @@ import numpy as np
 
 from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
-from calib.diagnosis.noise import Noise, noise_of
-from calib.diagnosis.rows import ResidualRows, Solved, solve
+from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import Noise, huber, noise_of
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.effects.effect import Parameter
 from sim.errors import ConfigError
 from sim.prediction import by_stage, link_side, motor_side
-
-HUBER = 3.0
 
 
 @dataclass
@@ -109,7 +107,7 @@ class _Point:
         models = [LogModel(m, hypothesis, hypothesis.event(i), lender) for i, (m, lender) in enumerate(pairs)]
         rows = ResidualRows(models)
         if noise is None:
-            noise = noise_of(solve(rows, noise_of(rows.r, rows.joined)).residuals(), rows.joined)
+            noise = noise_of(solve(rows, noise_of(rows.r, rows.joined, ORDER)).residuals(), rows.joined, ORDER)
         solved = solve(rows, noise)
         return _Point(hypothesis, models, noise, rows, solved, objective(solved))
 
@@ -139,12 +137,6 @@ class _Point:
         p = self.rows.p
         covariance = joint.inverse[p:, p:] * np.outer(scales, scales)
         return Fit(self.hypothesis, self.models, self.solved, joint, self.objective, covariance)
-
-
-def huber(e: np.ndarray) -> float:
-    """Sum of e^2 up to HUBER standard deviations, growing linearly beyond."""
-    size = np.abs(e)
-    return float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
 
 
 WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size

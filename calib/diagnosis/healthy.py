@@ -12,8 +12,8 @@ import numpy as np
 
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.noise import Noise, noise_of
-from calib.diagnosis.rows import ResidualRows, solve
+from calib.diagnosis.rows import ORDER, ResidualRows, solve
+from calib.regression.noise import Noise, noise_of
 from sim.effects import effect_named
 
 # Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
@@ -48,9 +48,9 @@ class Folds:
     def __init__(self, models: list[LogModel]) -> None:
         self.models = models
         together = ResidualRows(models)
-        left = solve(together, noise_of(together.r, together.joined)).residuals()
+        left = solve(together, noise_of(together.r, together.joined, ORDER)).residuals()
         self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
-        white = Noise(self.size, np.zeros(len(left)))
+        white = Noise.white(self.size)
         self.scale = [np.sqrt(np.mean(together.take(j, d) ** 2, axis=0)) for j, d in enumerate(_dictionary(models))]
         count = sum(len(s) for s in self.scale)
         p = together.p
@@ -81,7 +81,7 @@ class Folds:
             for j in range(rows.n):
                 errors[j].append(rows.r[j])
                 joined[j].append(rows.joined[j])
-        self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined])
+        self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined], ORDER)
 
     def law(self, without: int | None = None) -> HealthyLaw:
         """The law of all healthy logs but one."""

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel
-from calib.diagnosis.noise import Noise, pure_error
+from calib.diagnosis.pure_error import measured_noise
 from calib.diagnosis.rows import Products
 from calib.diagnosis.unstated import unstated_keys
 from calib.measurement.preprocessing import Measurement
@@ -24,8 +23,6 @@ from sim.effects.effect import Stage
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
-# Columns over rows where the noise is measured. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
-FILLED = 0.12
 # Fall of -2 log likelihood that a name must bring. On clean recordings of the exam (benchmarks/exam) no effect of one parameter and
 # ordinary form brings more than some 14 (Coulomb friction 17); those that bring more have a surcharge (sim.effects).
 THRESHOLD = 18.0
@@ -147,29 +144,6 @@ def _beside(accepted: np.ndarray, c: Products) -> Products:
 
 def _ranked(best: dict[Key, Scored]) -> list[Scored]:
     return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - effect_named(s.effect.effect).surcharge))
-
-
-def measured_noise(f: Fit) -> Noise:
-    """The noise of the recordings of a fit, from what an additive basis and all candidates leave (calib.diagnosis.noise).
-
-    A short recording takes as many of the columns as it has rows for, the basis before the candidates.
-    """
-    rows, basis, n = f.solved.rows, AdditiveBasis(f.models), f.hypothesis.arm.n
-    own: list[list[np.ndarray]] = [[] for _ in range(n)]
-    for c in candidates(f.models):
-        if not effect_named(c.effect).many:
-            for j in c.columns[0]:
-                own[j].append(rows.take(j, [x[j] for x in c.columns]))
-    found = []
-    for j in range(n):
-        most, taken, count = FILLED * len(rows.r[j]), [np.zeros((len(rows.r[j]), 0))], 0
-        for part in (rows.x[j], *[rows.take(j, x) for x in basis.groups(j).values()], *own[j]):
-            varied = part[:, np.ptp(part, axis=0) > 0] if len(part) else part
-            if count + varied.shape[1] <= most:
-                taken.append(varied)
-                count += varied.shape[1]
-        found.append(pure_error(np.concatenate(taken, axis=1), rows.r[j], rows.joined[j]))
-    return Noise(*(np.array(x) for x in zip(*found, strict=True)))
 
 
 def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:

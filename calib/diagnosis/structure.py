@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
-from calib.diagnosis.fit import Fit, huber
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.tone import strongest
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import huber
 
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
 SPREAD = 9.0

@@ -20,10 +20,10 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.fit import columns_of, moved, parameters_of, within
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
-from calib.diagnosis.noise import Noise
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Key, price
 from calib.regression.information import InformationMatrix
+from calib.regression.noise import Noise
 from logs.log import Log
 from sim.arm import ArmEffect
 from sim.motion_view import Combine
@@ -56,7 +56,7 @@ class Point:
         h = self.hypothesis
         words = f"{program_version()} {h.start.sha256} {[(e.effect, e.joint, sorted(e.parameters.items())) for e in h.accepted]} {h.delay!r}"
         digest = hashlib.sha256(words.encode())
-        for values in (h.width, h.lead, self.noise.sigma, self.noise.phi, *(self.warming or ())):
+        for values in (h.width, h.lead, self.noise.sigma, self.noise.ar, *(self.warming or ())):
             digest.update(np.ascontiguousarray(values).tobytes())
         return digest.hexdigest()
 

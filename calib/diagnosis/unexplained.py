@@ -15,10 +15,10 @@ import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.noise import scale_and_colour
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.structure import structures
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import scale_and_lag_one
 
 # Rest over expected rest, correlation from row to row over the other joints', and what is left of the first rest. On cases of the exam
 # (benchmarks/exam) with known effects, whose forms are not the catalogue's, a rest that is larger than expected is never coloured by more
@@ -58,14 +58,15 @@ def rests(baseline: Fit, best: Fit) -> list[Rest]:
     """Per joint, what is left after naming, beside the noise that was measured without the model."""
     out, noise = [], best.solved.noise
     first, last = (
-        [scale_and_colour(e, link) for e, link in zip(f.solved.residuals(), f.solved.rows.joined, strict=True)]
+        [scale_and_lag_one(e, link) for e, link in zip(f.solved.residuals(), f.solved.rows.joined, strict=True)]
         for f in (baseline, best)
     )
+    lag_one = noise.lag_one
     for j, joint in enumerate(best.hypothesis.arm.joint_names):
         (before, _), (after, colour), expected = first[j], last[j], float(noise.sigma[j])
         excess = max(after**2 - expected**2, 0.0)
         share = min(1.0, excess / max(before**2 - expected**2, 1e-300))
-        out.append(Rest(joint, after, expected, colour - float(noise.phi[j]), share))
+        out.append(Rest(joint, after, expected, colour - float(lag_one[j]), share))
     return out
 
 

@@ -29,7 +29,7 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
         out.append(
             f"the scaled condition number is {solution.condition_scaled:.3g}, so the arm's nominal numbers hold what the motion did not show"
         )
-    bent = [j for j, ar in zip(arm.joint_names, fit.weights.ar, strict=True) if not ar.any()]
+    bent = [j for j, ar in zip(arm.joint_names, fit.weights.noise.ar, strict=True) if not ar.any()]
     if bent:
         out.append(
             f"{', '.join(bent)}: the low-frequency residual repeats in every log, so it is model error, not noise; the rows were not filtered to "

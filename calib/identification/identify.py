@@ -169,7 +169,7 @@ def identify(
         outcome=in_one_sentence([claim for claim in claimed if claim.name not in ASIDE]),
         findings=(*(claim.sentence for claim in aside), *result.findings),
     )  # fmt: skip
-    slow = fit.weights.sigma if fit.weights.slow is None else fit.weights.slow
+    slow = fit.weights.noise.drive if fit.weights.slow is None else fit.weights.slow
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))

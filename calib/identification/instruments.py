@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from calib.identification.least_squares import Prior, Solution, inverse
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import MEMORY_SECONDS, Reference, deviation, whitened
+from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
 from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
 from calib.measurement.preprocessing import Measurement
 from logs import Log
@@ -79,14 +79,11 @@ def instrumental(
     cross, right, least = prior.precision.copy(), prior.precision @ prior.mean, prior.precision.copy()
     kept = []
     for block, moved in zip(rows, other, strict=True):
-        same = replace(moved, usable=block.usable, joined=block.joined)
+        same = replace(moved, usable=block.usable, joined=block.joined, doubt=block.doubt)
         parts = []
         for j, u in enumerate(used):
-            a, b, index = whitened(block, j, weights.ar[j])
-            z, _, _ = whitened(same, j, weights.ar[j])
-            e = b - a @ weights.theta[u]
-            size = deviation(block, j, index, weights)
-            weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
+            joint = whitened(block, j, u, weights)
+            a, b, index, weight, z = joint.a, joint.b, joint.index, joint.weight, whitened(same, j, u, weights).a
             place = np.ix_(u, u)
             cross[place] += z.T @ (weight[:, None] * a)
             least[place] += a.T @ (weight[:, None] * a)

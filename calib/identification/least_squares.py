@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.identification.absorbed import leverage, residual_noise, spread
 from calib.identification.model import TorqueModel
-from calib.identification.noise import AR_ORDER, colour, leverage, spread
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import Reference, Sums, plain, summed, weighted, whitened
+from calib.identification.sums import Reference, Sums, plain, summed, weighted
 from calib.regression.information import InformationMatrix
+from calib.regression.noise import HUBER, MOST_ORDER, Noise, filtered
 from sim.errors import AnswerIsNo
 
-HUBER = 2.5
 RIDGE_ABOVE = 1e4
 WORSE = 0.05
-LEAST_ROWS = 3 * AR_ORDER + 8
+LEAST_ROWS = 3 * MOST_ORDER + 8
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def reference(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | 
         theta = _solution(_together(model, sums, variance), prior)
         variance = _residual_variance(sums, theta, used)
     gain = inverse(_together(model, sums, variance).gram[:-1, :-1] + prior.precision)
-    found = colour(rows, theta, variance, gain)
+    found = residual_noise(rows, theta, variance, gain)
     weights, gain = _settled(rows, theta, found.ar, prior, robust)
     bent = _bent(rows, weights, variance, prior)
     if bent.any():
@@ -96,14 +96,13 @@ def _settled(
     """Weights with this whitening, and the inverse (p, p) of the information under them."""
     model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
     for _ in range(3 if robust else 1):
-        weights = Reference(theta, ar, _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed), huber)
+        weights = Reference(theta, _innovations(rows, theta, ar, robust, absorbed), huber)
         white, _, _, counts = weighted(rows, weights)
         together = _together(model, white)
         theta, gain = _solution(together, prior), inverse(together.gram[:-1, :-1] + prior.precision)
         absorbed = np.minimum(leverage(rows, weights, gain), 0.5)
         huber = HUBER if robust else np.inf
-    sigma = _scales(rows, theta, ar, robust) / np.sqrt(1 - absorbed)
-    return Reference(theta, ar, sigma, huber, float(counts.sum())), gain
+    return Reference(theta, _innovations(rows, theta, ar, robust, absorbed), huber, float(counts.sum())), gain
 
 
 def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
@@ -256,18 +255,19 @@ def inverse(information: np.ndarray) -> np.ndarray:
     return np.outer(scale, scale) * ((vector / value) @ vector.T)
 
 
-def _scales(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust: bool) -> np.ndarray:
-    """(n,) N m: scale of each joint's innovations, by the median where outliers must not count."""
-    n = rows.model.arm.n
-    parts: list[list[np.ndarray]] = [[] for _ in range(n)]
+def _innovations(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust: bool, absorbed: np.ndarray) -> Noise:
+    """Noise of this colour, as large as each joint's innovations, with the share `absorbed` (n,) of them; by the median where outliers must not count."""
+    unit = Noise.of_innovations(np.ones(len(ar)), ar)
+    parts: list[list[np.ndarray]] = [[] for _ in ar]
     for block in rows:
-        for j in range(n):
-            a, b, _ = whitened(block, j, ar[j])
-            parts[j].append(b - a @ theta[rows.used[j]])
-    every = [np.concatenate(p) for p in parts]
-    return np.array(
-        [max(1.4826 * float(np.median(np.abs(e))) if robust else float(e.std()), 1e-12) if len(e) else 1e-12 for e in every]
-    )
+        for j, used in enumerate(rows.used):
+            own = block.of_joint(j)
+            parts[j].append(filtered(unit.taps(j, own.joined), own.b - own.a @ theta[used])[own.settled])
+    size = [
+        max(1.4826 * float(np.median(np.abs(e))) if robust else float(e.std()), 1e-12) if len(e) else 1e-12
+        for e in map(np.concatenate, parts)
+    ]
+    return Noise.of_innovations(np.array(size) / np.sqrt(1 - absorbed), ar)
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:

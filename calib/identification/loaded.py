@@ -12,12 +12,10 @@ from calib.gate.commands import require
 from calib.gate.correction import AS_RECORDED, assumed
 from calib.gate.readings import twice
 from calib.identification.identify import Identification, Options, fitted, identify, survey
-from calib.identification.payload import Load, load_between, scale_from_known_mass, scale_from_own_load
+from calib.identification.payload import VAGUE, Load, load_between, scale_from_known_mass, scale_from_own_load
 from logs.log import Log
 from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
-
-VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
 
 
 def identify_with_load(

@@ -22,6 +22,7 @@ from sim.rigid_body import link_inertia, link_parameters
 ROUNDS = 60
 SETTLED = 1e-9
 LOAD_RADIUS = 0.05  # m, of what hangs at a flange
+VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
 def scale_from_own_load(model: TorqueModel, fit: Solution, mass: float) -> tuple[float, float]:
     """kappa and its standard deviation of an arm of one joint whose only load weighs `mass` kg: kappa m c = the first moments that were fitted.
 
-    The fit's prior has no part in it, and the load's inertia is free. AnswerIsNo where kappa stays unknown to more than a tenth.
+    The fit's prior has no part in it, and the load's inertia is free. AnswerIsNo where its standard deviation is above VAGUE of it.
     """
     nominal, projection = model.body.parameters()[:4], model.base.projection[:, :4]
     rows = np.flatnonzero(np.abs(projection[:, 1:]).max(axis=1) > 0)
@@ -132,9 +133,9 @@ def scale_from_own_load(model: TorqueModel, fit: Solution, mass: float) -> tuple
     strength = float(moment @ weight @ moment)
     scale = float(moment @ weight @ (covariance @ fit.vectors[0])[rows]) / strength
     std = float(np.sqrt(max(_excess(fit), 1.0) / strength))
-    if not std < 0.1 * scale:
+    if not std < VAGUE * scale:
         raise AnswerIsNo(
-            f"{model.arm.name}: {mass:g} kg moves the current too little to determine the torque constant to a tenth (its scale is "
+            f"{model.arm.name}: {mass:g} kg moves the current too little to determine the torque constant to {VAGUE:.0%} (its scale is "
             f"{scale:.3g} ± {std:.2g}); record a motion that lifts the load"
         )
     return scale, std

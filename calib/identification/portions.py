@@ -83,7 +83,7 @@ def digest_of(log: Log) -> str:
 def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarray, weights: Reference) -> str:
     """A digest of all that the sums over a piece depend on beside the piece; another version of the program counts as another sum."""
     digest = hashlib.sha256(f"{program_version()} {arm.sha256} {arm.speed_from} {cutoff!r} {weights.huber!r}".encode())
-    for values in (slip_width, often, weights.theta, weights.ar, weights.sigma):
+    for values in (slip_width, often, weights.theta, weights.noise.ar, weights.noise.sigma):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
 

@@ -9,8 +9,12 @@ import numpy as np
 
 from calib.identification.model import TorqueModel
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import depth
 
 KEPT_BYTES = 300_000_000
+# Rows after a stop, a reversal or a gap that only serve to whiten the next ones: friction still builds up. Fitted as well, they raise the error on a
+# recording kept apart from 0.39 to 0.59 of the torque's standard deviation on a real servo (XL330), and change nothing on six real arms.
+SETTLED = 4
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,31 @@ class Block:
     doubt: np.ndarray
     joined: np.ndarray
     t: np.ndarray
+
+    def of_joint(self, j: int) -> JointRows:
+        """What of it joint j's fit takes; a block's first row has no neighbour."""
+        index = np.flatnonzero(self.usable[:, j])
+        run = np.cumsum(~self.joined)[index]
+        joined = np.concatenate([[False], (np.diff(index) == 1) & (np.diff(run) == 0)])[: len(index)]
+        return JointRows(
+            self.a[j][index], self.b[index, j], joined, self.doubt[index, j], index, depth(joined, SETTLED) == SETTLED
+        )
+
+
+@dataclass(frozen=True)
+class JointRows:
+    """Rows of one joint.
+
+    a (R, p_j), b (R,) N m; joined (R,) whether the row before is the neighbour in time; doubt (R,) (N m)^2; index (R,) in the block
+    settled (R,) whether SETTLED usable rows lie before it without a break
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    joined: np.ndarray
+    doubt: np.ndarray
+    index: np.ndarray
+    settled: np.ndarray
 
 
 @dataclass

@@ -14,23 +14,23 @@ import numpy as np
 
 from calib.identification.rows import Block, RegressorRows
 from calib.regression.information import InformationMatrix
+from calib.regression.noise import Noise, filtered, huber_weights
 
 MEMORY_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What the weights of rows rest on: theta (p,) for their residuals, colour ar (n, k) and scale sigma (n,) N m of the innovations,
-    and the number of sigmas `huber` beyond which a row gets less weight.
+    """What the weights of rows rest on: theta (p,) for their residuals, their noise, and the number of standard deviations `huber` beyond
+    which a row gets less weight.
 
-    A joint whose ar is zero is not whitened. rows: how many weighted rows this rests on; colouring and shortfall (p,): what the noise's colour makes of
-    each variance, and by what the products of neighbouring scores understate it (calib.identification.noise); slow (n,) N m: its
+    A joint whose noise is white is not whitened. rows: how many weighted rows this rests on; colouring and shortfall (p,): what the noise's colour makes of
+    each variance, and by what the products of neighbouring scores understate it (calib.identification.absorbed); slow (n,) N m: its
     strength at low frequency.
     """
 
     theta: np.ndarray
-    ar: np.ndarray
-    sigma: np.ndarray
+    noise: Noise
     huber: float
     rows: float = 0.0
     colouring: np.ndarray | None = None
@@ -119,14 +119,11 @@ def weighted(
     for block in rows:
         score = np.zeros((len(block.b), p))
         for j, used in enumerate(rows.used):
-            a, b, index = whitened(block, j, weights.ar[j])
-            e = b - a @ weights.theta[used]
-            size = deviation(block, j, index, weights)
-            weight = np.minimum(1.0, weights.huber * size / np.maximum(np.abs(e), 1e-300)) / size**2
-            score[np.ix_(index, used)] += a * (weight * e)[:, None]
-            white[j] = white[j].with_rows(np.sqrt(weight)[:, None] * np.column_stack([a, b]))
-            touched[j] += np.sum(np.abs(e) > weights.huber * size)
-            counts[j] += len(e)
+            own = whitened(block, j, used, weights)
+            score[np.ix_(own.index, used)] += own.a * (own.weight * own.e)[:, None]
+            white[j] = white[j].with_rows(np.sqrt(own.weight)[:, None] * np.column_stack([own.a, own.b]))
+            touched[j] += np.sum(own.weight < 1)
+            counts[j] += len(own.e)
         scores += score.T @ score
         for lag in range(1, min(lags, len(score) - 1) + 1):
             cross = score[lag:].T @ score[:-lag]
@@ -134,14 +131,25 @@ def weighted(
     return tuple(white), scores, touched, counts
 
 
-def deviation(block: Block, j: int, index: np.ndarray, weights: Reference) -> np.ndarray:
-    """(R,) N m: standard deviation of joint j's whitened rows; wider than sigma where gaps were bridged."""
-    k = len(weights.ar[j])
-    taps = np.concatenate([[1.0], weights.ar[j] ** 2])
-    added = sum(
-        (share * block.doubt[index - lag, j] for lag, share in zip(range(k + 1), taps, strict=True)), np.zeros(len(index))
-    )
-    return np.asarray(np.sqrt(weights.sigma[j] ** 2 + added))
+@dataclass(frozen=True)
+class WhiteRows:
+    """Rows of a joint with unit, uncorrelated noise: a (R, p_j), b, residual e and weight (R,) by Huber's loss, index (R,) in the block."""
+
+    a: np.ndarray
+    b: np.ndarray
+    e: np.ndarray
+    weight: np.ndarray
+    index: np.ndarray
+
+
+def whitened(block: Block, j: int, used: np.ndarray, weights: Reference) -> WhiteRows:
+    """A joint's settled rows of a block under these weights."""
+    own = block.of_joint(j)
+    taps = weights.noise.taps(j, own.joined, own.doubt)
+    a, b = filtered(taps, own.a), filtered(taps, own.b)
+    e = b - a @ weights.theta[used]
+    s = own.settled
+    return WhiteRows(a[s], b[s], e[s], huber_weights(e[s], weights.huber), own.index[s])
 
 
 def correlated(x: np.ndarray, lags: int) -> np.ndarray:
@@ -150,19 +158,3 @@ def correlated(x: np.ndarray, lags: int) -> np.ndarray:
     for lag in range(1, min(lags, len(x) - 1) + 1):
         out += 2 * (1 - lag / (lags + 1)) * np.sum(x[lag:] * x[:-lag], axis=0)
     return np.asarray(out)
-
-
-def whitened(block: Block, j: int, ar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phi A_j, Phi b_j and the index of the rows whose predecessors, as many as `ar` (k,) asks for, are usable neighbours."""
-    a, b, usable = block.a[j], block.b[:, j], block.usable[:, j].copy()
-    run = np.cumsum(~block.joined)
-    k = len(ar)
-    if len(b) <= k:
-        return a[:0], b[:0], np.zeros(0, dtype=int)
-    keep = usable[k:].copy()
-    wa, wb = a[k:].copy(), b[k:].copy()
-    for lag in range(1, k + 1):
-        keep &= usable[k - lag : len(b) - lag] & (run[k:] == run[k - lag : len(b) - lag])
-        wa -= ar[lag - 1] * a[k - lag : len(b) - lag]
-        wb -= ar[lag - 1] * b[k - lag : len(b) - lag]
-    return wa[keep], wb[keep], np.flatnonzero(keep) + k

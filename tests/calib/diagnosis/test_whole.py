@@ -10,10 +10,10 @@ import pytest
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import Hypothesis
-from calib.diagnosis.noise import Noise
 from calib.diagnosis.sums import Factors, Point, Solver, others_of, portion
 from calib.diagnosis.whole import Whole, diagnose_pieces, spread
 from calib.identification.portions import Kept
+from calib.regression.noise import Noise
 from logs import Pieces
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -37,7 +37,7 @@ def asked(ur10e: Arm, logs: list[Log], tmp_path_factory: pytest.TempPathFactory)
 
 def test_sums_do_not_depend_on_order_or_grouping(ur10e: Arm, logs: list[Log]) -> None:
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 10.0, "rest_angle": 0.3})
-    noise = Noise(np.full(6, 2.0), np.full(6, 0.3))
+    noise = Noise(np.full(6, 2.0), np.full((6, 1), 0.3))
     point = Point(Hypothesis.nominal(ur10e).with_effects((spring,)), noise, None)
     parts = [portion(point, log) for log in logs]
     nuisance, named = len(point.model(logs[0]).names), len(parameters_of([spring]))

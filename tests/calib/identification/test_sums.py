@@ -13,7 +13,7 @@ from calib.identification.least_squares import estimate, reference
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, context_of, digest_of
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import Sums, deviation, summed, whitened
+from calib.identification.sums import Sums, summed
 from calib.measurement.preprocessing import prepare
 from calib.regression.information import InformationMatrix
 from logs import Pieces
@@ -99,8 +99,10 @@ def test_rows_over_bridged_gaps_are_less_sure_than_measured_ones(ur5e: Arm, logs
     rows = RegressorRows(model, [prepare(log, ur5e, 10.0)])
     weights = reference(RegressorRows(model, [prepare(logs[0], ur5e, 10.0)]))
     (block,) = rows
-    _, _, index = whitened(block, 1, weights.ar[1])
-    wider = deviation(block, 1, index, weights) / weights.sigma[1]
+    own = block.of_joint(1)
+    index = own.index
+    sure, doubted = (weights.noise.taps(1, own.joined, doubt)[:, 0] for doubt in (None, own.doubt))
+    wider = sure / doubted
     near = np.abs(block.t[index] - logs[0].t[701]) < 0.15
     assert wider.max() > 1.05
     assert np.all(wider[block.t[index] < logs[0].t[701] - 0.5] == 1.0)

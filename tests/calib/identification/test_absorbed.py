@@ -10,10 +10,10 @@ from calib.identification.findings import findings
 from calib.identification.identify import Options, fitted
 from calib.identification.least_squares import Prior, estimate, inverse, reference
 from calib.identification.model import TorqueModel
-from calib.identification.noise import LARGEST_POLE, _stable, weighted
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.measurement.preprocessing import prepare
+from calib.regression.noise import LARGEST_POLE, stable
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.trajectory import Trajectory
@@ -36,13 +36,13 @@ def scatter(arm: Arm, rows: RegressorRows, weights: Reference) -> np.ndarray:
     for block in rows:
         m = rows.measurements[block.log]
         for j, used in enumerate(rows.used):
-            a, _, index, weight = weighted(block, j, used, weights)
+            own = whitened(block, j, used, weights)
             white = rng.standard_normal((len(m.tau), DRAWS))
             series = m.rows(arm.sensors.torque_noise[j] * lfilter([np.sqrt(1 - MEMORY**2)], [1, -MEMORY], white, axis=0))
-            k = weights.ar.shape[1]
-            left = series[k:] - sum(weights.ar[j, lag - 1] * series[k - lag : len(series) - lag] for lag in range(1, k + 1))
-            information[np.ix_(used, used)] += a.T @ (weight[:, None] * a)
-            score[used] += a.T @ (weight[:, None] * left[index - k])
+            rows_of = block.of_joint(j)
+            left = weights.noise.whiten(j, series[rows_of.index], rows_of.joined, rows_of.doubt)[rows_of.settled]
+            information[np.ix_(used, used)] += own.a.T @ (own.weight[:, None] * own.a)
+            score[used] += own.a.T @ (own.weight[:, None] * left)
     return np.asarray((inverse(information) @ score).std(axis=1))
 
 
@@ -59,16 +59,14 @@ def test_what_the_fit_absorbs_is_not_little(rows: RegressorRows) -> None:
     assert weights.shortfall is not None
     assert np.all(weights.shortfall >= 1)
     assert 1.1 < np.median(weights.shortfall) < 2.0
-    assert weights.rows == sum(len(whitened(b, j, weights.ar[j])[1]) for b in rows for j in range(6))
+    assert weights.rows == sum(int(b.of_joint(j).settled.sum()) for b in rows for j in range(6))
 
 
 def test_longer_logs_need_less_of_it(rows: RegressorRows) -> None:
     weights, none = reference(rows), Prior.none(rows.model.p)
     sums = summed(rows, weights)
     short = estimate(rows.model, sums, weights, none)
-    seen_ten_times = Reference(
-        weights.theta, weights.ar, weights.sigma, weights.huber, weights.rows / 10, None, weights.shortfall
-    )
+    seen_ten_times = Reference(weights.theta, weights.noise, weights.huber, weights.rows / 10, None, weights.shortfall)
     long = estimate(rows.model, sums, seen_ten_times, none)
     assert np.all(np.diag(long.covariance) <= np.diag(short.covariance) * (1 + 1e-12))
     assert np.array_equal(long.theta, short.theta)
@@ -88,8 +86,8 @@ def test_a_slow_error_that_comes_again_is_not_whitened_away(ur5e: Arm) -> None:
         fitted(ur5e, [recorded(arm, m, k, noise=0.5) for k, m in enumerate(motions)], Options(slip_width=1e-4))
         for arm in (truth, ur5e)
     )
-    assert not bent.weights.ar[1].any()
-    assert sound.weights.ar.any(axis=1).all()
+    assert not bent.weights.noise.ar[1].any()
+    assert sound.weights.noise.ar.any(axis=1).all()
     assert "shoulder_lift_joint: the low-frequency residual repeats in every log" in " ".join(findings(ur5e, bent))
     # the doubt of what rests on that joint's rows is larger for the error's colour
     k = bent.model.friction_column("coulomb", 1)
@@ -102,12 +100,12 @@ def test_logs_that_do_not_stand_alone_decide_nothing(ur5e: Arm) -> None:
     still = np.concatenate([np.zeros(3), np.ones(3)])
     wrist = Trajectory(whole.t, whole.q[0] + still * (whole.q - whole.q[0]), still * whole.dq, still * whole.ddq)
     fit = fitted(ur5e, [recorded(ur5e, wrist, 1), recorded(ur5e, whole, 2)], Options(slip_width=1e-4))
-    assert fit.weights.ar.any(axis=1).all()
+    assert fit.weights.noise.ar.any(axis=1).all()
 
 
 def test_noise_that_would_grow_is_made_to_last_instead() -> None:
     grows = np.array([1.9, -0.7, 0.0, -0.18])
-    found = _stable(grows)
+    found = stable(grows)
     assert np.abs(np.roots(np.r_[1.0, -found])).max() == pytest.approx(LARGEST_POLE)
     fine = np.array([0.5, -0.2, 0.1, 0.0])
-    assert _stable(fine) is fine
+    assert stable(fine) is fine

@@ -1,0 +1,96 @@
+"""What a fit takes out of its own residuals, given back: the noise's colour, its size, and the spread of the scores.
+
+The motions that identify an arm are slow, a few tenths of a hertz, and so are the columns of their rows. Parameters fitted to them absorb noise of
+just these frequencies, and residuals show too little of the noise that matters: intervals from them would be a tenth to a fifth too
+narrow. Noise of known colour, fitted by the same columns, shows how much is absorbed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.identification.rows import RegressorRows
+from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whitened
+from calib.regression.noise import SETTLE, Noise, covariances, given_back
+
+DRAWS, MORE_DRAWS = 24, 96
+
+
+def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Noise:
+    """Each joint's noise, from the residuals of theta (p,) with what they lost to the fit given back.
+
+    variance (n,) by which theta weighted the joints, gain (p, p) the inverse of its information.
+    """
+    n, p = rows.model.arm.n, rows.model.p
+    rng = np.random.default_rng(0)
+    own = [[block.of_joint(j) for j in range(n)] for block in rows]
+    counts = np.array([sum(len(parts[j].b) for parts in own) for j in range(n)])
+
+    def lagged(series: list[list[np.ndarray]]) -> np.ndarray:
+        return np.array([covariances([s[j] for s in series], [parts[j].joined for parts in own]) for j in range(n)])
+
+    def passed(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+        made = [
+            [noise.series(j, rng.standard_normal((len(block.b) + SETTLE, DRAWS)))[parts[j].index] for j in range(n)]
+            for block, parts in zip(rows, own, strict=True)
+        ]
+        score = np.zeros((p, DRAWS))
+        for series, parts in zip(made, own, strict=True):
+            for j, used in enumerate(rows.used):
+                score[used] += parts[j].a.T @ series[j] / variance[j]
+        moved = gain @ score
+        left = [
+            [e - parts[j].a @ moved[used] for j, (used, e) in enumerate(zip(rows.used, series, strict=True))]
+            for series, parts in zip(made, own, strict=True)
+        ]
+        return lagged(made), lagged(left)
+
+    rest = [[(part.b - part.a @ theta[u])[:, None] for part, u in zip(parts, rows.used, strict=True)] for parts in own]
+    return given_back(lagged(rest), counts, passed)
+
+
+def leverage(rows: RegressorRows, weights: Reference, gain: np.ndarray) -> np.ndarray:
+    """(n,) share of the whitened rows' variance that the fit absorbs, trace(H_j) / N_j."""
+    n = rows.model.arm.n
+    trace, count = np.zeros(n), np.zeros(n)
+    for block in rows:
+        for j, u in enumerate(rows.used):
+            own = whitened(block, j, u, weights)
+            trace[j] += float(np.sum((own.a @ gain[np.ix_(u, u)]) * own.a * own.weight[:, None]))
+            count[j] += len(own.a)
+    return trace / np.maximum(count, 1)
+
+
+def spread(rows: RegressorRows, weights: Reference, gain: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """What noise of this colour makes of the variances (p,) that the weights alone state, and of those from products of neighbouring scores.
+
+    First how many times larger than diag(gain) the estimate's variance is, 1 where all rows are whitened; then by what the products of scores
+    understate it.
+    """
+    p, rng = rows.model.p, np.random.default_rng(1)
+    lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
+    score, kept, information = np.zeros((p, MORE_DRAWS)), [], np.zeros((p, p))
+    for block in rows:
+        parts = []
+        for j, u in enumerate(rows.used):
+            own = whitened(block, j, u, weights)
+            a, index, weight = own.a, own.index, own.weight
+            if weights.noise.ar[j].any():
+                made = rng.standard_normal((len(a), MORE_DRAWS)) / np.sqrt(weight)[:, None]
+            else:
+                made = noise.series(j, rng.standard_normal((len(block.b) + SETTLE, MORE_DRAWS)))[index]
+                made = weights.noise.whiten(j, made, np.zeros(len(index), dtype=bool))
+            information[np.ix_(u, u)] += a.T @ (weight[:, None] * a)
+            score[u] += a.T @ (weight[:, None] * made)
+            parts.append((u, a, index, weight, made[:, :DRAWS], a @ gain[u]))
+        kept.append((len(block.b), parts))
+    moved, found = gain @ score, np.zeros(p)
+    for count, parts in kept:
+        for k in range(DRAWS):
+            influence = np.zeros((count, p))
+            for u, a, index, weight, made, shift in parts:
+                influence[index] += shift * (weight * (made[:, k] - a @ moved[u, k]))[:, None]
+            found += correlated(influence, lags)
+    stated = np.diag(gain @ information @ gain)
+    expected = stated if weights.noise.ar.any(axis=1).all() else np.maximum(np.mean(moved**2, axis=1), stated)
+    return expected / stated, np.maximum(expected * DRAWS / np.maximum(found, 1e-300), 1.0)
