@@ -18,11 +18,11 @@ from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import fit, within
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
-from calib.diagnosis.noise import Noise
 from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.diagnosis.selection import Key, plausible
 from calib.measurement.preprocessing import Measurement
+from calib.regression.noise import Noise
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 

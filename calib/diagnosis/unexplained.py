@@ -35,7 +35,7 @@ RIDGE = 1e-2
 class Rest:
     """What the fit leaves at one joint.
 
-    sigma     N m, scale of the rest; expected the same of the noise alone (calib.diagnosis.noise)
+    sigma     N m, scale of the rest; expected the same of the noise alone (calib.diagnosis.pure_error)
     colour    correlation from row to row over the noise's
     share     what is left of the squared excess of the fit without effects
     """
