@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from sim.errors import DeviceError
 from sim.finite import is_finite
 from sim.joint_state import JointState, Status
 from sim.plant import Plant
+from sim.prior import usual_sensors
 from sim.strict import Positive, StrictTable, validated
 
 
@@ -54,9 +56,12 @@ class MockDriver(Driver):
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> MockDriver:
-        """The mock of a cell: nominal arm as its drive, the cell's hidden effects in its plant."""
+        """The mock of a cell: nominal arm as its drive, the cell's hidden effects in its plant.
+
+        Sensors that nobody stated are noisy as an ordinary drive's: without noise a millionth of a torque is a finding.
+        """
         options = validated(MockOptions, cell.table.options, cell.path)
-        truth = arm
+        truth = replace(arm, sensors=usual_sensors(arm))
         for item in cell.table.emulation.effects:
             truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
         plant = Plant(truth, drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)

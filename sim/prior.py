@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.arm_table import Numbers, PriorTable
+from sim.arm_table import Numbers, PriorTable, SensorsTable
 from sim.tree import KinematicTree
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ WIDTHS: dict[Numbers, tuple[float, float, float]] = {
 }
 # share of the largest torque that dry friction, viscous friction at full speed, and an offset of the reading take in an ordinary drive
 FRICTION_SHARE = 0.1
+# standard deviations of readings where nobody stated them: torque as a share of the largest, speed in rad/s (those of the UR arms of configs/)
+TORQUE_NOISE, SPEED_NOISE = 0.0075, 0.003
 STATED = {"coulomb": "frictionloss", "viscous": "damping", "rotor": "armature"}
 
 
@@ -54,6 +56,14 @@ def torque_scale(arm: Arm) -> np.ndarray:
         if not np.isfinite(out[j]):
             out[j] = 9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3)
     return out
+
+
+def usual_sensors(arm: Arm) -> SensorsTable:
+    """The arm's sensors, with the noise of an ordinary drive where nobody stated them."""
+    if "sensors" not in arm.incomplete:
+        return arm.sensors
+    noise = {"torque_noise": (TORQUE_NOISE * torque_scale(arm)).tolist(), "velocity_noise": [SPEED_NOISE] * arm.n}
+    return arm.sensors.model_copy(update=noise)
 
 
 def spread(arm: Arm) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.mock import MockDriver
 from sim.arm import ArmEffect, load_arm
+from sim.cell import load_cell
 from sim.clock import SimulatedClock
 from sim.effects import with_effect
 from sim.plant import Plant
@@ -132,3 +133,25 @@ def test_it_is_steady_where_two_axes_meet_on_the_way(tmp_path):
         plant.advance(step)
         worst = max(worst, float(np.abs(plant.data.qpos - target).max()))
     assert worst < 5e-3  # the speed times a period is 2.5e-3
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_mock_of_sensors_that_nobody_stated_is_as_noisy_as_a_drive(tmp_path, stated):
+    sensors = (
+        "[sensors]\nrate = 500.0\nencoder_resolution = 1e-5\nvelocity_noise = [0.0, 0.0, 0.0]\ntorque_noise = [0.0, 0.0, 0.0]\n"
+    )
+    table = TABLE.replace('incomplete = ["sensors"]\n', "") + sensors if stated else TABLE
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "arm.toml").write_text(table)
+    (tmp_path / "arm" / "model.xml").write_text(COAXIAL)
+    (tmp_path / "cell.toml").write_text(
+        f'schema = "cell/1"\nname = "cell"\narm = "{tmp_path / "arm"}"\ndriver = "mock"\nhome = [0.0, 1.5, 0.0]\n'
+    )
+    cell, arm = load_cell(str(tmp_path / "cell.toml")), load_arm(tmp_path / "arm")
+    driver = MockDriver.from_cell(cell, arm)
+    driver.connect()
+    tau = np.array([driver.read().tau for _ in range(2000)])
+    assert np.diff(tau, axis=0).std() > 0 if not stated else np.diff(tau, axis=0).std() < 1e-9
+    if not stated:
+        assert tau.std(axis=0) == pytest.approx(0.0075 * arm.tau_max, rel=0.2)
+    assert arm.sensors.torque_noise == [0.0] * 3, "the tool knows of none"
