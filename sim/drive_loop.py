@@ -15,8 +15,8 @@ PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) s
 POSTURES = 200
 # rad beside its command by which the gains of a pushed arm overcome the dry friction that its drive knows, as far as a loop that is closed
 # every millisecond stays steady: its own frequency, rad/s, there
-GIVES_WAY = 5e-3
-SWIFT = 500.0
+GIVES_WAY = 4e-3
+SWIFT = 650.0
 State = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

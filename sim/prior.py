@@ -51,18 +51,23 @@ def bare_prior(tree: KinematicTree) -> PriorTable:
 
 def torque_scale(arm: Arm) -> np.ndarray:
     """(n,) N m: the arm's tau_max, or where nobody stated it the weight of the links behind the joint at full reach."""
-    tree, out = arm.tree, arm.tau_max.copy()
-    for j in range(arm.n):
-        if not np.isfinite(out[j]):
-            out[j] = 9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3)
-    return out
+    return np.where(np.isfinite(arm.tau_max), arm.tau_max, _weight(arm.tree))
+
+
+def _weight(tree: KinematicTree) -> np.ndarray:
+    """(n,) N m: the weight of the links behind each joint at full reach."""
+    return np.array([9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3) for j in range(tree.n)])
 
 
 def usual_sensors(arm: Arm) -> SensorsTable:
-    """The arm's sensors, with the noise of an ordinary drive where nobody stated them."""
+    """The arm's sensors, with the noise of an ordinary drive where nobody stated them: one that is made for what it carries, whatever
+    tau_max its model file has."""
     if "sensors" not in arm.incomplete:
         return arm.sensors
-    noise = {"torque_noise": (TORQUE_NOISE * torque_scale(arm)).tolist(), "velocity_noise": [SPEED_NOISE] * arm.n}
+    noise = {
+        "torque_noise": (TORQUE_NOISE * np.minimum(torque_scale(arm), _weight(arm.tree))).tolist(),
+        "velocity_noise": [SPEED_NOISE] * arm.n,
+    }
     return arm.sensors.model_copy(update=noise)
 
 

@@ -111,14 +111,23 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         )
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
-    roomy = np.argsort(-free)[:LOOKED_AT]
-    # where torque leaves no motion about any of those, the free postures that it takes least to hold
-    strong = np.argsort(np.where(free >= CLEARANCE_MARGIN, share, np.inf))[:LOOKED_AT]
-    for chosen in (q[roomy], q[strong]):
+    # where torque leaves no motion about any of the roomiest, the free postures that it takes least to hold
+    for order in (-free, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
+        chosen = _proved(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
         scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
         if max(scores) > 0:
             break
     return np.round(chosen[int(np.argmax(scores))], 3)
+
+
+def _proved(room: Room, q: np.ndarray) -> np.ndarray:
+    """Of postures q, in order, the first LOOKED_AT at which the bodies themselves are free: a capsule holds less than a cylinder's rim.
+
+    Where none is, the first ones.
+    """
+    needed = room.clearance.needed(room.cell.table.motion.following_error) + CLEARANCE_MARGIN
+    free = [k for k, posture in enumerate(q) if np.all(room.clearance.distances(posture) >= needed)]
+    return q[free[:LOOKED_AT] or slice(LOOKED_AT)]
 
 
 def _amplitude(room: Room, motion: Fourier) -> float:

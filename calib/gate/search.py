@@ -100,10 +100,22 @@ def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
     most = min(FARTHEST, FAR_SHARE * float(np.ptp(s.t)) if len(s) else 0.0)
     every = [side * by for by in np.arange(FAR_STEP, most, FAR_STEP) for side in (-1.0, 1.0)]
     gains = [_gain(base, left) for left in own_of([(equations, s.later(by)) for by in every])] if every else []
-    k = int(np.argmax(gains)) if gains else -1
-    if k < 0 or not gains[k] > (ALONE_GAIN if found is None else found.gain + FAR_GAIN):
-        return found
-    return GainStep(Correction("shift", "tau", (), float(every[k])), gains[k])
+    enough = ALONE_GAIN if found is None else found.gain + FAR_GAIN
+    # a constant stands for readings beyond the recording and leaves nothing to explain: what gains is compared without them
+    for gain, by in sorted(zip(gains, every, strict=True), reverse=True):
+        if not gain > enough:
+            break
+        if _gain_inside(arm, s, by) > enough:
+            return GainStep(Correction("shift", "tau", (), float(by)), gain)
+    return found
+
+
+def _gain_inside(arm: Arm, s: Signals, by: float) -> float:
+    """What a shift gains in the rows of which the shifted instant is recorded."""
+    at = s.place[:, 0] + by * s.place[:, 3]
+    few = _rows(s, (at >= s.place[:, 1]) & (at <= s.place[:, 2]))
+    equations = normal(few, model_torque(arm, few))
+    return _gain(equations.own(few.load), equations.own(few.later(by)))
 
 
 def _exactly(arm: Arm, s: Signals, found: GainStep, shifts: Sequence[float]) -> GainStep:

@@ -10,7 +10,7 @@ import pytest
 
 from calib.excitation.design import SLOWER, _own_scale, binding, coarse
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.home import home_of, open_cell
+from calib.excitation.home import _proved, home_of, open_cell
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
 from calib.excitation.session import QUICK, cleared_friction
 from sim.arm import Arm, load_arm
@@ -152,3 +152,22 @@ def test_where_the_assumed_plane_leaves_no_posture_the_sentence_asks_for_the_cel
     room = Room(hanging, open_cell(hanging))
     with pytest.raises(AnswerIsNo, match=r"ball and mounting_plane .*say with --cell where the arm stands"):
         home_of(room, room.cell, None, np.random.default_rng(0))
+
+
+def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
+    """Two cylinders whose rims meet where the capsules that stand for them leave a gap."""
+    arm = load_arm("ur10e")
+    drums = [
+        Shape(k, f"drum_{k}", "cylinder", (0.12, 0.12, 0.0), np.eye(3), np.array([x, 0.0, 0.0]))
+        for k, x in ((2, -0.3), (5, 0.0))
+    ]
+    arm = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, *drums)))
+    room = Room(arm, open_cell(arm))
+    q = HOME + np.random.default_rng(5).uniform(-2.5, 2.5, (400, 6))
+    needed = room.clearance.needed(room.cell.table.motion.following_error) + CLEARANCE_MARGIN
+    by_bodies = np.array([bool(np.all(room.clearance.distances(x) >= needed)) for x in q])
+    flattered = q[(room.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN) & ~by_bodies]
+    assert len(flattered)
+    free = q[by_bodies][:5]
+    np.testing.assert_array_equal(_proved(room, np.concatenate([flattered, free])), free)
+    np.testing.assert_array_equal(_proved(room, flattered), flattered[:15])

@@ -153,5 +153,5 @@ def test_a_mock_of_sensors_that_nobody_stated_is_as_noisy_as_a_drive(tmp_path, s
     tau = np.array([driver.read().tau for _ in range(2000)])
     assert np.diff(tau, axis=0).std() > 0 if not stated else np.diff(tau, axis=0).std() < 1e-9
     if not stated:
-        assert tau.std(axis=0) == pytest.approx(0.0075 * arm.tau_max, rel=0.2)
+        assert tau.std(axis=0) == pytest.approx([0.0075 * x for x in (26.2, 18.7, 6.2)], rel=0.2)
     assert arm.sensors.torque_noise == [0.0] * 3, "the tool knows of none"

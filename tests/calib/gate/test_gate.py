@@ -304,3 +304,17 @@ def test_readings_that_no_drive_gives_are_named_as_such() -> None:
         found = gate(of, [wrong], family=family)
         assert found.refusal is not None
         assert words in found.causes[0].sentence
+
+
+def test_readings_that_are_mostly_noise_are_no_other_clock() -> None:
+    """A shift by which the motion of a joint falls beyond the recording leaves a constant there: nothing that the shift explains."""
+    from benchmarks.known_truth import recorded
+    from calib.excitation.sweeps import friction_sweeps
+
+    of, home = arm("ur5e"), np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
+    motion = friction_sweeps(of, home, home - 0.8, home + 0.8, np.full((6, 2), (0.1, 0.4)), 1.5, 100.0)
+    log = recorded(of, motion, 3)
+    for seed in range(3):
+        noise = np.random.default_rng(seed).normal(size=log.tau.shape) * of.tau_max
+        found = gate(of, [replace(log, tau=log.tau + noise)], family=family)
+        assert not any(c.kind == "shift" for cause in found.causes for c in cause.corrections), found.refusal
