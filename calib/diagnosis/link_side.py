@@ -15,9 +15,7 @@ from sim.effects.friction_law import FrictionLaw
 from sim.prediction import Stages, link_side
 from sim.rigid_body import RigidBody, link_parameters
 
-# bytes of arrays that are kept for each sample of the recordings: of all joints together, and of each
-OF_ALL, OF_COLUMNS, OF_PATHS, OF_WHITES = 1500.0, 500.0, 300.0, 450.0
-AT_ONCE = 20_000  # samples of which the regressor is in memory before it is filtered
+AT_ONCE = 4_000  # samples of which the regressor is in memory before it is filtered
 FRICTION_LAW = FrictionLaw()
 # of a path, what stages behind the load fill
 FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
@@ -34,14 +32,9 @@ class JointSide:
         for x in self.motion.values():
             x.flags.writeable = False
         self.inertial = inertial
-        self.paths = ArrayCache(OF_PATHS * len(path.t))
-        self.columns = ArrayCache(OF_COLUMNS * len(path.t))
-        self._whites: ArrayCache | None = None
-
-    def whites(self, samples: int) -> ArrayCache:
-        """Whitened rows of all recordings, which have so many samples together."""
-        self._whites = self._whites or ArrayCache(OF_WHITES * samples)
-        return self._whites
+        self.paths = ArrayCache()
+        self.columns = ArrayCache()
+        self.whites = ArrayCache()
 
     def same(self, path: PathState, inertial: np.ndarray, j: int) -> bool:
         """Whether joint j of that path moves and is loaded alike."""
@@ -66,7 +59,7 @@ class LinkSide:
         self.regressor_rows: np.ndarray = self._regressor_rows() if like is None else like.regressor_rows
         rows = _inertial_rows(arm, self.regressor_rows, self.bodies.parameters())
         self.joints = [self._joint(like, rows[:, j], j) for j in range(arm.n)]
-        self.kept = ArrayCache(OF_ALL * len(self.path.t))
+        self.kept = ArrayCache()
 
     def _regressor_rows(self) -> np.ndarray:
         """(R, n, 10 n) filtered rows of the links' regressor."""

@@ -189,7 +189,7 @@ def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
         x, r = rows.whiten(noise, j, rows.x[j][:, :p]), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, (noise, *sides[1:]))
 
-    found: White = sides[0].whites(sum(len(m.link.t) for m in rows.models)).of(key, white)
+    found: White = sides[0].whites.of(key, white)
     if rows.x[j].shape[1] == found.x.shape[1]:
         return found
     more = rows.whiten(noise, j, rows.x[j][:, found.x.shape[1] :])

@@ -186,9 +186,9 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
     """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none settles."""
     for first in range(0, min(len(ranked), MOST_TRIED), TRIED):
         some = [s for s in ranked[first : first + TRIED] if s.gain > CLOSE * ranked[first].gain]
-        settled = [g for g in (add(measurements, f, s) for s in some) if admissible(g)]
-        if settled:
-            return min(settled, key=cost)
+        best = min((g for s in some if admissible(g := add(measurements, f, s))), key=cost, default=None)
+        if best is not None:
+            return best
     return None
 
 
@@ -238,11 +238,15 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless:
                 continue
             rest = without(measurements, f, i)
             near = [s for s in beside(rest, f, i, 0.7, bank) if s.key not in hopeless][:TRIED]
-            tried = [add(measurements, rest, s) for s in near]
-            hopeless |= {s.key for s, g in zip(near, tried, strict=True) if g.objective > rest.objective}
-            tried = [g for g in tried if admissible(g)]
-            if tried and cost(min(tried, key=cost)) < cost(f) - 2.0:
-                f, again = min(tried, key=cost), True
+            best = f
+            for s in near:
+                other = add(measurements, rest, s)
+                if other.objective > rest.objective:
+                    hopeless.add(s.key)
+                if admissible(other) and cost(other) < cost(f) - 2.0:
+                    best = min(best, other, key=cost)
+            if best is not f:
+                f, again = best, True
                 break
     return f
 
