@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 
-class Budget:
+class CacheBudget:
     """`most` bytes of arrays in all caches that share it: the least recently used go first, whichever cache they are in."""
 
     def __init__(self, most: float) -> None:
@@ -42,13 +42,13 @@ class Budget:
         del self._owners[id(values)]
 
 
-SHARED = Budget(80e6)
+SHARED = CacheBudget(80e6)
 
 
 class ArrayCache:
     """Values by key, within the budget."""
 
-    def __init__(self, budget: Budget = SHARED) -> None:
+    def __init__(self, budget: CacheBudget = SHARED) -> None:
         self._budget = budget
         self._values: dict[Hashable, Any] = {}
         budget.joined_by(self, self._values)

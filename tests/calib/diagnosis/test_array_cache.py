@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calib.diagnosis.array_cache import ArrayCache, Budget
+from calib.diagnosis.array_cache import ArrayCache, CacheBudget
 
 ARRAY = np.zeros(10)  # 80 bytes
 
@@ -26,27 +26,27 @@ class Counted:
 
 
 def test_a_value_is_computed_once() -> None:
-    cache, counted = ArrayCache(Budget(1000)), Counted()
+    cache, counted = ArrayCache(CacheBudget(1000)), Counted()
     assert counted.of(cache, "a") is counted.of(cache, "a")
     assert counted.times == {"a": 1}
 
 
 def test_beyond_its_bytes_the_least_recently_used_goes() -> None:
-    cache, counted = ArrayCache(Budget(2 * ARRAY.nbytes)), Counted()
+    cache, counted = ArrayCache(CacheBudget(2 * ARRAY.nbytes)), Counted()
     for key in "abacab":  # c drops b, which was used longest ago; b then drops c
         assert (counted.of(cache, key) == ord(key)).all()
     assert counted.times == {"a": 1, "b": 2, "c": 1}
 
 
 def test_one_value_larger_than_all_bytes_is_kept_until_the_next() -> None:
-    cache, counted = ArrayCache(Budget(1)), Counted()
+    cache, counted = ArrayCache(CacheBudget(1)), Counted()
     for key in "aaba":
         counted.of(cache, key)
     assert counted.times == {"a": 2, "b": 1}
 
 
 def test_arrays_of_an_object_count() -> None:
-    cache, counted = ArrayCache(Budget(2.5 * ARRAY.nbytes)), Counted()
+    cache, counted = ArrayCache(CacheBudget(2.5 * ARRAY.nbytes)), Counted()
     counted.of(cache, "a")
     cache.of("pair", lambda: SimpleNamespace(rows=ARRAY.copy(), gradient=ARRAY.copy(), name="x"))
     counted.of(cache, "a")
@@ -54,7 +54,7 @@ def test_arrays_of_an_object_count() -> None:
 
 
 def test_caches_share_the_bytes() -> None:
-    budget, counted = Budget(2 * ARRAY.nbytes), Counted()
+    budget, counted = CacheBudget(2 * ARRAY.nbytes), Counted()
     first, second = ArrayCache(budget), ArrayCache(budget)
     for cache, key in ((first, "a"), (second, "b"), (first, "a"), (second, "c"), (first, "a"), (second, "b")):
         counted.of(cache, key)
@@ -62,7 +62,7 @@ def test_caches_share_the_bytes() -> None:
 
 
 def test_a_cache_that_is_gone_makes_room() -> None:
-    budget, counted = Budget(2 * ARRAY.nbytes), Counted()
+    budget, counted = CacheBudget(2 * ARRAY.nbytes), Counted()
     kept, gone = ArrayCache(budget), ArrayCache(budget)
     counted.of(kept, "a")
     counted.of(gone, "b")
