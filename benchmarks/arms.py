@@ -29,7 +29,7 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.results import CODE, digest
+from benchmarks.results import CODE, digest, git
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
 from sim.new_arm import LIMIT_UNITS
@@ -209,19 +209,29 @@ def invented(arm: Arm, file: Path, options: Sequence[str]) -> list[str]:
 
 
 def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[str, Any]]:
-    """A slice of the arms, then what came of each that was tried so far: rows of what, value, unit, bar, note."""
+    """A slice of the arms, then what came of each that was tried so far: rows of what, value, unit, bar, note.
+
+    Arms that were never tried come first, then those that failed on other code than this, then those that came through on other code.
+    """
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "arms.jsonl", " ".join(digest(path) for path in (*CODE, "benchmarks/arms.py")))
-    for name in names:
-        if name not in kept.found and time.monotonic() < end:
+    code = " ".join(digest(path) for path in CODE)
+    kept = Kept(FOLDER / "arms.jsonl", digest("benchmarks/arms.py"))
+    found = kept.found
+    old = [name for name in names if name in found and found[name]["code"] != code]
+    order = [name for name in names if name not in found] + sorted(old, key=lambda name: not found[name]["ended"])
+    for name in order:
+        if time.monotonic() < end:
             with tempfile.TemporaryDirectory(prefix="calib-arms-") as home:
-                kept.keep(name, line(name, Path(home)))
-    return rows({name: kept.found[name] for name in ARMS if name in kept.found})
+                row = line(name, Path(home))
+            found.pop(name, None)
+            kept.keep(name, row | {"code": code, "commit": git("rev-parse", "--short=12", "HEAD")})
+    return rows({name: found[name] for name in ARMS if name in found}, code)
 
 
-def rows(found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The counts, then a row for each arm."""
-    tried = f"{len(found)} of {len(ARMS)} tried"
+def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, Any]]:
+    """The counts, then a row for each arm; one that was tried on other code than `code` names its commit."""
+    older = {name for name, row in found.items() if row["code"] != code}
+    tried = f"{len(found)} of {len(ARMS)} tried" + f", {len(older)} of them on an older commit" * bool(older)
     through = [row for row in found.values() if not row["ended"]]
     wrong = [row for row in through if row["named"]]
     made_up = [sentence for row in found.values() for sentence in row["invented"]]
@@ -233,7 +243,11 @@ def rows(found: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
          "note": "; ".join(f"{row['arm']}: {', '.join(row['named'])}" for row in wrong)[:600] or f"{len(through)} diagnosed"},
     ]  # fmt: skip
     for name, row in found.items():
-        steps = f"{row['joints']} joints; {row['seconds']:.0f} s: " + ", ".join(f"{s} {row[s]:.0f}" for s in STEPS if s in row)
+        steps = (
+            f"commit {row['commit']}; " * (name in older)
+            + f"{row['joints']} joints; {row['seconds']:.0f} s: "
+            + ", ".join(f"{s} {row[s]:.0f}" for s in STEPS if s in row)
+        )
         after = f" after giving {'; '.join(row['given'])}" if row["given"] else ""
         value = f"failed at {row['ended'].partition(':')[0]}" if row["ended"] else "through"
         out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:600] if row["ended"] else steps})

@@ -56,8 +56,8 @@ def write(
         "name": name,
         "command": command,
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "commit": _git("rev-parse", "--short=12", "HEAD"),
-        "uncommitted": bool(_git("status", "--porcelain", "--untracked-files=no", "--", *measures)),
+        "commit": git("rev-parse", "--short=12", "HEAD"),
+        "uncommitted": bool(git("status", "--porcelain", "--untracked-files=no", "--", *measures)),
         "machine": {
             "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
             "cores": os.cpu_count(),
@@ -85,14 +85,14 @@ def _checked(row: Mapping[str, Any]) -> dict[str, Any]:
 def digest(path: str) -> str:
     """Of the tracked files under a path and their content; it survives a rebase, which a commit's name does not."""
     found = hashlib.sha256()
-    for file in _git("ls-files", "--", path).splitlines():
+    for file in git("ls-files", "--", path).splitlines():
         place = ROOT / file
         if place.suffix in (".py", ".toml", ".xml", ".urdf") and place.is_file():
             found.update(file.encode() + b"\0" + place.read_bytes() + b"\0")
     return found.hexdigest()[:16]
 
 
-def _git(*arguments: str) -> str:
+def git(*arguments: str) -> str:
     done = subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=False)
     return done.stdout.strip()
 

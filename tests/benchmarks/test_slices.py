@@ -129,18 +129,45 @@ def test_an_arm_that_failed_one_that_was_helped_and_a_wrong_name_are_counted() -
         "given": [],
         "invented": [],
         "named": [],
+        "code": "new",
+        "commit": "abc",
     }
     found = {
-        "panda": whole | {"arm": "panda"},
+        "panda": whole | {"arm": "panda", "code": "old"},
         "z1": whole | {"arm": "z1", "given": ["q_min, q_max"], "named": ["joint_spring at j1"]},
         "ur3": whole | {"arm": "ur3", "ended": "plan: no room", "invented": ["tau_max of j1: 5, its file has nan"]},
     }
-    through, made_up, wrong, panda, z1, ur3 = arms.rows(found)
+    through, made_up, wrong, panda, z1, ur3 = arms.rows(found, "new")
     assert (through["value"], made_up["value"], wrong["value"]) == (2, 1, 1)
     assert "1 with nothing but their file" in through["note"]
     assert "z1: joint_spring at j1" in wrong["note"]
     assert (panda["value"], z1["value"], ur3["value"]) == ("through", "through after giving q_min, q_max", "failed at plan")
     assert "no room" in ur3["note"]
+    assert "1 of them on an older commit" in through["note"]
+    assert panda["note"].startswith("commit abc; ")
+    assert "commit" not in z1["note"] + ur3["note"]
+
+
+def test_failed_arms_are_tried_again_on_other_code_before_those_that_came_through(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(arms, "FOLDER", tmp_path)
+    tried, code = [], ["one"]
+    whole = dict.fromkeys(arms.STEPS, 2.0) | {"joints": 6, "seconds": 14.0, "given": [], "invented": [], "named": []}
+
+    def line(name: str, home: Path) -> dict[str, object]:
+        tried.append(name)
+        return whole | {"arm": name, "ended": "plan: no room" if name == "so100" else ""}
+
+    monkeypatch.setattr(arms, "line", line)
+    monkeypatch.setattr(arms, "digest", lambda path: code[0] if path in arms.CODE else "arms")
+    arms.run(names=["panda", "so100"])
+    arms.run(names=["panda", "so100"])
+    assert tried == ["panda", "so100"]
+    code[0] = "two"
+    arms.run(names=["panda", "so100", "z1"])
+    assert tried[2:] == ["z1", "so100", "panda"]
+    assert arms.run(names=["panda", "so100", "z1"])[0]["note"].startswith("3 of 29 tried; ")
 
 
 def test_a_fact_is_given_only_where_a_sentence_asks_for_it(tmp_path: Path) -> None:
