@@ -166,13 +166,13 @@ def run(minutes: float = 10.0, tries: int = 100) -> list[dict[str, Any]]:
         version = "3.15.4" if family.FAMILY[name][1] else "5.25.1"
         jobs.append((f"wrong {name}", partial(met, "ur10e", version, number, name)))
     jobs += [(f"model {name} {v}", partial(met, name, v, 100 + number)) for number, (name, v) in enumerate(pairs())]
+    for number in range(tries // EACH):
+        if (what := f"programs {number}") not in kept.found and time.monotonic() < end:
+            kept.keep(what, programs(number, EACH))
     for what, job in jobs:
         if what not in kept.found and time.monotonic() < end:
             (done,) = forked([(what, job)], LONGEST, workers=1)
             kept.keep(what, {"sentence": done.value if not done.fault else f"fault: {done.fault[-300:]}"})
-    for number in range(tries // EACH):
-        if (what := f"programs {number}") not in kept.found and time.monotonic() < end:
-            kept.keep(what, programs(number, EACH))
     return rows(kept.found, tries)
 
 
