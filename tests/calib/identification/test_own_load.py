@@ -60,7 +60,15 @@ def test_another_mass_than_the_files_scales_the_constant(tmp_path: Path) -> None
 def test_a_motion_that_does_not_lift_the_load_determines_nothing(tmp_path: Path) -> None:
     arm = pendulum(tmp_path)
     with pytest.raises(AnswerIsNo, match="record a motion that lifts the load"):
-        identify_with_own_load(arm, [recording(arm, 1, reach=0.02)], [], Options(), MASS)
+        identify_with_own_load(arm, [recording(arm, 1, reach=0.01)], [], Options(), MASS)
+
+
+def test_a_motion_that_hardly_lifts_it_gives_a_wide_interval_that_covers(tmp_path: Path) -> None:
+    arm = pendulum(tmp_path)
+    found = identify_with_own_load(arm, [recording(arm, 1, reach=0.02)], [], Options(), MASS)
+    constant, std = found.arm.torque_constant[0], float(found.arm.provenance["torque_constant"].split("std ")[1].split()[0])
+    assert 0.05 * CONSTANT < std < 0.25 * CONSTANT
+    assert abs(constant - CONSTANT) < 2 * std
 
 
 def test_what_cannot_have_a_constant_is_refused_with_its_reason(tmp_path: Path, ur5e: Arm) -> None:
