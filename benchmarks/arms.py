@@ -89,6 +89,8 @@ FACTS: dict[str, dict[str, list[str]]] = {
 }  # fmt: skip
 # what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
 DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": 0.03, "viscous": 0.03, "inertia": 0.1})
+# of a row and how it comes about; another one makes earlier rows worthless
+ROW = "arms/1"
 # s that a step may take; longer is an end too
 LONGEST = 400.0
 # m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
@@ -153,7 +155,7 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
         answer = home / "diagnosis" / "diagnosis.json"
         # diagnose says "effects found" with 1: an answer, not a failure
         if done.returncode and not (step == "diagnose" and done.returncode == 1 and answer.exists()):
-            row["ended"] = f"{step}: {' '.join((done.stderr or done.stdout).split())[-700:]}"
+            row["ended"] = f"{step}: {sentence_of(done)}"
             break
         if step == "diagnose":
             found = json.loads(answer.read_text(encoding="utf-8"))["effects"]
@@ -171,6 +173,16 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
                 row["ended"] = f"plan: {no}"
                 break
     return row
+
+
+def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
+    """Why a command ended with another code than 0: its error, or the sentence in which its answer is no."""
+    lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
+    error = [k for k, line in enumerate(lines) if line.startswith("calib: ")]
+    if error:
+        return " ".join(lines[error[-1] :]).removeprefix("calib: ")[:900]
+    answers = [line for line in done.stdout.splitlines() if line.startswith("Poor")]
+    return (answers or lines[-1:] or ["no sentence"])[-1][:900]
 
 
 def answer(name: str, row: Mapping[str, Any], folder: Path) -> tuple[str, list[str]]:
@@ -215,7 +227,7 @@ def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[
     """
     end = time.monotonic() + 60 * minutes
     code = " ".join(digest(path) for path in CODE)
-    kept = Kept(FOLDER / "arms.jsonl", digest("benchmarks/arms.py"))
+    kept = Kept(FOLDER / "arms.jsonl", ROW)
     found = kept.found
     old = [name for name in names if name in found and found[name]["code"] != code]
     order = [name for name in names if name not in found] + sorted(old, key=lambda name: not found[name]["ended"])
@@ -250,7 +262,7 @@ def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, An
         )
         after = f" after giving {'; '.join(row['given'])}" if row["given"] else ""
         value = f"failed at {row['ended'].partition(':')[0]}" if row["ended"] else "through"
-        out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:600] if row["ended"] else steps})
+        out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:900] if row["ended"] else steps})
     return out
 
 

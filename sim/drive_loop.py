@@ -17,6 +17,7 @@ POSTURES = 200
 # every millisecond stays steady: its own frequency, rad/s, there
 GIVES_WAY = 4e-3
 SWIFT = 650.0
+SLOW = 0.02  # rad/s about which the friction that a pushed arm's drive expects turns round
 State = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -81,6 +82,8 @@ class DriveLoop:
         q, dq, model = self._wanted(now)
         push = self._kp @ (q - angle)
         self._integral += (0.15 * BANDWIDTH * dt) * push
+        if self.pushed:  # and what they rub, which is large beside their inertia
+            model = model + self._coulomb * np.tanh(dq / SLOW) + self._viscous * dq
         total: np.ndarray = model + push + self._kd @ (dq - speed) + self._integral + self._target[2]
         return total
 

@@ -20,6 +20,8 @@ LEAST_REACH, LEAST_SHARE = (
 )  # rad, and of a joint's range: less than this stays within what dry friction and gears hide
 # by which power of the period a motion at that limit grows
 GROWTH = {"dq": 1, "ddq": 2, "jerk": 3}
+# of a torque limit, from which on few postures are left to choose from
+STRAINED = 0.6
 # times the period in which a path is looked at that does not fit
 SLOWER = (1.1, 1.25, 1.5, 2.0, 3.0)
 
@@ -121,7 +123,7 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     use = room.use(coarse(trial))
     name, share = use.worst
     if share <= 1:
-        return f"no motion of useful size fits: a fifth of it brings {_too_near(room, use)}"
+        return f"no motion of useful size fits: a fifth of it brings {_too_near(room, use)}{_strained(room, use)}"
     own = use.shares[name]
     worst = int(np.argmax(own)) if len(own) == room.arm.n else None
     where = "the " if worst is None else f"{room.arm.joint_names[worst]}'s "
@@ -130,6 +132,15 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
         remedy = f"a longer --period (about {slower:.3g} s instead of {basis.period:g}) or {remedy}"
     missing = missing_facts(room.arm, worst) if name == "torque" and worst is not None else ""
     return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit{missing}"
+
+
+def _strained(room: Room, use: Use) -> str:
+    """Which torque leaves little choice of a roomier posture, where nobody stated what it is made of."""
+    j = int(np.argmax(use.shares["torque"]))
+    share, missing = float(use.shares["torque"][j]) / MARGIN["torque"], missing_facts(room.arm, j)
+    if share < STRAINED or not missing:
+        return ""
+    return f". {room.arm.joint_names[j]} takes {share:.0%} of its torque limit there, so there is little choice of another{missing}"
 
 
 def _slow_enough(room: Room, motion: Fourier, name: str) -> float | None:

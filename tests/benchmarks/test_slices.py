@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -168,6 +169,20 @@ def test_failed_arms_are_tried_again_on_other_code_before_those_that_came_throug
     arms.run(names=["panda", "so100", "z1"])
     assert tried[2:] == ["z1", "so100", "panda"]
     assert arms.run(names=["panda", "so100", "z1"])[0]["note"].startswith("3 of 29 tried; ")
+
+
+def test_the_sentence_of_a_command_is_its_error_or_its_answer() -> None:
+    def ended(out: str, err: str) -> str:
+        return arms.sentence_of(subprocess.CompletedProcess([], 1, out, err))
+
+    assert (
+        ended("", "record 5 of 9 s\ncalib: stopped in excitation:\n  joint3: torque\n")
+        == "stopped in excitation: joint3: torque"
+    )
+    assert ended("joint 1\nPoor: at joint1 the residual is large.\nnext: calib diagnose\n", "identify ...\n").startswith(
+        "Poor: at joint1"
+    )
+    assert ended("", "") == "no sentence"
 
 
 def test_a_fact_is_given_only_where_a_sentence_asks_for_it(tmp_path: Path) -> None:

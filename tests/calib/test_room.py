@@ -96,6 +96,15 @@ def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> No
         home_of(room, room.cell, None, np.random.default_rng(0))
 
 
+def test_where_a_motion_comes_too_near_the_torque_that_keeps_it_there_is_named() -> None:
+    arm = replace(load_arm("ur10e"), tau_max=np.array([330.0, 150.0, 150.0, 56.0, 56.0, 56.0]))
+    home, basis = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0)
+    known, unknown = (binding(Room(of, open_cell(of)), basis, home) for of in (arm, silent(arm)))
+    assert "nearer to each other" in known
+    assert "Nobody stated" not in known
+    assert re.search(r"shoulder_lift_joint takes \d+% of its torque limit there.*Nobody stated", unknown)
+
+
 @pytest.mark.parametrize(("name", "helps"), [("torque", False), ("point speed", True)])
 def test_a_longer_period_is_advised_only_where_the_path_then_fits(name: str, helps: bool) -> None:
     """A stop takes torque at any speed; the speed of a point does not."""

@@ -43,7 +43,7 @@ def test_it_is_steady_without_rotors(q):
 
 
 def test_light_links_that_rub_follow_without_rotors():
-    """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: gains by its mass alone leave it 46 mrad behind."""
+    """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: a drive that knows its mass alone leaves it 46 mrad behind."""
     arm = load_arm("ur10e")
     for joint in arm.joint_names:
         for effect, parameter, value in (
@@ -52,7 +52,7 @@ def test_light_links_that_rub_follow_without_rotors():
             ("viscous_friction", "viscous", 0.0),
         ):
             arm = with_effect(arm, ArmEffect(effect, joint, {parameter: value}))
-    assert _followed(arm, HOME) < 0.015
+    assert _followed(arm, HOME) < 5e-3
 
 
 @pytest.mark.parametrize("rate", [500.0, 250.0, 200.0])
