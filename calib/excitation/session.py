@@ -34,6 +34,8 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
+# rad to either side that a sweep is tried with, of a joint that turns through WHOLE or more; less of one that has less
+REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
 # of the range, speed and acceleration of the sweeps and the chirp
 GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
@@ -217,7 +219,8 @@ def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate:
 
 def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:
     arm = room.arm
-    for reach in (1.2, 0.9, 0.6, 0.4, 0.25, 0.12):
+    reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
+    for reach in reaches.tolist():
         low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
         high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
         line = np.repeat(home[None], 80, axis=0)
@@ -231,8 +234,8 @@ def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float
             if room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line))).fits:
                 return float(low), float(high), slower * speeds
     raise AnswerIsNo(
-        f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than 0.12 rad to either side; give another "
-        "start with --home, or move the obstacle"
+        f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
+        "to either side; give another start with --home, or move the obstacle"
     )
 
 

@@ -12,7 +12,7 @@ from calib.excitation.design import SLOWER, _own_scale, binding, coarse
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import _proved, home_of, open_cell
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
-from calib.excitation.session import QUICK, cleared_friction
+from calib.excitation.session import QUICK, _swept, cleared_friction
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo, SafetyStop
 from sim.trajectory import Trajectory
@@ -180,3 +180,19 @@ def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
     free = q[by_bodies][:5]
     np.testing.assert_array_equal(_proved(room, np.concatenate([flattered, free])), free)
     np.testing.assert_array_equal(_proved(room, flattered), flattered[:15])
+
+
+def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lift of 0.35 m need not have 0.12 m to either side."""
+    arm = load_arm("ur10e")
+    q_min, q_max = arm.q_min.copy(), arm.q_max.copy()
+    q_min[5], q_max[5] = HOME[5] - 0.1, HOME[5] + 0.25
+    narrow = replace(arm, q_min=q_min, q_max=q_max)
+    room = Room(narrow, open_cell(narrow))
+    monkeypatch.setattr(room, "clearances", lambda q: (np.where(np.abs(q[:, 5:] - HOME[5]) > 0.05, -1.0, 1.0), []))
+    low, high, _ = _swept(room, HOME, 5, np.array([0.1]), 100.0)
+    assert 0.02 < HOME[5] - low <= 0.05
+    assert 0.02 < high - HOME[5] <= 0.05
+    monkeypatch.setattr(room, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
+    with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
+        _swept(room, HOME, 5, np.array([0.1]), 100.0)
