@@ -35,6 +35,11 @@ class ArmEffect:
     parameters: dict[str, float]
     std: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def title(self) -> str:
+        """As a sentence names it: "joint elasticity at elbow_joint"."""
+        return self.effect.replace("_", " ") + (f" at {self.joint}" if self.joint else "")
+
 
 @dataclass(frozen=True)
 class Arm:

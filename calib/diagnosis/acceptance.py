@@ -73,13 +73,12 @@ class Assessed:
     @property
     def refusal(self) -> str:
         """Why motions that were not fitted speak against it."""
-        where = f" at {self.effect.joint}" if self.effect.joint else ""
         why = (
             f"the torque error of the joints that it concerns rises by {self.worse:.0%}"
             if self.worse > 0.0
             else f"-2 log likelihood rises by {-self.held_out:.1f}"
         )
-        return f"{self.effect.effect.replace('_', ' ')}{where} was fitted and is left out: with it, on the held-out recordings, {why}"
+        return f"{self.effect.title} was fitted and is left out: with it, on the held-out recordings, {why}"
 
     @property
     def doubtful(self) -> bool:

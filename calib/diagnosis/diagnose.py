@@ -12,20 +12,20 @@ from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
-from calib.diagnosis.fit import fit
+from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.limits import limits_reached
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.pairs import paired
 from calib.diagnosis.possible import possible, tried
 from calib.diagnosis.promotion import as_written, promoted, torque_rms
-from calib.diagnosis.selection import Scored, add, search, without
+from calib.diagnosis.selection import Scored, add, plausible, search, without
 from calib.diagnosis.unexplained import unexplained
 from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
 # Of what a name brings, as much as one part of the additive basis may still bring at its joint. Names beside structure in exams (seeds 26112401
@@ -79,9 +79,13 @@ def diagnose(
         named = fit(fitted, named.hypothesis.with_effects(effects), noise=named.solved.noise, like=named.models)
         fits = zip(kept, named.accepted, named.std(), strict=True)
         kept = [replace(j, effect=e) for j, e, std in fits if not is_nothing(e, std)]
+    named, written, ordinary = _beyond_ordinary(fitted, named)
+    vetoed += [f"{e.title} was fitted and is left out: what the arm needs of it is ordinary" for e in ordinary]
+    stay = {(e.effect, e.joint): e for e in named.accepted}
+    kept = [replace(j, effect=stay[key]) for j in kept if (key := (j.effect.effect, j.effect.joint)) in stay]
     have = {(j.effect.effect, j.effect.joint) for j in kept} | seen
     progress("testing the corrected arm")
-    promotion = promoted(fitted, named, found.baseline, apart, limits)
+    promotion = promoted(fitted, written, found.baseline, apart, limits)
     gone = {(r.effect.effect, r.effect.joint) for r in promotion.refused}
     have |= gone
     kept = [j for j in kept if (j.effect.effect, j.effect.joint) not in gone]
@@ -117,6 +121,23 @@ def diagnose(
         "calibration": [x.entry() for x in calibration(found.baseline)],
     }
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
+
+
+def _beyond_ordinary(measurements: Sequence[Measurement], named: Fit) -> tuple[Fit, Fit, list[ArmEffect]]:
+    """The fit without effects of which the arm needs no more than is ordinary, the same as an arm folder can hold it, and those effects.
+
+    An arm folder holds no lead of the reading and of its friction: beside these an effect looked larger than the arm is without them.
+    """
+    gone: list[ArmEffect] = []
+    while True:
+        written = as_written(measurements, named)
+        pairs = zip(named.accepted, written.accepted, strict=True)
+        small = [e for e, held in pairs if not plausible(held, written.hypothesis.arm, written.models, np.inf)]
+        if not small:
+            return named, written, gone
+        gone += small
+        rest = named.hypothesis.with_effects(tuple(e for e in named.accepted if e not in small))
+        named = fit(measurements, rest, noise=named.solved.noise, like=named.models)
 
 
 def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, list[float]]:

@@ -62,11 +62,10 @@ class Refusal:
     @property
     def text(self) -> str:
         """What was tried and why it was refused."""
-        where = f" at {self.effect.joint}" if self.effect.joint else ""
         what, unit = (
             (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
         )
-        left_out = f"{self.effect.effect.replace('_', ' ')}{where} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+        left_out = f"{self.effect.title} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
         with_it = f"{self.with_it:.4g} {unit} with it" if np.isfinite(self.with_it) else "unbounded with it"
         return f"{left_out}{with_it} and {self.without:.4g} {unit} with {self.instead}"
 

@@ -7,6 +7,7 @@ import numpy as np
 from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
 
 LEAST_TWIST = 2e-3  # rad under the largest load
+SURE_TWIST = 0.4e-3  # beyond doubt: below, the model's wrong form of dry friction looks alike
 BEYOND_DOUBT = 80.0
 
 
@@ -35,7 +36,7 @@ class JointElasticity(Effect):
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """The gear twists by more than dry friction gives before it slides; beyond doubt, a smaller twist is accepted."""
         twist = load / p["stiffness"]
-        return twist > LEAST_TWIST or (evidence > BEYOND_DOUBT and twist > 0.3 * LEAST_TWIST)
+        return twist > LEAST_TWIST or (evidence > BEYOND_DOUBT and twist > SURE_TWIST)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """q_motor += load/K."""
