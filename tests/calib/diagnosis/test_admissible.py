@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.acceptance import Assessed, HeldOut
-from calib.diagnosis.fit import Fit, parameters_of
+from calib.diagnosis.diagnose import _beyond_ordinary
+from calib.diagnosis.fit import Fit, fit, parameters_of
 from calib.diagnosis.model import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.selection import Scored, add, admissible, price, started, without
@@ -25,6 +26,23 @@ from tests.calib.diagnosis.conftest import recording
 def test_a_wave_of_the_joint_repeats_after_a_turn(effect: str, cycles: float, whole: bool) -> None:
     values = {"amplitude": 0.01, "cycles": cycles, "phase": 0.3}
     assert effect_named(effect).plausible(values, 100.0, np.inf) == whole
+
+
+@pytest.mark.parametrize(
+    ("twist", "evidence", "there"),
+    [(2.1e-3, 0.0, True), (1.9e-3, 0.0, False), (0.5e-3, 90.0, True), (0.5e-3, 70.0, False), (0.3e-3, np.inf, False)],
+)
+def test_a_gear_that_twists_little_needs_more_evidence(twist: float, evidence: float, there: bool) -> None:
+    assert effect_named("joint_elasticity").plausible({"stiffness": 100.0 / twist}, 100.0, evidence) == there
+
+
+@pytest.mark.parametrize(
+    ("viscous", "coulomb", "there"),
+    [(0.3, 0.4, True), (0.0, 0.4, True), (0.4, 0.0, True), (0.0, 0.2, False), (0.0, 0.0, False)],
+)
+def test_a_motor_that_couples_two_joints_has_friction(viscous: float, coulomb: float, there: bool) -> None:
+    values = {"ratio": -1.0, "inertia": 0.1, "viscous": viscous, "coulomb": coulomb}
+    assert effect_named("transmission_coupling").plausible(values, 100.0, np.inf) == there
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +117,17 @@ def test_whole_cycles_of_a_turn_are_chosen_and_not_fitted(cycles: float, fitted:
     ripple = ArmEffect("torque_ripple", "elbow_joint", {"amplitude": 1.0, "cycles": cycles, "phase": 0.3})
     assert ("cycles" in {p.name for _, p in parameters_of([ripple])}) == fitted
     assert price(ripple) == price(replace(ripple, parameters=dict(ripple.parameters) | {"cycles": 2.2}))
+
+
+@pytest.mark.parametrize(("delay", "named"), [(0.0, False), (8e-3, True)])
+def test_a_delay_that_the_written_arm_does_not_need_is_none(ur10e: Arm, delay: float, named: bool) -> None:
+    logs = [recording(ur10e, seed) for seed in (1, 2)]
+    late = [replace(log, tau=np.column_stack([np.interp(log.t - delay, log.t, x) for x in log.tau.T])) for log in logs]
+    fitted = warmed([measured(log, ur10e) for log in late])
+    base = started(fitted, Hypothesis.nominal(ur10e))
+    item = ArmEffect("time_delay", None, {"delay": max(delay, 2e-3)})
+    beside = fit(fitted, base.hypothesis.with_effects((item,)), 0, base.solved.noise, base.models)
+    left, written, gone = _beyond_ordinary(fitted, beside)
+    names = ["time_delay"] if named else []
+    assert [e.effect for e in left.accepted] == [e.effect for e in written.accepted] == names
+    assert [e.effect for e in gone] == ["time_delay"][len(names) :]
