@@ -213,6 +213,10 @@ class Effect:
         """The effect as an equation: the first paragraph of its docstring, in one line."""
         return " ".join((self.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
 
+    def passed_on(self, p: Values) -> float:
+        """Its torque on the joint before over that on its own joint; 0 of what acts on one joint."""
+        return 0.0
+
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """Whether a fit that ended at p has found this effect: bounds that are not a single parameter's.
 

@@ -65,6 +65,10 @@ class TransmissionCoupling(Effect):
         rubs = p["coulomb"] + p["viscous"] * 1.0 > LEAST_FRICTION * p["inertia"]
         return rubs and LEAST_RATIO < abs(p["ratio"]) < 1 / LEAST_RATIO
 
+    def passed_on(self, p: Values) -> float:
+        """Virtual work: T on the joint, ratio T on the one before."""
+        return p["ratio"]
+
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """load += T on the joint, ratio T on the one before."""
         before = self.joint_before(joint)
