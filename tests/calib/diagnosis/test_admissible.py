@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.acceptance import Assessed, HeldOut
+from calib.diagnosis.acceptance import Assessed, HeldOut, assess
 from calib.diagnosis.diagnose import _beyond_ordinary
 from calib.diagnosis.fit import Fit, fit, parameters_of
 from calib.diagnosis.model import Hypothesis
@@ -16,6 +16,7 @@ from calib.diagnosis.selection import Scored, add, admissible, price, started, w
 from calib.diagnosis.significance import positive, standard_error
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
+from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
 
 
@@ -131,3 +132,23 @@ def test_a_delay_that_the_written_arm_does_not_need_is_none(ur10e: Arm, delay: f
     names = ["time_delay"] if named else []
     assert [e.effect for e in left.accepted] == [e.effect for e in written.accepted] == names
     assert [e.effect for e in gone] == ["time_delay"][len(names) :]
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> None:
+    def drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        through = 4.0 * motion.dq[:, 1] + 3.0 * np.tanh(motion.dq[:, 1] / 0.05)
+        if both:  # a motor that turns with the sum of both speeds
+            speed = motion.dq[:, 0] + motion.dq[:, 1]
+            through = 4.0 * speed + 3.0 * np.tanh(speed / 0.05)
+        return np.outer(through, [1.0, float(both), 0, 0, 0, 0])
+
+    fitted = warmed([measured(recording(ur10e, seed, drag), ur10e) for seed in (1, 2)])
+    base = started(fitted, Hypothesis.nominal(ur10e))
+    item = ArmEffect(
+        "transmission_coupling", "shoulder_lift_joint", {"ratio": 1.0, "inertia": 0.1, "viscous": 2.0, "coulomb": 2.0}
+    )
+    beside = fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models)
+    (found,) = assess(fitted, beside, [], ask_rivals=False)
+    assert found.lost > 50
+    assert found.one_sided != both
