@@ -124,7 +124,7 @@ def assess(
         nothing = is_nothing(item, stds[i])
         held_out = without_it.loss - with_all.loss
         out.append(Assessed(item, lost, tuple(rivals), held_out, worse, nothing, one_sided=_one_sided(item, rest, best)))
-    at = [_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
+    at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
     strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
     return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
 
@@ -140,7 +140,7 @@ def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:
     return bool(np.any(fall < SHOWN * fall.sum() * weight / weight.sum()))
 
 
-def _at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
+def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
     """The joint of an effect, and the one that it is driven through; none of an effect of the whole arm."""
     return {joint for joint in (item.joint, driven_by(joint_names, item)) if joint is not None}
 

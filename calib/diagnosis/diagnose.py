@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.diagnosis.acceptance import assess, is_nothing
+from calib.diagnosis.acceptance import Assessed, acts_at, assess, is_nothing
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
@@ -68,11 +68,12 @@ def diagnose(
     limits = tuple(x.effect for x in reached)
     seen = {(e.effect, e.joint) for e in limits}
     asked = [j for j in assessed if (j.effect.effect, j.effect.joint) not in seen]
-    kept = [
-        j
-        for j in asked
-        if not odd or (left.get(j.effect.joint, 0.0) < MOST_LEFT * j.lost and j.lost > BESIDE_UNKNOWN and j.held_out >= 0)
-    ]
+
+    def beside_little(j: Assessed) -> bool:
+        at: set[str | None] = {*acts_at(j.effect, arm.joint_names)} or {None}
+        return max(left.get(x, 0.0) for x in at) < MOST_LEFT * j.lost and j.lost > BESIDE_UNKNOWN and j.held_out >= 0
+
+    kept = [j for j in asked if not odd or beside_little(j)]
     named = found.best
     while len(kept) < len(named.accepted):
         effects = tuple(j.effect for j in kept)
