@@ -152,13 +152,13 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
             row["ended"] = f"{step}: not done within {LONGEST:.0f} s on this computer"
             break
         row[step] = round(time.perf_counter() - begin, 1)
-        answer = home / "diagnosis" / "diagnosis.json"
+        written = home / "diagnosis" / "diagnosis.json"
         # diagnose says "effects found" with 1: an answer, not a failure
-        if done.returncode and not (step == "diagnose" and done.returncode == 1 and answer.exists()):
+        if done.returncode and not (step == "diagnose" and done.returncode == 1 and written.exists()):
             row["ended"] = f"{step}: {sentence_of(done)}"
             break
         if step == "diagnose":
-            found = json.loads(answer.read_text(encoding="utf-8"))["effects"]
+            found = json.loads(written.read_text(encoding="utf-8"))["effects"]
             row["named"] = [" at ".join(filter(None, (e["effect"], e["joint"]))) for e in found]
         if step == "new":
             made = json.loads(done.stdout)

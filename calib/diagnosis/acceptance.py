@@ -14,7 +14,7 @@ from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement
-from calib.regression.noise import huber
+from calib.regression.robust import huber
 from sim.arm import ArmEffect
 from sim.effects import driven_by, effect_named
 

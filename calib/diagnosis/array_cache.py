@@ -21,7 +21,7 @@ class CacheBudget:
     def joined_by(self, cache: object, values: dict[Hashable, Any]) -> None:
         """A new cache with its values; they are forgotten when it is."""
         self._owners[id(values)] = values
-        weakref.finalize(cache, self._left_by, values)
+        weakref.finalize(cache, self._left_by, values).atexit = False
 
     def used(self, values: dict[Hashable, Any], key: Hashable) -> None:
         """That value is the last one to go."""
@@ -33,13 +33,13 @@ class CacheBudget:
         self._bytes += self._sizes[id(values), key]
         while self._bytes > self._most and len(self._sizes) > 1:
             (owner, dropped), size = self._sizes.popitem(last=False)
-            del self._owners[owner][dropped]
             self._bytes -= size
+            self._owners.get(owner, {}).pop(dropped, None)  # its cache may go at any moment
 
     def _left_by(self, values: dict[Hashable, Any]) -> None:
         for key in values:
-            self._bytes -= self._sizes.pop((id(values), key))
-        del self._owners[id(values)]
+            self._bytes -= self._sizes.pop((id(values), key), 0)
+        self._owners.pop(id(values), None)
 
 
 SHARED = CacheBudget(80e6)

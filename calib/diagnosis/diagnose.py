@@ -26,6 +26,7 @@ from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
+from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
 # Of what a name brings, as much as one part of the additive basis may still bring at its joint. Names beside structure in exams (seeds 26112401
@@ -81,7 +82,9 @@ def diagnose(
         fits = zip(kept, named.accepted, named.std(), strict=True)
         kept = [replace(j, effect=e) for j, e, std in fits if not is_nothing(e, std)]
     named, written, ordinary = _beyond_ordinary(fitted, named)
-    vetoed += [f"{e.title} was fitted and is left out: what the arm needs of it is ordinary" for e in ordinary]
+    vetoed += [
+        f"{e.title} was fitted and is left out: the corrected arm needs {_values(e)}, which is ordinary" for e in ordinary
+    ]
     stay = {(e.effect, e.joint): e for e in named.accepted}
     kept = [replace(j, effect=stay[key]) for j in kept if (key := (j.effect.effect, j.effect.joint)) in stay]
     have = {(j.effect.effect, j.effect.joint) for j in kept} | seen
@@ -124,20 +127,25 @@ def diagnose(
     return Diagnosis(result, tuple(j.effect for j in kept), found, change, limits)
 
 
+def _values(item: ArmEffect) -> str:
+    parameters = {p.name: p for p in effect_named(item.effect).parameters}
+    return ", ".join(f"{name.replace('_', ' ')} {value:.3g} {parameters[name].unit}" for name, value in item.parameters.items())
+
+
 def _beyond_ordinary(measurements: Sequence[Measurement], named: Fit) -> tuple[Fit, Fit, list[ArmEffect]]:
-    """The fit without effects of which the arm needs no more than is ordinary, the same as an arm folder can hold it, and those effects.
+    """The fit without effects of which the arm needs no more than is ordinary, the same as an arm folder can hold it, and those effects there.
 
     An arm folder holds no lead of the reading and of its friction: beside these an effect looked larger than the arm is without them.
     """
     gone: list[ArmEffect] = []
     while True:
         written = as_written(measurements, named)
-        pairs = zip(named.accepted, written.accepted, strict=True)
-        small = [e for e, held in pairs if not plausible(held, written.hypothesis.arm, written.models, np.inf)]
+        small = [e for e in written.accepted if not plausible(e, written.hypothesis.arm, written.models, np.inf)]
         if not small:
             return named, written, gone
         gone += small
-        rest = named.hypothesis.with_effects(tuple(e for e in named.accepted if e not in small))
+        keys = {(e.effect, e.joint) for e in small}
+        rest = named.hypothesis.with_effects(tuple(e for e in named.accepted if (e.effect, e.joint) not in keys))
         named = fit(measurements, rest, noise=named.solved.noise, like=named.models)
 
 

@@ -11,7 +11,8 @@ from calib.diagnosis.contact import force_spread
 from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
 from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
 from calib.measurement.preprocessing import Measurement
-from calib.regression.noise import Noise, huber, noise_of
+from calib.regression.noise import Noise, noise_of
+from calib.regression.robust import huber
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.effects.effect import Parameter

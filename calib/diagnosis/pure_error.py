@@ -14,12 +14,11 @@ from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.rows import ORDER
-from calib.regression.noise import SETTLE, Noise, covariances, given_back, noise_of
+from calib.regression.noise import LEAST_ROWS, SETTLE, Noise, covariances, given_back, noise_of
 from sim.effects import effect_named
 
 RIDGE = 1e-7  # of a column's sum of squares
 DRAWS = 16
-LEAST_ROWS = 8
 # Columns over rows, at most. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
 FILLED = 0.12
 

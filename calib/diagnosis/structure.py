@@ -13,7 +13,7 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.tone import strongest
 from calib.measurement.preprocessing import Measurement
-from calib.regression.noise import huber
+from calib.regression.robust import huber
 
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
 SPREAD = 9.0

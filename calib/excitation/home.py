@@ -113,14 +113,14 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     # where torque leaves no motion about any of the roomiest, the free postures that it takes least to hold
     for order in (-free, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
-        chosen = _proved(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
+        chosen = _free(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
         scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
         if max(scores) > 0:
             break
     return np.round(chosen[int(np.argmax(scores))], 3)
 
 
-def _proved(room: Room, q: np.ndarray) -> np.ndarray:
+def _free(room: Room, q: np.ndarray) -> np.ndarray:
     """Of postures q, in order, the first LOOKED_AT at which the bodies themselves are free: a capsule holds less than a cylinder's rim.
 
     Where none is, the first ones.

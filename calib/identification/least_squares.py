@@ -17,7 +17,8 @@ from calib.identification.model import TorqueModel
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, plain, summed, weighted
 from calib.regression.information import InformationMatrix
-from calib.regression.noise import HUBER, MOST_ORDER, Noise, filtered
+from calib.regression.noise import MOST_ORDER, Noise, filtered
+from calib.regression.robust import HUBER
 from sim.errors import AnswerIsNo
 
 RIDGE_ABOVE = 1e4

@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.identification.rows import Block, RegressorRows
 from calib.regression.information import InformationMatrix
-from calib.regression.noise import Noise, filtered, huber_weights
+from calib.regression.noise import Noise, filtered
+from calib.regression.robust import huber_weights
 
 MEMORY_SECONDS = 1.0
 

@@ -110,20 +110,10 @@ def filtered(taps: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.asarray(out)
 
 
-def huber(e: np.ndarray) -> float:
-    """Sum of e^2 up to HUBER standard deviations, growing linearly beyond (P. J. Huber, Annals of Mathematical Statistics 35(1), 1964)."""
-    size = np.abs(e)
-    return float(np.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
-
-
-def huber_weights(e: np.ndarray, most: float = HUBER) -> np.ndarray:
-    """(R,) weights of whitened residuals e under which least squares is that loss."""
-    return np.asarray(np.minimum(1.0, most / np.maximum(np.abs(e), 1e-300)))
-
-
 def noise_of(residuals: Sequence[np.ndarray], joined: Sequence[np.ndarray], most: int = MOST_ORDER) -> Noise:
     """The noise of residuals (R,) per joint, as if the model that left them were right and took up nothing of it."""
-    return autoregressive(*_of_each([[e[:, None]] for e in residuals], [[x] for x in joined]), most)
+    r = np.array([covariances([e[:, None]], [x]) for e, x in zip(residuals, joined, strict=True)])
+    return autoregressive(r, np.array([len(e) for e in residuals]), most)
 
 
 def given_back(
@@ -180,11 +170,6 @@ def scale_and_lag_one(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0
     r = covariances([e[:, None]], [joined])
     return float(np.sqrt(r[0])), float(r[1] / r[0]) if r[0] > 0 else 0.0
-
-
-def _of_each(series: Sequence[Sequence[np.ndarray]], joined: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    r = np.array([covariances(e, x) for e, x in zip(series, joined, strict=True)])
-    return r, np.array([sum(len(e) for e in one) for one in series])
 
 
 def _chosen(r: np.ndarray, count: int) -> np.ndarray:

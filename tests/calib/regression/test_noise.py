@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from calib.regression.noise import (
-    HUBER,
     SETTLE,
     Noise,
     autoregressive,
     covariances,
     depth,
     given_back,
-    huber,
-    huber_weights,
     noise_of,
 )
+from calib.regression.robust import HUBER, huber, huber_weights
 
 SLOW, SECOND, FOURTH = [0.8], [0.9, -0.4], [1.2, -1.0, 0.7, -0.3]
 ROWS, STRETCH = 6000, 6

@@ -138,13 +138,17 @@ def test_without_strength_it_changes_nothing(effect: Effect, arm: Arm, motion: T
 @every_effect
 def test_a_joint_effect_acts_at_its_joint(effect: Effect, arm: Arm, motion: Trajectory, present: Present) -> None:
     item = present(effect)
-    change = np.abs(predict(with_effect(arm, item), motion) - predict(arm, motion)).max(axis=0)
-    reached = set(np.flatnonzero(change > 1e-9))
+    change = predict(with_effect(arm, item), motion) - predict(arm, motion)
+    reached = set(np.flatnonzero(np.abs(change).max(axis=0) > 1e-9))
     if effect.scope == "arm" or effect.stage in (Stage.ENCODER, Stage.RIGID):
         assert len(reached) > 1
     else:
         j = arm.joint_index(str(item.joint))
         assert reached == ({j - 1, j} if effect.driven else {j})
+        passed_on = effect.passed_on(item.parameters)
+        assert (passed_on != 0) == effect.driven
+        if effect.driven:
+            np.testing.assert_allclose(change[:, j - 1], passed_on * change[:, j], atol=1e-9)
 
 
 @every_effect
