@@ -88,13 +88,12 @@ def command(
     console.say(f"\nAnd this was hidden: {what} ({effect_named(hidden.effect).summary}).")
     console.table(["effect", "joint", "parameter", "hidden", "found"], revealed.rows)
     console.say(f"{revealed.sentence[0].upper()}{revealed.sentence[1:]}.")
-    console.say(
-        "\nWhat it is good for: the arm follows the validation motion under the torque of a model, with a weak feedback."
-    )
+    console.say("\nThe arm follows the validation motion under the torque of a model, with a weak feedback.")
     console.table(
         ["model in the controller", "tracking error RMS [mrad]", "largest of a joint [mrad]", "feedback torque RMS [N m]"],
         [[name, 1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))] for name, t in followed.items()],
     )
+    console.say(f"{page.sentence(arm.joint_names, followed)}.")
     console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")
     console.say(f"The same again: calib demo --seed {seed}")
     console.say("How the arm follows before and after, and the report, for a browser:")

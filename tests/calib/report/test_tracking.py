@@ -1,0 +1,39 @@
+"""The sentence of the demo's tracking page says which joints follow worse, and where nothing was to be gained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.report.tracking import sentence
+from calib.validation.tracking import Tracking
+
+JOINTS = ("pan", "lift")
+
+
+def following(*error: float) -> Tracking:
+    errors = np.tile(np.array(error), (50, 1))
+    return Tracking(np.array(error), np.ones(2), np.ones(2), np.arange(50.0), errors, errors)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "truth", "words"),
+    [
+        ((4e-3, 4e-3), (1e-3, 1e-3), (1e-3, 1e-3), "1 mrad instead of 4 mrad"),
+        ((4e-3, 1e-3), (1e-3, 2e-3), (1e-3, 1e-3), "1.6 mrad instead of 2.9 mrad, but worse at lift"),
+        (
+            (2e-3, 2e-3),
+            (3e-3, 3e-3),
+            (2e-3, 2e-3),
+            "3 mrad instead of 2 mrad; with the truth itself it follows with 2 mrad, so the",
+        ),
+    ],
+)
+def test_the_sentence_is_what_was_measured(
+    before: tuple[float, ...], after: tuple[float, ...], truth: tuple[float, ...], words: str
+) -> None:
+    followed = {"nominal": following(*before), "calibrated": following(*after), "the truth itself": following(*truth)}
+    found = sentence(JOINTS, followed)
+    assert words in found
+    assert ("nothing to gain" in found) == (truth == before)
+    assert ("worse at" in found) == ("worse at" in words)
