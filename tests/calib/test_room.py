@@ -10,7 +10,7 @@ import pytest
 
 from calib.excitation.design import SLOWER, _own_scale, binding, coarse
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.home import _proved, home_of, open_cell
+from calib.excitation.home import _free, home_of, open_cell
 from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
 from calib.excitation.session import QUICK, _swept, cleared_friction
 from sim.arm import Arm, load_arm
@@ -178,8 +178,8 @@ def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
     flattered = q[(room.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN) & ~by_bodies]
     assert len(flattered)
     free = q[by_bodies][:5]
-    np.testing.assert_array_equal(_proved(room, np.concatenate([flattered, free])), free)
-    np.testing.assert_array_equal(_proved(room, flattered), flattered[:15])
+    np.testing.assert_array_equal(_free(room, np.concatenate([flattered, free])), free)
+    np.testing.assert_array_equal(_free(room, flattered), flattered[:15])
 
 
 def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.MonkeyPatch) -> None:
