@@ -145,16 +145,18 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
 
 
 def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base, that explain best what `fit` leaves.
+    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
+    explain best what `fit` leaves.
 
-    Zero where the load would be none: a tool, a workpiece and a wedge below the base make neither another arm nor another column.
+    Zero where the load would be none: a tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
     """
     body, tau = RigidBody(arm), model_torque(arm, s)
     columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
     if tilt:  # gravity keeps its size
         level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
         tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
-        columns = np.concatenate([columns, np.stack(tilted, axis=2)], axis=2)
+        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
+        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
     x, y = [], []
     in_motion = moving(s)
     for j in range(s.n):

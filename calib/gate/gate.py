@@ -176,7 +176,7 @@ def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray,
 
 
 def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
-    """Whether a load or a tilted base explains more than a correction of that gain does, and leaves nothing to correct."""
+    """Whether a load, a tilted base or a constant pull explains more than a correction of that gain does, and leaves nothing to correct."""
     plain = fitted(s, model_torque(arm, s))
     mounted = mounting_torque(arm, s, plain)
     beside = replace(s, load=s.load - mounted, late=s.late - mounted)

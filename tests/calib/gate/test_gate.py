@@ -134,16 +134,18 @@ def test_a_payload_is_no_wrong_recording() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "effect", "parameters"),
+    ("name", "motion", "effect", "parameters"),
     [
-        ("servo6", "payload", {"mass": 0.4, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05}),
-        ("ur3e", "payload", {"mass": 2.0, "com_x": 0.03, "com_y": 0.0, "com_z": 0.06}),
-        ("servo6", "base_tilt", {"roll": 0.15, "pitch": -0.1}),
-        ("ur3e", "base_tilt", {"roll": 0.15, "pitch": -0.1}),
+        ("servo6", 90, "payload", {"mass": 0.4, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05}),
+        ("ur3e", 90, "payload", {"mass": 2.0, "com_x": 0.03, "com_y": 0.0, "com_z": 0.06}),
+        ("servo6", 90, "base_tilt", {"roll": 0.15, "pitch": -0.1}),
+        ("ur3e", 90, "base_tilt", {"roll": 0.15, "pitch": -0.1}),
+        ("servo6", 113, "tool_force", {"force_x": 2.42, "force_y": -2.04, "force_z": 2.45}),
+        ("servo6", 149, "tool_force", {"force_x": -0.32, "force_y": -2.38, "force_z": 3.2}),
     ],
 )
-def test_a_load_or_a_tilted_base_is_neither_another_arm_nor_another_column(
-    name: str, effect: str, parameters: dict[str, float]
+def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_column(
+    name: str, motion: int, effect: str, parameters: dict[str, float]
 ) -> None:
     """Asked against every arm that ships: a light arm with a load resembles a heavier one, a tilted base a reversed first joint."""
     from benchmarks.known_truth import fourier_motion, recorded, varied
@@ -154,7 +156,7 @@ def test_a_load_or_a_tilted_base_is_neither_another_arm_nor_another_column(
 
     of = arm(name)
     truth = with_effect(varied(of, 0, 0.08), ArmEffect(effect, None, parameters))
-    log = recorded(truth, within(of, fourier_motion(of, 90, 16.0, 100.0)), 0)
+    log = recorded(truth, within(of, fourier_motion(of, motion, 16.0, 100.0)), 0)
     assert gate(of, [log], family=lambda: shipped(None)).refusal is None
 
 
