@@ -99,7 +99,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "servo_scan": ("drivers", "sim"),
     "derivatives": ("calib/measurement/preprocessing.py", "calib/measurement/filtering.py"),
     "excitation": ("calib/excitation", "safety", "sim"),
-    "peers": ("calib/identification", "calib/measurement/preprocessing.py", "sim"),
+    "peers": ("calib/identification", "calib/regression", "calib/measurement", "sim"),
 }
 
 

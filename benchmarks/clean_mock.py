@@ -38,7 +38,7 @@ from sim.trajectory import Trajectory
 COUNT = 100
 RATE = 250.0  # Hz, of the demo
 LONGEST = 3600.0  # s that one session may take, on a computer that is busy with other things
-HANGS_ON = ("calib/diagnosis", "calib/measurement/preprocessing.py", "sim", "drivers/mock.py", "benchmarks/clean_mock.py")
+HANGS_ON = ("calib/diagnosis", "calib/regression", "calib/measurement", "sim", "drivers/mock.py", "benchmarks/clean_mock.py")
 
 
 def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:

@@ -33,6 +33,11 @@ def varied(arm: Arm, seed: int, relative: float = 0.05) -> Arm:
     return replace(arm, tree=tree, effects=tuple(effects))
 
 
+def without_offsets(arm: Arm) -> Arm:
+    """The arm with true torque readings, which is what every tool can model."""
+    return replace(arm, effects=tuple(e for e in arm.effects if e.effect != "torque_offset"))
+
+
 def fourier_motion(arm: Arm, seed: int, seconds: float = 20.0, rate: float = 200.0) -> Trajectory:
     """A random Fourier motion within the arm's speed limits; collisions do not matter to a formula."""
     basis = Basis(6, seconds)

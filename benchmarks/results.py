@@ -83,9 +83,12 @@ def _checked(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def digest(path: str) -> str:
-    """Of the tracked files under a path and their content; it survives a rebase, which a commit's name does not."""
+    """Of the tracked files under a path and their content; it survives a rebase, which a commit's name does not. ValueError where there are none."""
     found = hashlib.sha256()
-    for file in git("ls-files", "--", path).splitlines():
+    files = git("ls-files", "--", path).splitlines()
+    if not files:
+        raise ValueError(f"{path}: no file of the checkout; a benchmark names code that was moved or removed")
+    for file in files:
         place = ROOT / file
         if place.suffix in (".py", ".toml", ".xml", ".urdf") and place.is_file():
             found.update(file.encode() + b"\0" + place.read_bytes() + b"\0")
@@ -111,8 +114,8 @@ class Results:
     rows: tuple[Mapping[str, Any], ...]
 
     def outdated(self) -> list[str]:
-        """The measured paths whose code has changed since."""
-        return [path for path, was in self.measures.items() if digest(path) != was]
+        """The measured paths whose code has changed since, or is no longer there."""
+        return [path for path, was in self.measures.items() if not git("ls-files", "--", path) or digest(path) != was]
 
 
 def read(folder: Path | None = None) -> dict[str, Results]:

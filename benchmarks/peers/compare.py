@@ -2,6 +2,7 @@
 
 The metric needs no agreement on parameters: the torque of each tool's model on motions that nobody saw, against the truth without noise,
 as a share of the torque's own standard deviation, where a joint slides and near its reversals apart. Five arms, motions and noises.
+Beside them what the log can determine at all (`floor`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from scipy import stats
 
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied
+from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied, without_offsets
+from benchmarks.peers.floor import FREE, KNOWN, floors
 from benchmarks.peers.ridge import ridge
 from benchmarks.results import digest
 from calib.excitation.session import joined
@@ -48,17 +50,16 @@ ONE_STEP = 0.002
 # rad/s above which a joint slides; its reversals leave out the fraction of a milliradian in which the truth's dry friction turns, because
 # the peers' sign(dq) cannot follow it
 SLIDING, TURNED = 0.05, 0.99
-OURS, RIDGE = "calib identify", "ridge around the nominal arm"
+OURS, RIDGE, NOMINAL = "calib identify", "ridge around the nominal arm", "nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
 # what the logs and the peers' answers hang on, and what ours does besides
 LOGS = (
-    "calib/measurement/preprocessing.py",
-    "calib/measurement/filtering.py",
+    "calib/measurement",
     "sim",
     "benchmarks/peers",
     "benchmarks/known_truth.py",
 )
-HANGS_ON = ("calib/identification", "calib/regression/friction_fit.py")
+HANGS_ON = ("calib/identification", "calib/regression")
 KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": "rotor_inertia"}
 SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 
@@ -94,7 +95,11 @@ def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[di
         for tool in cases[0]["errors"]:
             x = np.array([case["errors"][tool][kind] for case in cases])
             ours = np.array([case["errors"][OURS][kind] for case in cases])
-            worse = "" if tool in (OURS, "nominal arm") else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
+            floor = np.array([case["errors"][KNOWN][kind] for case in cases])
+            worse = "" if tool in (OURS, NOMINAL, KNOWN, FREE) else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
+            if tool not in (NOMINAL, KNOWN):
+                beyond = np.sqrt(max(np.mean(x**2) - np.mean(floor**2), 0.0))
+                worse += f"{'; ' * bool(worse)}beside the floor {beyond:.2f}"
             if len(x) < seeds:
                 worse = f"{len(x)} of {seeds} seeds so far{'; ' * bool(worse)}{worse}"
             rows.append(_row(f"{seconds:g} s log, {kind}: {tool}", interval(x), "%", BARS.get((seconds, tool), ""), worse))
@@ -142,17 +147,22 @@ class Case:
         # a minute is six motions of 10 s: a single one would be too slow to show inertias to any tool
         each = [fitting_motion(self.nominal, 3 + seed + 100 * k, MOTION) for k in range(round(seconds / MOTION))]
         motion = reduce(joined, each)
+        self.truth, self.motion = truth, motion
         self.log = recorded_on_mock(truth, self.nominal, motion, 1 + seed, timestep=ONE_STEP)
         self.new = [fourier_motion(self.nominal, 40 + 2 * seed + k, 10.0) for k in range(2)]
         self.exact = [predict(truth, motion) for motion in self.new]
 
     def found(self, predictions: dict[str, list[np.ndarray]], seconds: dict[str, float]) -> dict[str, Any]:
         """Errors of each tool in %, CPU seconds of each."""
-        errors = {
-            tool: {kind: _error(taus, self.exact, self.new, kind == "sliding") for kind in ("sliding", "reversals")}
-            for tool, taus in predictions.items()
-        }
-        return {"seconds": seconds, "errors": errors}
+        return {"seconds": seconds, "errors": {tool: self._errors(taus) for tool, taus in predictions.items()}}
+
+    def floors(self) -> dict[str, dict[str, float]]:
+        """The least errors in % that this log allows on average, by kind of floor and of samples."""
+        spread = floors(self.truth, self.motion, self.new)
+        return {name: self._errors([t + s for t, s in zip(self.exact, std, strict=True)]) for name, std in spread.items()}
+
+    def _errors(self, taus: list[np.ndarray]) -> dict[str, float]:
+        return {kind: _error(taus, self.exact, self.new, kind == "sliding") for kind in ("sliding", "reversals")}
 
 
 def our_case(case: Case) -> dict[str, Any]:
@@ -162,11 +172,12 @@ def our_case(case: Case) -> dict[str, Any]:
     found, ours = _timed(lambda: identify(nominal, [log]))
     baseline, ridged = _timed(lambda: ridge(nominal, m, new))
     predictions = {
-        "nominal arm": [predict(nominal, motion) for motion in new],
+        NOMINAL: [predict(nominal, motion) for motion in new],
         OURS: [predict(found.arm, motion) for motion in new],
         RIDGE: baseline,
     }
-    return case.found(predictions, {OURS: ours, RIDGE: ridged})
+    found = case.found(predictions, {OURS: ours, RIDGE: ridged})
+    return found | {"errors": found["errors"] | case.floors()}
 
 
 def peer_case(case: Case) -> dict[str, Any]:
@@ -264,11 +275,6 @@ def _looped(model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) 
     for k in range(len(q)):
         out[k] = pin.computeJointTorqueRegressor(links, data, q[k], dq[k], ddq[k])
     return out
-
-
-def without_offsets(arm: Arm) -> Arm:
-    """The arm with true torque readings, which is what every tool can model."""
-    return replace(arm, effects=tuple(e for e in arm.effects if e.effect != "torque_offset"))
 
 
 def _predicted(nominal: Arm, values: dict[str, float], motion: Trajectory) -> np.ndarray:

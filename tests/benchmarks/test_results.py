@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from benchmarks import results
+from benchmarks.__main__ import MEASURES
 
 ROW = {"what": "a", "value": 1.5, "unit": "s", "bar": "", "other": 3}
 
@@ -26,6 +28,32 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         results, "digest", lambda path: "other" if path == "benchmarks" else results.read(tmp_path)["demo"].measures[path]
     )
     assert results.read(tmp_path)["demo"].outdated() == ["benchmarks"]
+
+
+def test_code_that_is_gone_outdates_it_and_is_not_measured(tmp_path: Path) -> None:
+    gone = results.Results("demo", "make demo", "", "", False, {}, {"calib/gone.py": "0"}, (ROW,))
+    assert gone.outdated() == ["calib/gone.py"]
+    with pytest.raises(ValueError, match=r"calib/gone\.py: no file"):
+        results.write("demo", [ROW], command="make demo", measures=("calib/gone.py",), folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def named_paths() -> list[tuple[str, str]]:
+    """Every path of code that a benchmark names, with who names it."""
+    named = [(f"MEASURES[{topic!r}]", path) for topic, paths in MEASURES.items() for path in paths]
+    folder = results.ROOT / "benchmarks"
+    for file in sorted(folder.rglob("*.py")):
+        if "HANGS_ON = " not in file.read_text(encoding="utf-8"):
+            continue
+        module = import_module(".".join(file.relative_to(results.ROOT).with_suffix("").parts))
+        named += [(module.__name__, path) for path in (*module.HANGS_ON, *getattr(module, "LOGS", ()))]
+    return named
+
+
+def test_every_path_that_a_benchmark_names_exists() -> None:
+    named = named_paths()
+    assert {"benchmarks.demo", "benchmarks.peers.compare", "MEASURES['derivatives']"} <= {who for who, _ in named}
+    assert [(who, path) for who, path in named if not results.git("ls-files", "--", path)] == []
 
 
 @pytest.mark.parametrize(
