@@ -22,7 +22,8 @@ import tomli_w
 
 from calib.run_folder import read_run
 from logs import Recorder, read_log
-from safety.plan import Motion, load_plan, sealed, write_plan
+from safety.plan import Motion, load_plan, write_plan
+from safety.seal import sealed
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.errors import CalibError

@@ -9,7 +9,8 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from safety.manifest import manifest_of, require_same
-from safety.plan import Plan, read_bytes, sealed, unsealed
+from safety.plan import Plan
+from safety.seal import read_plan_file, sealed, unsealed
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
@@ -48,7 +49,7 @@ def approval_of(plan: Plan) -> Approval | None:
     file = plan.folder / FILE
     if not file.exists() and not file.is_symlink():
         return None
-    text, _ = unsealed(file, read_bytes(file, 1_000_000))
+    text, _ = unsealed(file, read_plan_file(file, 1_000_000))
     approval = validated(Approval, toml_table(text, file, "remove it and approve again"), file)
     if approval.approved_at.tzinfo is None:
         raise ConfigError(f"{file}: approved_at = {approval.approved_at} has no time zone; remove the file and approve again")

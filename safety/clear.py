@@ -11,9 +11,9 @@ import numpy as np
 
 from drivers.driver import DeviceStop
 from safety.collision import Clearance, Witness
+from safety.hashes import hashes_of
 from safety.limits import check_limits, check_sent, sampled
 from safety.monitor import compile_cycle
-from safety.plan import hashes_of
 from safety.reach import fastest_point
 from safety.sudden import sudden_change
 from safety.torque import Torque, check_torque, suffices, torque_interval

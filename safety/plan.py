@@ -20,13 +20,14 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
+from safety.hashes import HEX, Hashes, hashes_of
+from safety.seal import read_plan_file, sealed, unsealed
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
-from sim.files import as_text, toml_table
+from sim.files import toml_table
 from sim.strict import Positive, validated
 from sim.trajectory import Trajectory
-from sim.version import software_version
 
 Kind = Literal["friction", "excitation", "validation", "probe"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -34,7 +35,6 @@ NAME = r"[a-z][a-z0-9_]{0,39}"
 MAX_MOTIONS = 32
 MAX_SAMPLES = 4_000_000
 MAX_TOML_BYTES = 1_000_000
-HEX = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,6 @@ class Motion:
             raise ConfigError(f"motion {self.name}: kind {self.kind!r}; known: {', '.join(KINDS)}")
         if not isinstance(self.trajectory, Trajectory):
             raise ConfigError(f"motion {self.name}: {type(self.trajectory).__name__} is not a Trajectory")
-
-
-class Hashes(BaseModel):
-    """What a plan was made for. cell is None for a plan made without a cell."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    model: HEX
-    limits: HEX
-    cell: HEX | None = None
-    software: str
 
 
 class _MotionTable(BaseModel):
@@ -120,45 +109,6 @@ class Plan:
         raise ConfigError(f"{self.folder}: there is no motion {name!r}; the plan has {', '.join(m.name for m in self.motions)}")
 
 
-def hashes_of(arm: Arm, cell: Cell | None) -> Hashes:
-    """SHA-256 of the model (text, compiled numbers, shapes), of the limits and of the cell, and the software's version."""
-    model = hashlib.sha256(arm.model_text.encode())
-    tree = arm.tree
-    for value in (
-        tree.parent,
-        tree.rotation,
-        tree.position,
-        tree.axis,
-        tree.mass,
-        tree.com,
-        tree.inertia,
-        tree.armature,
-        tree.gravity,
-    ):
-        model.update(np.ascontiguousarray(value).tobytes())
-    for shape in tree.shapes:
-        model.update(f"{shape.link} {shape.name} {shape.kind} {shape.size!r}".encode())
-        for part in (shape.rotation, shape.position, shape.vertices, shape.faces):
-            model.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
-    limits = hashlib.sha256(",".join(arm.joint_names).encode())
-    for name in ("q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max"):
-        limits.update(np.ascontiguousarray(getattr(arm, name), dtype="<f8").tobytes())
-    return Hashes(
-        model=model.hexdigest(),
-        limits=limits.hexdigest(),
-        cell=None if cell is None else _cell_hash(cell),
-        software=software_version(),
-    )
-
-
-def _cell_hash(cell: Cell) -> str:
-    digest = hashlib.sha256(cell.sha256.encode())
-    for obstacle in (*cell.table.obstacles, *cell.table.tool):
-        if obstacle.kind == "mesh":
-            digest.update(hashlib.sha256(cell.mesh(obstacle.file, f"obstacle {obstacle.name}")).digest())
-    return digest.hexdigest()
-
-
 def write_plan(
     folder: Path,
     arm: Arm,
@@ -203,7 +153,7 @@ def load_plan(folder: Path) -> Plan:
     """The plan in `folder`. SafetyStop where a digest does not match, ConfigError where the content breaks another rule."""
     folder = Path(folder)
     file = folder / "plan.toml"
-    text, sha256 = unsealed(file, read_bytes(file, MAX_TOML_BYTES))
+    text, sha256 = unsealed(file, read_plan_file(file, MAX_TOML_BYTES))
     table = validated(_PlanTable, toml_table(text, file, "make the plan again with `calib plan`"), file)
     if table.created.tzinfo is None:
         raise ConfigError(f"{file}: created = {table.created} has no time zone; make the plan again with `calib plan`")
@@ -241,38 +191,10 @@ def check_plan(plan: Plan, arm: Arm, cell: Cell) -> None:
             )
 
 
-def sealed(body: str) -> bytes:
-    """`body` below a first line that holds its SHA-256."""
-    return f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"\n{body}'.encode()
-
-
-def unsealed(file: Path, raw: bytes) -> tuple[str, str]:
-    """(text, sha256) of a sealed file; SafetyStop where the seal does not match the content."""
-    first, _, rest = raw.partition(b"\n")
-    digest = hashlib.sha256(rest).hexdigest()
-    if first != f'sha256 = "{digest}"'.encode():
-        raise SafetyStop(
-            f"{file}: its content does not match its first line; it was changed after it was written, make it again"
-        )
-    return as_text(rest, file, remedy="make it again"), digest
-
-
-def read_bytes(file: Path, most: int) -> bytes:
-    try:
-        if file.is_symlink() or not file.is_file():
-            raise ConfigError(f"{file}: not a regular file; a plan folder holds plan.toml and one .npy a motion, no links")
-        size = file.stat().st_size
-        if size > most:
-            raise ConfigError(f"{file}: {size} bytes, at most {most} are read here; make the plan again with `calib plan`")
-        return file.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror}); make the plan again with `calib plan`") from error
-
-
 def _read_motion(file: Path, row: _MotionTable, n: int) -> Trajectory:
     """Columns t, q, dq, ddq of a motion; the shape must be the one in plan.toml before anything is allocated."""
     shape = (row.samples, 1 + 3 * n)
-    raw = read_bytes(file, 1024 + 8 * math.prod(shape))
+    raw = read_plan_file(file, 1024 + 8 * math.prod(shape))
     if hashlib.sha256(raw).hexdigest() != row.sha256:
         raise SafetyStop(f"{file}: its SHA-256 is not the one in plan.toml; it was changed after planning, make the plan again")
     stream = io.BytesIO(raw)

@@ -18,8 +18,9 @@ from scipy.ndimage import minimum_filter1d
 
 from drivers.driver import DeviceStop
 from safety.collision import Clearance
+from safety.device_stops import DeviceStops
 from safety.loads import Loads, NotEnough
-from safety.sheets import DeviceStops, OwnStops, PathSheet
+from safety.sheets import OwnStops, PathSheet
 from safety.sudden import LATE
 from sim.arm import Arm
 from sim.cell import Cell

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import types
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from safety import cycle, looks, monitor
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.monitor import Expected, Monitor
+from safety.monitor_link import tube_file
+from safety.plan import Motion, Plan, write_plan
+from safety.verified_samples import VerifiedSamples
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.joint_state import JointState
@@ -101,7 +105,8 @@ size = [0.2, 0.2, 1.0]
 """
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
-PERIOD = 0.002
+PERIOD, RATE = 0.002, 500.0
+NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 NO_TORQUE = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
 
 
@@ -171,6 +176,22 @@ def cleared(arm: Arm, cell: Cell) -> ClearedTrajectory:
 @pytest.fixture(scope="module")
 def clearance(arm: Arm, cell: Cell) -> Clearance:
     return Clearance(arm, cell)
+
+
+@pytest.fixture(scope="module")
+def motions(arm: Arm, cell: Cell) -> list[ClearedTrajectory]:
+    return [clear(sine(duration=3.0), arm, cell), clear(sine(duration=2.0, amplitude=0.1), arm, cell)]
+
+
+@pytest.fixture
+def tube(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> VerifiedSamples:
+    return VerifiedSamples(tube_file(tmp_path, motions), [len(m) for m in motions], arm, cell, RATE)
+
+
+@pytest.fixture
+def plan(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> Plan:
+    motions = [Motion("friction", "friction", motion), Motion("excitation", "excitation", motion.scaled(0.5))]
+    return write_plan(tmp_path / "plan", arm, motions, cell, {"condition_number": 31.5, "seed": 4}, NOON)
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ import pytest
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
 from safety.clear import clear
+from safety.device_stops import DeviceStops
 from safety.loads import Loads
-from safety.sheets import DeviceStops, OwnStops, PathSheet, Sheet
+from safety.sheets import OwnStops, PathSheet, Sheet
 from safety.sudden import high_pass, sudden_change
 from safety.torque import suffices, torque_interval
 from sim import torque_box

@@ -14,9 +14,10 @@ import pytest
 
 from drivers.driver import DeviceStop
 from safety.collision import Clearance
+from safety.device_stops import DeviceStops
 from safety.reach import joint_reach, spine
 from safety.shapes import hull
-from safety.sheets import DeviceStops, PathSheet
+from safety.sheets import PathSheet
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError, SafetyStop

@@ -25,11 +25,12 @@ from safety.approach import joined, move
 from safety.approval import approve
 from safety.clear import clear
 from safety.collision import Clearance
+from safety.device_stops import DeviceStops
 from safety.guard import Guard
 from safety.limits import check_limits, check_sent
 from safety.monitor import Expected, Monitor
-from safety.plan import Motion, load_plan, sealed, write_plan
-from safety.sheets import DeviceStops
+from safety.plan import Motion, load_plan, write_plan
+from safety.seal import sealed
 from safety.stages import StageResult, gate
 from safety.torque import torque_interval
 from sim.arm import Arm, load_arm

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from safety.approval import approval_of, approve, check_approval
-from safety.plan import Motion, Plan, check_plan, hashes_of, load_plan, sealed, write_plan
+from safety.hashes import hashes_of
+from safety.plan import Motion, Plan, check_plan, load_plan, write_plan
+from safety.seal import sealed
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import CalibError, ConfigError, SafetyStop
 from sim.trajectory import Trajectory
-
-NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
-
-
-@pytest.fixture
-def plan(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> Plan:
-    motions = [Motion("friction", "friction", motion), Motion("excitation", "excitation", motion.scaled(0.5))]
-    return write_plan(tmp_path / "plan", arm, motions, cell, {"condition_number": 31.5, "seed": 4}, NOON)
+from tests.safety.conftest import NOON
 
 
 def test_a_plan_reads_back_bit_for_bit(plan: Plan, motion: Trajectory) -> None:
@@ -218,37 +212,3 @@ def test_a_place_that_no_file_system_has_is_a_config_error(tmp_path: Path) -> No
 
 def test_a_plan_without_a_cell_fits_every_cell_of_its_arm(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> None:
     check_plan(write_plan(tmp_path / "p", arm, [Motion("probe", "probe", motion)]), arm, cell)
-
-
-@pytest.mark.parametrize(
-    ("after", "valid"),
-    [(timedelta(seconds=-1), False), (timedelta(0), True), (timedelta(hours=8), True), (timedelta(hours=8, seconds=1), False)],
-)
-def test_an_approval_holds_from_its_instant_for_eight_hours(
-    plan: Plan, arm: Arm, cell: Cell, after: timedelta, valid: bool
-) -> None:
-    approve(plan, arm, cell, "operator", NOON)
-    approval = approval_of(plan)
-    assert approval is not None
-    if valid:
-        check_approval(approval, plan, arm, cell, NOON + after)
-    else:
-        with pytest.raises(SafetyStop, match="approve again"):
-            check_approval(approval, plan, arm, cell, NOON + after)
-
-
-def test_there_is_no_approval_until_one_is_given(plan: Plan) -> None:
-    assert approval_of(plan) is None
-
-
-@pytest.mark.parametrize("change", [("hours = 8.0", "hours = 80.0"), ("+00:00", ""), ("approved_by =", "approved_by")])
-def test_a_well_sealed_approval_that_breaks_a_rule_is_refused(
-    plan: Plan, arm: Arm, cell: Cell, change: tuple[str, str]
-) -> None:
-    approve(plan, arm, cell, "operator", NOON)
-    file = plan.folder / "approval.toml"
-    body = file.read_text().split("\n", 1)[1]
-    assert change[0] in body
-    file.write_bytes(sealed(body.replace(*change)))
-    with pytest.raises(ConfigError):
-        approval_of(plan)

@@ -9,8 +9,9 @@ import pytest
 
 from drivers.driver import DeviceStop
 from safety.braking import stop_profile
+from safety.device_stops import DeviceStops
 from safety.limits import sampled
-from safety.sheets import STAGES, Boxes, DeviceStops, OwnStops, PathSheet
+from safety.sheets import STAGES, Boxes, OwnStops, PathSheet
 from sim.arm import Arm
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory

@@ -9,10 +9,11 @@ import pytest
 
 from drivers.driver import DeviceStop
 from safety.clear import clear
+from safety.device_stops import DeviceStops
 from safety.loads import Loads
 from safety.parameters import PAYLOAD_DOUBT, SIGMAS, friction_of
 from safety.reach import spine
-from safety.sheets import DeviceStops, OwnStops, PathSheet, Sheet
+from safety.sheets import OwnStops, PathSheet, Sheet
 from safety.tube import Tube
 from sim.arm import Arm
 from sim.cell import Cell, PayloadTable

@@ -1,105 +1,28 @@
-"""The monitor process: what it takes as verified, when it wants a stop, and when it takes the arm from the guard."""
+"""The monitor process: when it wants a stop, and when it takes the arm from the guard."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from safety.clear import ClearedTrajectory, clear
+from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
 from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
-from safety.monitor_link import silence_of, tube_file
+from safety.monitor_link import silence_of
 from safety.signs import Sign
-from safety.watching import REST_AFTER, SLOWER_AFTER, VerifiedSamples, Watch
+from safety.verified_samples import VerifiedSamples
+from safety.watching import REST_AFTER, SLOWER_AFTER, Watch
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.errors import SafetyStop
-from tests.safety.conftest import PERIOD, sine, state_at
+from tests.safety.conftest import PERIOD, RATE, state_at
 
-RATE, LATENCY = 500.0, 0.01
+LATENCY = 0.01
 SILENCE = silence_of(RATE, LATENCY)
-
-
-@pytest.fixture(scope="module")
-def motions(arm: Arm, cell: Cell) -> list[ClearedTrajectory]:
-    return [clear(sine(duration=3.0), arm, cell), clear(sine(duration=2.0, amplitude=0.1), arm, cell)]
-
-
-@pytest.fixture
-def tube(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> VerifiedSamples:
-    return VerifiedSamples(tube_file(tmp_path, motions), [len(m) for m in motions], arm, cell, RATE)
 
 
 @pytest.fixture
 def watch(arm: Arm, cell: Cell, clearance: Clearance, tube: VerifiedSamples) -> Watch:
     return Watch(arm, cell, RATE, clearance, state_at(), LATENCY, tube)
-
-
-def test_a_tube_has_every_sample_of_every_motion_and_no_other(motions: list[ClearedTrajectory], tube: VerifiedSamples) -> None:
-    for leg, motion in enumerate(motions):
-        for k in (0, 17, len(motion) - 1):
-            found = tube.sample(leg, k)
-            assert found is not None
-            q, expected = found
-            np.testing.assert_array_equal(q, motion.q[k])
-            np.testing.assert_array_equal(expected.tau_hat, motion.tau_hat[k])
-            np.testing.assert_array_equal(expected.doubt, motion.doubt[k])
-            np.testing.assert_array_equal(expected.sudden, motion.sudden[k])
-            np.testing.assert_array_equal(expected.load, motion.load[k])
-            assert expected.room == motion.room[k]
-        assert tube.sample(leg, len(motion)) is None
-        np.testing.assert_array_equal(tube.last(leg)[0], motion.q[-1])
-    for leg, k in ((0, -1), (-1, 0), (2, 0)):
-        assert tube.sample(leg, k) is None
-    assert tube.last(-1) == tube.last(2) == []
-
-
-def test_nobody_else_can_open_the_file_of_a_tube(
-    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path
-) -> None:
-    file = tube_file(tmp_path, motions)
-    VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
-    assert not file.exists()
-
-
-@pytest.mark.parametrize(
-    ("column", "value", "message"),
-    [
-        (0, np.nan, "finite"),
-        (20, np.inf, "finite"),
-        (2, 9.0, "range"),
-        (2, -9.0, "range"),
-        (30, 1e-6, "room"),
-        (3, -1.0, "speed"),
-    ],
-)
-def test_a_tube_that_is_not_fit_to_be_driven_is_refused(
-    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path, column: int, value: float, message: str
-) -> None:
-    file = tube_file(tmp_path, motions)
-    rows = np.load(file, mmap_mode="r+")
-    rows[100, column] = value
-    rows.flush()
-    with pytest.raises(SafetyStop, match=message):
-        VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
-
-
-def test_a_tube_of_another_length_is_refused(motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path) -> None:
-    with pytest.raises(SafetyStop, match="verified samples"):
-        VerifiedSamples(tube_file(tmp_path, motions), [len(motions[0])], arm, cell, RATE)
-
-
-def test_a_jump_from_one_motion_to_the_next_is_no_speed(
-    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path
-) -> None:
-    middle = [len(motions[0]) // 3, len(motions[0]) - len(motions[0]) // 3]
-    file = tube_file(tmp_path, motions[:1])
-    rows = np.load(file, mmap_mode="r+")
-    rows[middle[0] :, 0] += 0.3
-    rows.flush()
-    VerifiedSamples(file, middle, arm, cell, RATE)
 
 
 class Seen:
@@ -276,6 +199,10 @@ def test_either_process_may_be_silent_as_long_as_a_reading_may_be_late() -> None
     assert silence_of(500.0, 0.04) == pytest.approx(0.042)
 
 
+def moved(seen: Seen, k: int, at: np.ndarray) -> dict[str, np.ndarray]:
+    return {"at": at, "dq": seen.motion.dq[k - 1] + np.array([0.5, 0, 0, 0, 0, 0])}
+
+
 def test_an_arm_that_leaves_its_tube_is_seen_without_the_guard(seen: Seen) -> None:
     seen.drive(300)
     off = np.zeros(6)
@@ -288,22 +215,6 @@ def test_an_arm_that_leaves_its_tube_is_seen_without_the_guard(seen: Seen) -> No
     assert seen.watch.trip is not None
     assert "j1: following error" in seen.watch.trip
     assert off[0] < seen.motion.room.max() + 0.01
-
-
-def moved(seen: Seen, k: int, at: np.ndarray) -> dict[str, np.ndarray]:
-    return {"at": at, "dq": seen.motion.dq[k - 1] + np.array([0.5, 0, 0, 0, 0, 0])}
-
-
-@pytest.mark.parametrize("off", [-9.0, 9.0])
-def test_a_motion_beside_the_range_of_one_joint_is_refused(
-    motions: list[ClearedTrajectory], arm: Arm, cell: Cell, tmp_path: Path, off: float
-) -> None:
-    file = tube_file(tmp_path, motions)
-    rows = np.load(file, mmap_mode="r+")
-    rows[:, 2] += off
-    rows.flush()
-    with pytest.raises(SafetyStop, match="range"):
-        VerifiedSamples(file, [len(m) for m in motions], arm, cell, RATE)
 
 
 def test_one_joint_that_moves_is_no_rest(watch: Watch) -> None:

@@ -1,0 +1,49 @@
+"""When somebody has approved a plan, and what of it is refused."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import pytest
+
+from safety.approval import approval_of, approve, check_approval
+from safety.plan import Plan
+from safety.seal import sealed
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import ConfigError, SafetyStop
+from tests.safety.conftest import NOON
+
+
+@pytest.mark.parametrize(
+    ("after", "valid"),
+    [(timedelta(seconds=-1), False), (timedelta(0), True), (timedelta(hours=8), True), (timedelta(hours=8, seconds=1), False)],
+)
+def test_an_approval_holds_from_its_instant_for_eight_hours(
+    plan: Plan, arm: Arm, cell: Cell, after: timedelta, valid: bool
+) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    approval = approval_of(plan)
+    assert approval is not None
+    if valid:
+        check_approval(approval, plan, arm, cell, NOON + after)
+    else:
+        with pytest.raises(SafetyStop, match="approve again"):
+            check_approval(approval, plan, arm, cell, NOON + after)
+
+
+def test_there_is_no_approval_until_one_is_given(plan: Plan) -> None:
+    assert approval_of(plan) is None
+
+
+@pytest.mark.parametrize("change", [("hours = 8.0", "hours = 80.0"), ("+00:00", ""), ("approved_by =", "approved_by")])
+def test_a_well_sealed_approval_that_breaks_a_rule_is_refused(
+    plan: Plan, arm: Arm, cell: Cell, change: tuple[str, str]
+) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    file = plan.folder / "approval.toml"
+    body = file.read_text().split("\n", 1)[1]
+    assert change[0] in body
+    file.write_bytes(sealed(body.replace(*change)))
+    with pytest.raises(ConfigError):
+        approval_of(plan)
