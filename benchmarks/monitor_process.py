@@ -28,8 +28,8 @@ from drivers.driver import DeviceStop
 from safety import audit
 from safety.approval import approve
 from safety.control import drive
-from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
+from safety.run_progress import RunProgress
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.emulated import open_emulator

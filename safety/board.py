@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from safety.execution import RunProgress
 from safety.guard import Cycle
+from safety.run_progress import RunProgress
 from sim.joint_state import JointState
 
 TEXT = 200

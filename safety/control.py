@@ -1,6 +1,6 @@
-"""The control process: `execute` in a process of its own, watched and fed by the command process, and safe without it.
+"""The command process: `execute` in a control process of its own, watched and fed from here, and safe without it.
 
-It has a session of its own, so Ctrl-C and a closed terminal reach only the command process, which asks for the stop. If the command
+The control process has a session of its own, so Ctrl-C and a closed terminal reach only the command process, which asks for the stop. If the command
 process dies or hangs, its heartbeat ends and the arm is stopped and the log closed all the same. It clears every motion again
 before it sends any: nothing that another process proved is taken on trust.
 """
@@ -13,10 +13,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any
 
@@ -24,46 +21,24 @@ import numpy as np
 
 from drivers.driver import Driver
 from drivers.mock import MockOptions
-from safety import realtime
 from safety.audit import record
 from safety.board import Board
-from safety.execution import NEVER, SIMULATED, RunProgress, RunResult, execute
-from safety.monitor_link import MonitorLink
-from safety.plan import Plan, load_plan
+from safety.control_process import END_TIME, SHOW, ControlTask, look, serve
+from safety.execution import NEVER, SIMULATED, RunResult, execute
+from safety.plan import Plan
+from safety.run_progress import RunProgress
 from safety.signs import Signs
 from safety.stop_sources import REASONS, StopSignals, first_reason
 from safety.watching import Task as WatchTask
-from safety.watching import watch as watch_stages
-from sim.arm import Arm, load_arm
-from sim.cell import Cell, load_cell
-from sim.errors import CalibError, DeviceError
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.errors import DeviceError
 from sim.strict import validated
 
-# The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
-SILENCE = 0.5
 BEAT = 0.02
-SHOW = 0.05
-END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
 LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; what hangs is killed then
 STOP_TIME = 120.0  # s to stop and to close the log of a long run, after which the control process counts as hung
 LEAVE_TIME = 30.0  # s for both processes to end after the run: more than the monitor process waits for the control process
-
-
-@dataclass(frozen=True)
-class _Task:
-    """The task of the control process; it loads arm, cell and plan from their files itself."""
-
-    plan: Path
-    cell: Path
-    arm: Path
-    driver_factory: Callable[[Cell, Arm], Driver]
-    folder: Path
-    audit: Path
-    stages: tuple[float, ...] | None
-    operator: str
-    parent: int
-    link: tuple[Signs, Connection] | None
-    alone: str
 
 
 def is_simulated(cell: Cell) -> bool:
@@ -111,10 +86,10 @@ def drive(
     alone = alone_because(driver_factory, cell, arm)
     signs, ends = Signs(arm.n, context), context.Pipe()
     files = plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory
-    task = _Task(
+    task = ControlTask(
         *files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]), alone
     )
-    process = context.Process(target=_serve, args=(task, board, answers), name="calib control")
+    process = context.Process(target=serve, args=(task, board, answers), name="calib control")
     if alone:
         record(audit, "no monitor process", reason=alone)
     over = threading.Event()
@@ -127,7 +102,7 @@ def drive(
         if not alone:
             assert process.pid is not None
             seen = WatchTask(*files, audit.resolve(), process.pid)
-            processes.append(context.Process(target=_look, args=(seen, signs, ends[1], board), name="calib monitor"))
+            processes.append(context.Process(target=look, args=(seen, signs, ends[1], board), name="calib monitor"))
             processes[1].start()
         for end in (*ends, answers):  # so that each of them ends with the process that has the other end
             end.close()
@@ -223,65 +198,3 @@ def _watched(
                 f"{reason}, and the control process did not answer within {STOP_TIME:g} s: it hangs; look at the arm before anything else, then "
                 "recover the log with `calib import`"
             )
-
-
-def _serve(task: _Task, board: Board, answer: Connection) -> None:
-    """The control process."""
-    os.setsid()
-    link = None if task.link is None else MonitorLink(*task.link)
-    try:
-        plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
-        realtime.prepare()
-
-        def stop_requested() -> str | None:
-            reason = board.stop_requested()
-            if reason is not None:
-                return reason
-            if os.getppid() != task.parent:
-                return "the command process died"
-            if not board.alive_within(SILENCE):
-                return f"the command process was silent for {SILENCE:g} s"
-            return None
-
-        result = execute(
-            plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
-        )  # fmt: skip
-        _reply(answer, ("done", result))
-    except BaseException as error:
-        _reply(answer, ("error", _portable(error)))
-    _remain(board)
-
-
-def _reply(answer: Connection, what: tuple[str, Any]) -> None:
-    """`what` to the command process; by bytes, so that nothing but the guard calls anything named `send`."""
-    answer.send_bytes(ForkingPickler.dumps(what))
-
-
-def _look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
-    """The monitor process, and beyond it for as long as its driver holds the arm."""
-    with suppress(CalibError):  # what the driver refuses to let go of, it holds
-        watch_stages(task, signs, talk)
-    talk.close()
-    _remain(board)
-
-
-def _remain(board: Board) -> None:
-    """Until nothing holds the arm any more, or somebody supports it."""
-    # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
-    others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
-    for thread in others:
-        thread.join(END_TIME)
-    while any(t.is_alive() for t in others):
-        board.hold()
-        if board.may_let_go:
-            os._exit(0)
-        time.sleep(SHOW)
-
-
-def _portable(error: BaseException) -> BaseException:
-    """An error as it can cross a process boundary: without its cause, and as DeviceError where its own kind cannot."""
-    error.__cause__ = error.__context__ = error.__traceback__ = None
-    if isinstance(error, Exception) and type(error).__module__.split(".")[0] in ("sim", "safety"):
-        return error
-    return DeviceError(f"the control process failed: {type(error).__name__}: {error}")

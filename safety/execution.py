@@ -9,26 +9,25 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from drivers.driver import Driver
 from drivers.preflight import preflight
 from logs.about import about_recording
 from logs.recorder import COMPLETED, Recorder, Recording
 from logs.recorder_process import RecorderProcess
-from safety.approach import SHARES, Joined, joined, move
 from safety.approval import Approval, approval_of, check_approval
 from safety.audit import record, verify
-from safety.clear import ClearedTrajectory, Proof, clear
+from safety.clear import Proof
 from safety.collision import Clearance
-from safety.guard import Cycle, Guard, Window
+from safety.guard import Guard, Window
 from safety.latency import latency_of
+from safety.legs import Leg, Route
 from safety.manifest import Manifest, device_facts, digest_of, require_same
 from safety.monitor import compile_cycle
 from safety.monitor_link import MonitorLink, seen
 from safety.plan import Plan, check_plan
 from safety.plausible import check_plausible
 from safety.realtime import unhurried
+from safety.run_progress import ProgressOfRun, RunProgress
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
 from safety.trip import MotionStopped
@@ -36,31 +35,10 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock
 from sim.errors import CalibError, SafetyStop
-from sim.trajectory import Trajectory
 
 NEVER: Callable[[], str | None] = lambda: None  # noqa: E731
 PAUSE = 0.3
 SIMULATED = "time is simulated in this cell"
-
-
-@dataclass(frozen=True)
-class RunProgress:
-    """What the run is doing: the motion in words, the share of it that is done, and the guard's cycle.
-
-    stage of stages, driven at `speed`; duration s of the motion and left s of the whole run; readings so far and how many of them the
-    device's clock says are missing.
-    """
-
-    what: str
-    share: float
-    cycle: Cycle | None
-    stage: int = 0
-    stages: int = 0
-    speed: float = 1.0
-    duration: float = 0.0
-    left: float = 0.0
-    frames: int = 0
-    lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -74,17 +52,6 @@ class RunResult:
     latency: float
     approved_by: str
     verdicts: dict[str, Proof] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class _Leg:
-    """One cleared piece of a run; `name` is the motion's, None for a move that is not recorded."""
-
-    cleared: ClearedTrajectory
-    what: str
-    name: str | None
-    first: int
-    last: int
 
 
 def execute(
@@ -179,9 +146,8 @@ class _Run:
         self.simulated = isinstance(driver.clock, SimulatedClock)
         self.clearance = Clearance(arm, cell)
         self.latency = latency_of(cell, driver)
-        self.verdicts: dict[str, Proof] = {}
-        self.frames = self.lost = 0
-        self.last_device_time = float("nan")
+        self.route = Route(plan, cell, arm, driver, self.clearance, self.latency)
+        self.progress = ProgressOfRun(watch, driver.rate)
 
     def drive(self, speeds: Sequence[float], approved_by: str) -> RunResult:
         """Preflight, clear everything, then stage after stage; back to where the cell wants the arm at the end."""
@@ -189,13 +155,13 @@ class _Run:
         if failed:
             raise SafetyStop(f"{self.cell.name} is not ready: {'; '.join(failed)}")
         with unhurried():
-            legs = self._legs(self.driver.read().q, speeds)
+            legs = self.route.legs(self.driver.read().q, speeds, self.watch)
         logs: dict[str, Path] = {}
         rehearsals: list[Path] = []
         results: list[StageResult] = []
-        self._left = sum(len(leg.cleared) / self.driver.rate + PAUSE for speed in speeds for leg in legs[speed])
+        self.progress.left = sum(len(leg.cleared) / self.driver.rate + PAUSE for speed in speeds for leg in legs[speed])
         for i, speed in enumerate(speeds):
-            self._stage_of = (i + 1, len(speeds), speed)
+            self.progress.stage = (i + 1, len(speeds), speed)
             result, paths = self._stage(legs[speed], speed)
             results.append(result)
             if speed == STAGES[-1]:
@@ -205,9 +171,9 @@ class _Run:
             if i + 1 < len(speeds):
                 room = min(float(leg.cleared.room.min()) for leg in legs[speeds[i + 1]])
                 gate(result, speeds[i + 1], self.arm, self.cell, room)
-        return RunResult(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.verdicts)
+        return RunResult(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.route.verdicts)
 
-    def _stage(self, legs: Sequence[_Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
+    def _stage(self, legs: Sequence[Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
         """All legs at one speed. Logs are opened before and closed after the arm is driven: neither may hold up the loop."""
         place = self.folder if speed == STAGES[-1] else self.folder / f"rehearsal-{round(100 * speed)}"
         place.mkdir(parents=True, exist_ok=True)
@@ -219,10 +185,10 @@ class _Run:
                 logs[name] = self._recording(path, name, speed)
             with self._guarded(legs) as guard:
                 for number, leg in enumerate(legs):
-                    self._what = leg.what
+                    self.progress.what = leg.what
                     if self.link is not None:
                         self.link.leg = number
-                    self._left -= len(leg.cleared) / self.driver.rate + PAUSE
+                    self.progress.left -= len(leg.cleared) / self.driver.rate + PAUSE
                     guard.run(leg.cleared, leg.what, Window(logs[leg.name], leg.first, leg.last) if leg.name else None)
                     guard.hold(PAUSE, f"after {leg.what}")
                     done |= {leg.name} if leg.name else set()
@@ -240,81 +206,16 @@ class _Run:
         worst = guard.monitor.worst
         return StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))), paths
 
-    def _guarded(self, legs: Sequence[_Leg]) -> AbstractContextManager[Guard]:
+    def _guarded(self, legs: Sequence[Leg]) -> AbstractContextManager[Guard]:
         """The guard of a stage; seen by the monitor process where there is one."""
         given, link = (self.driver, self.arm, self.cell, self.clearance), self.link
         if link is None:
-            return Guard(*given, self.stop_requested, self._watch_cycle, self.latency)
+            return Guard(*given, self.stop_requested, self.progress.cycle, self.latency)
         self.watch(RunProgress("the monitor process takes the verified motions", 0.0, None))
         with unhurried():
             link.begin([leg.cleared for leg in legs], self.driver.rate, self.latency, self.folder)
         reason = first_reason(self.stop_requested, link.reason)
-        return seen(link, lambda sent: Guard(*given, reason, self._watch_cycle, self.latency, sent))
-
-    def _legs(self, q: np.ndarray, speeds: Sequence[float]) -> dict[float, list[_Leg]]:
-        """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""
-        legs: dict[float, list[_Leg]] = {}
-        total, done = len(speeds) * len(self.plan.motions) + 1, 0
-        for speed in speeds:
-            legs[speed] = []
-            for motion in self.plan.motions:
-                what = f"{motion.name} at {speed:.0%}" if speed < 1 else motion.name
-                self.watch(RunProgress(f"proving {what}", done / total, None))
-                legs[speed] += self._to_and_through(q, motion.trajectory.scaled(speed), what, motion.name)
-                q = legs[speed][-1].cleared.q[-1]
-                done += 1
-        target = self.cell.table.rest or self.cell.table.home
-        if target is not None and np.any(np.abs(np.array(target) - q) > 0):
-            legs[speeds[-1]].append(self._moved(q, np.array(target), "the retreat"))
-        return legs
-
-    def _to_and_through(self, q: np.ndarray, motion: Trajectory, what: str, name: str) -> list[_Leg]:
-        """Straight to the motion's beginning and through it; by way of the cell's home where the straight way is not proved."""
-        legs = []
-        try:
-            way = self._joined(q, motion, what)
-        except SafetyStop as straight:
-            if self.cell.table.home is None:
-                raise
-            home = np.array(self.cell.table.home)
-            try:
-                legs.append(self._moved(q, home, f"the way home before {what}"))
-                way = self._joined(home, motion, what)
-            except SafetyStop as around:
-                raise SafetyStop(f"{straight}; and by way of home: {around}") from straight
-        cleared = self._clear(way.trajectory, what)
-        first, last = (round(x * cleared.rate) for x in (way.begins, way.ends))
-        self.verdicts[what] = cleared.verdict
-        return [*legs, _Leg(cleared, what, name, first, last + 1)]
-
-    def _joined(self, q: np.ndarray, motion: Trajectory, what: str) -> Joined:
-        """The motion behind the fastest approach that is proved."""
-        refusal: SafetyStop | None = None
-        for share in SHARES:
-            way = joined(motion, q, self.arm, self.driver.rate, share)
-            try:
-                if way.approach is not None:
-                    self._clear(way.approach, f"the approach to {what}")
-                return way
-            except SafetyStop as error:
-                refusal = error
-        raise refusal or SafetyStop(f"{what}: there is no way to it")
-
-    def _moved(self, q: np.ndarray, target: np.ndarray, what: str) -> _Leg:
-        """From rest to rest, by the fastest straight move that is proved."""
-        refusal: SafetyStop | None = None
-        for share in SHARES:
-            try:
-                return _Leg(self._clear(move(q, target, self.arm, self.driver.rate, share), what), what, None, 0, 0)
-            except SafetyStop as error:
-                refusal = error
-        raise refusal or SafetyStop(f"{what}: there is no way")
-
-    def _clear(self, way: Trajectory, what: str) -> ClearedTrajectory:
-        try:
-            return clear(way, self.arm, self.cell, self.driver.rate, self.driver.device_stop, self.latency, self.clearance)
-        except SafetyStop as error:
-            raise SafetyStop(f"{what}: {error}") from error
+        return seen(link, lambda sent: Guard(*given, reason, self.progress.cycle, self.latency, sent))
 
     def _recording(self, path: Path, motion: str, speed: float) -> Recording:
         info, table = self.driver.info, self.cell.table
@@ -331,14 +232,3 @@ class _Run:
         kept = {key: value for key, value in metadata.items() if value is not None}
         kind = Recorder if self.simulated else RecorderProcess
         return kind(path, self.arm.joint_names, kept, about_recording(self.arm, self.cell, self.plan.folder))
-
-    def _watch_cycle(self, cycle: Cycle) -> None:
-        self.frames += 1
-        since = cycle.state.t_device - self.last_device_time
-        if cycle.k and since == since:
-            self.lost += max(0, round(since * self.driver.rate) - 1)
-        self.last_device_time = cycle.state.t_device
-        duration = cycle.count / self.driver.rate
-        share = (cycle.k + 1) / cycle.count
-        left = self._left + (1.0 - share) * duration
-        self.watch(RunProgress(self._what, share, cycle, *self._stage_of, duration, left, self.frames, self.lost))

@@ -24,7 +24,7 @@ from sim.arm import Arm
 from sim.files import printable
 
 if TYPE_CHECKING:
-    from safety.execution import RunProgress
+    from safety.run_progress import RunProgress
 
 BAR = 9
 REDRAW = 0.1

@@ -26,8 +26,8 @@ from safety import audit, control
 from safety.approval import approve
 from safety.board import Board
 from safety.control import drive, is_simulated
-from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
+from safety.run_progress import RunProgress
 from safety.signs import Signs
 from safety.stop_sources import StopSignals
 from safety.trip import MotionStopped

@@ -16,8 +16,9 @@ from logs import read_log
 from safety import audit
 from safety.approval import approve
 from safety.control import drive
-from safety.execution import RunProgress, execute
+from safety.execution import execute
 from safety.plan import Motion, Plan, write_plan
+from safety.run_progress import RunProgress
 from safety.stages import STAGES
 from safety.trip import MotionStopped
 from sim.arm import Arm

@@ -21,8 +21,8 @@ from safety import audit
 from safety.approach import move
 from safety.approval import approve
 from safety.control import drive
-from safety.execution import RunProgress
 from safety.plan import Motion, write_plan
+from safety.run_progress import RunProgress
 from sim.arm import Arm
 from sim.cell import load_cell
 from sim.errors import DeviceError

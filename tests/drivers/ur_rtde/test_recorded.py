@@ -16,8 +16,9 @@ from logs import read_log
 from safety import audit
 from safety.approach import move
 from safety.approval import approve
-from safety.execution import RunProgress, execute
+from safety.execution import execute
 from safety.plan import Motion, Plan, write_plan
+from safety.run_progress import RunProgress
 from safety.trip import MotionStopped
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell

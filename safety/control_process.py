@@ -1,0 +1,111 @@
+"""The control process itself, and the monitor process beside it: what each does from its begin until nothing holds the arm any more."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import Any
+
+from drivers.driver import Driver
+from safety import realtime
+from safety.board import Board
+from safety.execution import execute
+from safety.monitor_link import MonitorLink
+from safety.plan import load_plan
+from safety.signs import Signs
+from safety.watching import Task as WatchTask
+from safety.watching import watch as watch_stages
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
+from sim.errors import CalibError, DeviceError
+
+# The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
+SILENCE = 0.5
+SHOW = 0.05
+END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
+
+
+@dataclass(frozen=True)
+class ControlTask:
+    """The task of the control process; it loads arm, cell and plan from their files itself."""
+
+    plan: Path
+    cell: Path
+    arm: Path
+    driver_factory: Callable[[Cell, Arm], Driver]
+    folder: Path
+    audit: Path
+    stages: tuple[float, ...] | None
+    operator: str
+    parent: int
+    link: tuple[Signs, Connection] | None
+    alone: str
+
+
+def serve(task: ControlTask, board: Board, answer: Connection) -> None:
+    """The control process."""
+    os.setsid()
+    link = None if task.link is None else MonitorLink(*task.link)
+    try:
+        plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
+        realtime.prepare()
+
+        def stop_requested() -> str | None:
+            reason = board.stop_requested()
+            if reason is not None:
+                return reason
+            if os.getppid() != task.parent:
+                return "the command process died"
+            if not board.alive_within(SILENCE):
+                return f"the command process was silent for {SILENCE:g} s"
+            return None
+
+        result = execute(
+            plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
+            stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
+        )  # fmt: skip
+        _reply(answer, ("done", result))
+    except BaseException as error:
+        _reply(answer, ("error", portable(error)))
+    remain(board)
+
+
+def _reply(answer: Connection, what: tuple[str, Any]) -> None:
+    """`what` to the command process; by bytes, so that nothing but the guard calls anything named `send`."""
+    answer.send_bytes(ForkingPickler.dumps(what))
+
+
+def look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
+    """The monitor process, and beyond it for as long as its driver holds the arm."""
+    with suppress(CalibError):  # what the driver refuses to let go of, it holds
+        watch_stages(task, signs, talk)
+    talk.close()
+    remain(board)
+
+
+def remain(board: Board) -> None:
+    """Until nothing holds the arm any more, or somebody supports it."""
+    # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
+    others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
+    for thread in others:
+        thread.join(END_TIME)
+    while any(t.is_alive() for t in others):
+        board.hold()
+        if board.may_let_go:
+            os._exit(0)
+        time.sleep(SHOW)
+
+
+def portable(error: BaseException) -> BaseException:
+    """An error as it can cross a process boundary: without its cause, and as DeviceError where its own kind cannot."""
+    error.__cause__ = error.__context__ = error.__traceback__ = None
+    if isinstance(error, Exception) and type(error).__module__.split(".")[0] in ("sim", "safety"):
+        return error
+    return DeviceError(f"the control process failed: {type(error).__name__}: {error}")
