@@ -1,9 +1,4 @@
-"""d(q) - sum_j R_j (w_j + e) >= margin for every pair of bodies: clearance that is proved, not sampled, beside the path too.
-
-A piece of motion lies in a box of joint angles with half-widths w. No point of one body comes nearer to the other than the distance
-at the box's centre less reach times half-width of every joint between the two, so one distance proves a whole piece, with every
-joint up to e beside it; what is not proved is cut in two, down to single pieces of the motion and then to parts of them (bound of
-Schwarzer, Saha, Latombe 2005, doi:10.1109/TRO.2004.838012, section III). What stays undecided is refused.
+"""Distances between the bodies of one arm in one cell, and which pairs of them are looked at; `safety.certify` proves clearance from them.
 
 Pairs: every two shapes on different links, except links that share a joint (they touch by construction) and shapes that can never
 part (safety.pairs); every shape on a moving link against every obstacle. Links two joints apart are built close together, so their
@@ -14,7 +9,7 @@ Beside `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +18,6 @@ import pinocchio as pin
 from safety.pair_reach import chain, of_shape_and_obstacle, of_two_shapes
 from safety.pairs import adjacent, always_apart, never_part
 from safety.shapes import TOOL, equipped, link_body, obstacle_body
-from safety.sheets import Sheet
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
@@ -33,16 +27,8 @@ from sim.rigid_body import RigidBody
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
 LOOKS = 400
-# boxes into which one part of a motion is cut at the most
-HALVES = 400
-# of larger boxes, of so many rows at the most, fewer: their rows may be proved one by one
-FEW_HALVES, FEW_ROWS = 48, 128
 # rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
 CALIBRATION = 1e-3
-# of the room that there is at a box's centre, the share that must be proved before the box is good enough
-SHARE = 0.5
-# bounds lo hi (n,) rad, and the pairs that are looked at in it
-Box = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -118,14 +104,14 @@ class Clearance:
         self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
         self._leave_out({own[k] for k in stuck})
         # what the encoders and their zeros may be wrong by is kept free beside every path
-        self._doubt = arm.sensors.encoder_resolution + CALIBRATION
+        self.doubt = arm.sensors.encoder_resolution + CALIBRATION
         apart = {k: known for k in self._all if (known := self._known_apart(k)) is not None}
         self.always_apart = {self.pairs[k]: known for k, known in apart.items()}
         self._leave_out(set(apart))
 
     def _set(self, pairs: Sequence[tuple[str, str]], reach: np.ndarray, margin: np.ndarray) -> None:
         self.pairs, self.reach, self.margin = tuple(pairs), reach, margin
-        self._total = reach.sum(axis=1)
+        self.total = reach.sum(axis=1)
         self._all = range(len(pairs))
         self._data = self._model.createData()
         self._geometry_data = pin.GeometryData(self._geometry)
@@ -167,107 +153,7 @@ class Clearance:
 
     def needed(self, least: float) -> np.ndarray:
         """(P,) m that each pair must be apart at a posture, for every joint to be proved `least` rad beside it and the encoders' doubt more."""
-        return np.asarray(self.margin + self._total * (least + self._doubt) + GJK)
-
-    def certify(self, sheet: Sheet, what: str, least: float, most: float) -> np.ndarray:
-        """(K,) rad: how far every joint may be beside each row of `sheet` with every pair's margin kept, at most `most`.
-
-        SafetyStop with the witness where that is less than `least`: a pair comes nearer than its margin, or it could not be decided.
-        """
-        if not sheet.boxes.finite():
-            raise SafetyStop(f"{what}: a posture is not finite; it is not checked for collision")
-        room = np.full(len(sheet.boxes.lo), most)
-
-        def leaf(k: int, m: int, pairs: np.ndarray) -> None:
-            parts = sheet.refined(k, m)
-            for lo, hi in zip(parts.lo[:, 0], parts.hi[:, 0], strict=True):
-                proved, left = self._halved((lo, hi, pairs), least, most, 0.0, HALVES)
-                if left is not None:
-                    refuse(sheet.time(k), *left)
-                room[k] = min(room[k], proved)
-
-        def refuse(t: float, lo: np.ndarray, hi: np.ndarray, pairs: np.ndarray) -> None:
-            near = self.nearest((lo + hi) / 2, t, pairs)
-            travel = float(np.max(self.reach[pairs] @ ((hi - lo) / 2)))
-            beside = float(np.max(self._total[pairs])) * (least + self._doubt)
-            found = (
-                "nearer than the margin" if near.distance < near.margin
-                else f"not decided to {travel * 1e3:.2f} mm, with {beside * 1e3:.0f} mm for a following error of {least:g} rad on every joint"
-            )  # fmt: skip
-            raise SafetyStop(
-                f"{what}: {near}: {found}; move the obstacle or the home posture, or plan a smaller or slower motion"
-            )
-
-        self._prove(sheet, room, least, most, leaf)
-        return room
-
-    def _room(self, q: np.ndarray, width: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) rad of room that is proved for each pair within `width` of q, and (P,) what there is at q itself."""
-        spare = self.distances(q, pairs.tolist()) - self.margin[pairs] - GJK
-        total = self._total[pairs]
-        # a pair that nothing moves is apart for good or never; what is not a number is neither, and proves nothing
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inside = np.where(total == 0, np.where(spare >= 0, np.inf, -np.inf), (spare - self.reach[pairs] @ width) / total)
-            at = np.where(total == 0, inside, spare / total)
-        return inside - self._doubt, at - self._doubt
-
-    def _halved(self, box: Box, least: float, most: float, share: float, halves: int) -> tuple[float, Box | None]:
-        """rad of room in a box, cut in two where it proves too little; and a part that lacks it, or was not reached within `halves` looks."""
-        todo, proved = [box], most
-        for _ in range(halves):
-            if not todo:
-                return proved, None
-            lo, hi, pairs = todo.pop()
-            found, at = self._room((lo + hi) / 2, (hi - lo) / 2, pairs)
-            good = found >= np.maximum(least, np.minimum(most, share * np.clip(at, 0.0, np.pi)))
-            proved = min(proved, float(found[good].min(initial=most)))
-            pairs, at = pairs[~good], at[~good]
-            if not len(pairs):
-                continue
-            if not (at >= least).all():
-                return proved, (lo, hi, pairs)
-            j = int(np.argmax(self.reach[pairs].max(axis=0) * (hi - lo)))
-            below, above = hi.copy(), lo.copy()
-            below[j] = above[j] = (lo[j] + hi[j]) / 2
-            todo += [(lo, below, pairs), (above, hi, pairs)]
-        return proved, todo[-1] if todo else None
-
-    def _prove(
-        self, sheet: Sheet, room: np.ndarray, least: float, most: float, leaf: Callable[[int, int, np.ndarray], None]
-    ) -> None:
-        """From the largest boxes down, until each proves most of the room it has; `leaf(k, m, pairs)` decides the sheet's own boxes."""
-        top = len(sheet.levels) - 1
-        rows, stages = sheet.levels[top][2].lo.shape[:2]
-        every = np.arange(len(self.pairs))
-        todo = [(top, k, m, every) for k in range(rows) for m in range(stages)] if len(every) else []
-        while todo:
-            level, k, m, pairs = todo.pop()
-            r, c, boxes = sheet.levels[level]
-            low, high = boxes.lo[k, m, 0], boxes.hi[k, m, 0]
-            found, at = self._room((low + high) / 2, (high - low) / 2, pairs)
-            proved = found >= np.maximum(least, np.minimum(most, SHARE * at))
-            if proved.any():
-                part = room[k * r : (k + 1) * r]
-                np.minimum(part, float(found[proved].min()), out=part)
-            pairs = pairs[~proved]
-            if not len(pairs):
-                continue
-            if level > 0 and r <= FEW_ROWS and (at[~proved] >= least).all():
-                within, left = self._halved((low, high, pairs), least, most, SHARE, FEW_HALVES)
-                if left is None:
-                    part = room[k * r : (k + 1) * r]
-                    np.minimum(part, within, out=part)
-                    continue
-            if level == 0:
-                leaf(k, m, pairs)
-                continue
-            finer, below, smaller = sheet.levels[level - 1]
-            rows, stages = smaller.lo.shape[:2]
-            todo += [
-                (level - 1, a, b, pairs)
-                for a in range(k * r // finer, min((k + 1) * r // finer, rows))
-                for b in range(m * c // below, min((m + 1) * c // below, stages))
-            ]
+        return np.asarray(self.margin + self.total * (least + self.doubt) + GJK)
 
     def nearest(self, q: np.ndarray, t: float, pairs: np.ndarray | None = None) -> Witness:
         """The pair with the least distance beyond its margin at one posture q (n,)."""

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from drivers.driver import DeviceStop
+from safety.certify import certify
 from safety.collision import Clearance
 from safety.device_stops import DeviceStops
 from safety.loads import Loads, NotEnough
@@ -101,7 +102,7 @@ class _Prover:
 
     def _keep(self, first: int, sheet: PathSheet | OwnStops | DeviceStops, what: str, by_loads: np.ndarray) -> None:
         room = np.minimum(by_loads, self._range(sheet, what))
-        room = np.minimum(room, self.clearance.certify(sheet, what, self.least, self.most))
+        room = np.minimum(room, certify(self.clearance, sheet, what, self.least, self.most))
         part = self.room[first : first + len(room)]
         np.minimum(part, room, out=part)
         if not isinstance(sheet, OwnStops):  # a row between two samples belongs to both

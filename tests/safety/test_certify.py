@@ -1,4 +1,4 @@
-"""What the certificate of clearance does with several pairs at once, and what it says when it refuses."""
+"""The certificate of clearance: that it agrees with dense sampling, what it does with several pairs, and what it says when it refuses."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivers.driver import DeviceStop
+from safety.certify import certify
 from safety.collision import Clearance
+from safety.device_stops import DeviceStops
 from safety.sheets import PathSheet
 from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell, PlaneObstacle
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
-from tests.safety.conftest import HOME
-from tests.safety.test_collision import LEAST, towards_table
+from tests.safety.conftest import HOME, sine
+
+LEAST = 1e-4
 
 
 @pytest.fixture
@@ -46,18 +50,18 @@ def test_one_pair_that_is_too_near_is_refused_beside_others_that_are_not(arm: Ar
     for step in (1, 5, 10, 20):  # the longer the pieces, the more pairs are left to the last decision
         few = Trajectory(*(getattr(motion, name)[::step] for name in ("t", "q", "dq", "ddq")))
         with pytest.raises(SafetyStop, match="and table: "):
-            clearance.certify(PathSheet(few, arm), "the motion", LEAST, 0.1)
+            certify(clearance, PathSheet(few, arm), "the motion", LEAST, 0.1)
     there, still = motion.q[len(motion) // 2], np.zeros((2, arm.n))
     standing = Trajectory(np.array([0.0, 0.1]), np.vstack((there, there)), still, still)
     with pytest.raises(SafetyStop, match=r"and table: .*nearer than the margin"):
-        clearance.certify(PathSheet(standing, arm), "the motion", LEAST, 0.1)
+        certify(clearance, PathSheet(standing, arm), "the motion", LEAST, 0.1)
 
 
 def test_what_is_not_too_near_but_cannot_be_decided_is_reported_so(arm: Arm, cell: Cell) -> None:
     clearance = Clearance(arm, cell)
     motion = deep(clearance, 0.0002, 0.002)
     with pytest.raises(SafetyStop, match="not decided to"):
-        clearance.certify(PathSheet(motion, arm), "the motion", 0.02, 0.1)
+        certify(clearance, PathSheet(motion, arm), "the motion", 0.02, 0.1)
 
 
 def test_a_long_slide_is_not_taken_for_a_joint_that_turns_round(arm: Arm, cell: Cell) -> None:
@@ -71,3 +75,87 @@ def test_a_long_slide_is_not_taken_for_a_joint_that_turns_round(arm: Arm, cell: 
     clearance = Clearance(slide, high)
     assert {("shoulder", "gantry"), ("upper", "gantry")} <= set(clearance.pairs)
     assert clearance.distances(np.array([5.0, *HOME[1:]])).min() < 0
+
+
+def towards_table(depth: float) -> Trajectory:
+    """Lowers the outstretched arm by rotating the shoulder to `depth` rad and back."""
+    motion = sine(amplitude=0.0, cycles=1)
+    t, x = motion.t, np.sin(np.pi * motion.t / motion.t[-1]) ** 2
+    w = np.pi / motion.t[-1]
+    q, dq, ddq = (np.zeros((len(t), 6)) for _ in range(3))
+    q[:, 1], dq[:, 1], ddq[:, 1] = depth * x, depth * w * np.sin(2 * w * t), 2 * depth * w**2 * np.cos(2 * w * t)
+    return Trajectory(t, q, dq, ddq)
+
+
+def test_certified_and_densely_sampled_agree(arm: Arm, cell: Cell) -> None:
+    clearance = Clearance(arm, cell)
+    for depth in np.linspace(-0.2, 0.3, 11):
+        motion = towards_table(float(depth))
+        least = min(float(np.min(clearance.distances(q) - clearance.margin)) for q in motion.q[::2])
+        if least > 1e-3:
+            certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
+        elif least < 0:
+            with pytest.raises(SafetyStop, match="table"):
+                certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
+
+
+def test_the_room_beside_a_motion_is_really_there(arm: Arm, cell: Cell) -> None:
+    """Every joint beside the path by the proved room, to either side: margins are kept; and where there is little, little is promised."""
+    clearance, rng = Clearance(arm, cell), np.random.default_rng(0)
+    motion = towards_table(0.11)
+    room = certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
+    assert np.all(room >= LEAST)
+    assert room.min() < 0.02 < room.max()
+    for k in range(0, len(motion) - 1, 3):
+        for _ in range(20):
+            beside = motion.q[k] + room[k] * rng.choice((-1, 1), arm.n)
+            assert np.all(clearance.distances(beside) >= clearance.margin - 1e-6)
+
+
+def test_a_collision_shorter_than_the_sampling_step_is_found(arm: Arm, cell: Cell) -> None:
+    """Two samples, both free; the quintic between them dips into the table."""
+    q = np.zeros((2, 6))
+    q[:, 1] = -0.25
+    dq = np.zeros((2, 6))
+    dq[:, 1] = [1.9, -1.9]
+    motion = Trajectory(np.array([0.0, 1.0]), q, dq, np.zeros((2, 6)))
+    clearance = Clearance(arm, cell)
+    assert np.all(clearance.distances(q[0]) > clearance.margin)
+    with pytest.raises(SafetyStop, match="table"):
+        certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
+
+
+@pytest.mark.parametrize(("begin", "free"), [(-0.2, True), (0.0, False)])
+def test_long_stops_from_two_samples_are_cut_along_the_stop(arm: Arm, cell: Cell, begin: float, free: bool) -> None:
+    """From 1 rad/s at 2 rad/s^2 the outstretched arm sinks by 0.25 rad; the table is met 0.14 rad below the horizontal."""
+    q, dq = np.zeros((2, 6)), np.zeros((2, 6))
+    q[:, 1], dq[:, 1] = [begin, begin + 0.002], 1.0
+    stops = DeviceStops(Trajectory(np.array([0.0, 0.002]), q, dq, np.zeros((2, 6))), arm, DeviceStop(0.0, 2.0), 0.0)
+    clearance = Clearance(arm, cell)
+    if free:
+        certify(clearance, stops, "the device's own stop", LEAST, 0.1)
+    else:
+        with pytest.raises(SafetyStop, match=r"the device's own stop: .*table"):
+            certify(clearance, stops, "the device's own stop", LEAST, 0.1)
+
+
+@pytest.mark.parametrize("what", ["distance", "reach", "margin"])
+def test_a_box_of_which_a_bound_is_not_a_number_is_refused(
+    arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """Also where one pair stands still, and where nobody looked at the distances before."""
+    clearance = Clearance(arm, cell)
+    certify(clearance, PathSheet(sine(), arm), "the motion", LEAST, 0.1)
+    if what == "distance":
+        real = Clearance.distances
+        monkeypatch.setattr(
+            Clearance, "distances", lambda self, q, pairs=None: np.where(np.isin(pairs, [3]), np.nan, real(self, q, pairs))
+        )
+    elif what == "margin":
+        clearance.margin[3] = np.nan
+    else:
+        reach = clearance.reach.copy()
+        reach[3, 1] = np.nan
+        clearance._set(clearance.pairs, reach, clearance.margin)
+    with pytest.raises(SafetyStop, match="the motion"):
+        certify(clearance, PathSheet(sine(), arm), "the motion", LEAST, 0.1)
