@@ -172,28 +172,6 @@ def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
-def weighted_regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, weights, out):  # type: ignore[no-untyped-def]
-    """out (N, L), zeroed by the caller: sum over the regressor of each of L states, q dq ddq (N, L, n), times weights (N, n, 10 n)."""
-    turns = _turns(rotation, axis)
-    work, columns = _workspace(axis, prismatic, gravity), np.empty((10, LANES))
-    states = q.shape[1]
-    for k in range(len(q)):
-        for first in range(0, states, LANES):
-            part = slice(first, first + LANES)
-            _forward(parent, rotation, turns, position, axis, prismatic, chain, q[k, part], dq[k, part], ddq[k, part], work)
-            count = min(LANES, states - first)
-            sums = out[k, part]
-            for i in range(len(parent)):
-                for j in range(i + 1):
-                    if chain[i, j]:
-                        _columns(work[0][i], work[1][i, j], count, columns)
-                        for c in range(10):
-                            weight = weights[k, j, 10 * i + c]
-                            for s in range(count):
-                                sums[s] += weight * columns[c, s]
-
-
-@numba.njit(cache=True, fastmath=CONTRACT)
 def torque(parent, rotation, position, axis, prismatic, chain, gravity, mass, first, inertia, q, dq, ddq, out):  # type: ignore[no-untyped-def]
     """out (N, n), zeroed by the caller: inverse dynamics; first (n, 3) = m c, inertia (n, 3, 3) about the frame's origin; gravity (3,)."""
     turns = _turns(rotation, axis)

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
-from sim import _kernels
+from sim import _kernels, _slopes
 from sim.arm import Arm
 from sim.tree import KinematicTree
 
@@ -92,12 +92,16 @@ class RigidBody:
         _kernels.regressor(*self._frame, self.tree.gravity, q, dq, ddq, out)
         return out
 
-    def weighted_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(N, L): sum_jp Y_jp w_jp of L states (N, L, n) each, with weights (N, n, 10 n) that the L share; no Y is stored."""
-        out = np.zeros(q.shape[:2])
-        states = (np.array(x, dtype=float, order="C") for x in (q, dq, ddq))
-        _kernels.weighted_regressor(*self._frame, self.tree.gravity, *states, np.ascontiguousarray(weights), out)
-        return out
+    def slopes(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray, gravity: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Slopes (N, n) by q, dq and ddq (N, n) of sum_jp Y_jp w_jp with weights (N, n, 10 n); gravity (3,) replaces the arm's own."""
+        q, dq, ddq = self._motion(q, dq, ddq)
+        g = self.tree.gravity if gravity is None else np.asarray(gravity, dtype=float)
+        by_state = np.zeros((3, self.n, len(q)))
+        own = np.ascontiguousarray(weights.reshape(len(q), -1).T).reshape(self.n, self.n, 10, len(q))
+        _slopes.slopes(*self._frame, g, q, dq, ddq, own, *by_state)
+        return by_state[0].T, by_state[1].T, by_state[2].T
 
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray | None = None) -> np.ndarray:
         """tau (N, n) N m that moves the links along q dq ddq (N, n); gravity (3,) replaces the arm's own."""

@@ -3,7 +3,7 @@
 M = P + sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j, P what earlier recordings determined of an identified arm (`Known`),
 so that the next one determines what is still unknown; none for a nominal arm, whose numbers are a belief. d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2,
 or with a slope A, -tr(A M) and -2 A y_kj / sigma_j^2. The chain to the coefficients
-goes through differences of the regressor along q, dq and ddq, and from there through the Fourier basis, which is exact. Torque is linear in
+goes through the slopes of the regressor by q, dq and ddq, and from there through the Fourier basis; all of it is exact. Torque is linear in
 the same regressor, so its limits cost nothing more; what the motion does in space is `calib.excitation.geometry`'s.
 """
 
@@ -22,7 +22,6 @@ from drivers.driver import DeviceStop
 from safety.parameters import friction_of, parameter_box
 from safety.torque import POWER_MAX
 
-STEP = 1e-5
 CONDITION_AIM = 34.0
 SMOOTH = 8
 CONDITION_WEIGHT = 400.0
@@ -71,6 +70,7 @@ class Objective:
         self._viscous, self._coulomb = known.viscous, known.coulomb
         self._delta, self._friction = delta, known
         self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
+        self._links = model.body.parameters()
         self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
         self._slope = slope
         self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
@@ -184,24 +184,15 @@ class Objective:
     def _through_regressor(
         self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> list[np.ndarray]:
-        """Slopes (K, n) by q, dq, ddq and jerk of sum z . columns + w . torque, central differences along each coordinate."""
+        """Slopes (K, n) by q, dq, ddq and jerk of sum z . columns + w . torque."""
         n, body = self.model.arm.n, self.model.body
         weights = np.einsum("kj,p->kjp", w, self._pi)
         weights[:, :, self.model.base.columns] += z[:, :, : len(self.model.base)]
-        j, side = np.arange(n), np.array([STEP, -STEP])
-        # (samples, sides, coordinates, joints, n): every coordinate of every joint moved either way
-        moved = [np.broadcast_to(x[:, None, None, None], (len(q), 2, 3, n, n)).copy() for x in (q, dq, ddq)]
-        for k, x in enumerate(moved):
-            x[:, :, k, j, j] += side[:, None]
-        angle, rate, push = (x.reshape(len(q), 6 * n, n) for x in moved)
-        ends = body.weighted_regressor(angle, rate, push, weights[:, :, : 10 * n]).reshape(len(q), 2, 3, n)
-        slopes = [*np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * STEP), 1, 0), np.zeros_like(q)]
+        j, zero = np.arange(n), np.zeros_like(q)
+        slopes = [*body.slopes(q, dq, ddq, weights[:, :, : 10 * n]), zero.copy()]
         slopes[2] += weights[:, j, 10 * n + j]
-        still = moved[0][:, :, 0].reshape(-1, n)
-        zero = np.zeros_like(still)
         for tilt, gravity in enumerate(self._tilt):
-            held = body.inverse_dynamics(still, zero, zero, gravity).reshape(len(q), 2, n, n)
-            slopes[0] += np.einsum("kij,kj->ki", held[:, 0] - held[:, 1], z[:, :, tilt - 2]) / (2 * STEP)
+            slopes[0] += body.slopes(q, zero, zero, z[:, :, tilt - 2, None] * self._links, gravity)[0]
         b = len(self.model.base)
         at, candidates = b + len(FRICTION) * j, b + len(FRICTION) * n
         bend = (1 - np.tanh(dq / self._sign_width) ** 2) / self._sign_width

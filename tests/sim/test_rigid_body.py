@@ -10,6 +10,7 @@ import pytest
 
 from sim.arm import load_arm
 from sim.rigid_body import RigidBody, link_inertia, link_parameters
+from sim.tree import KinematicTree
 
 ARMS = (
     *["ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur15", "ur18", "ur20", "ur30", "ur8l"],
@@ -50,13 +51,26 @@ def test_slides_and_branches_equal_pinocchio() -> None:
     np.testing.assert_allclose(bodies.inverse_dynamics(q, dq, ddq), expected @ bodies.parameters(), atol=1e-9)
 
 
-def test_weighted_regressor_is_the_sum_over_the_regressor() -> None:
-    bodies = RigidBody(load_arm("servo6"))
-    samples, each = 3, 40  # more states than one block holds, and a remainder
-    q, dq, ddq = (x.reshape(samples, each, bodies.n) for x in states(bodies.n, samples * each))
+def branched() -> KinematicTree:
+    """Two slides among the hinges, and the fourth link on the second one instead of the third."""
+    tree = load_arm("ur5e").tree
+    return replace(tree, prismatic=np.array([False, True, False, False, True, False]), parent=np.array([-1, 0, 1, 1, 3, 4]))
+
+
+@pytest.mark.parametrize("tree", [load_arm("servo6").tree, branched()], ids=["hinges", "slides and a branch"])
+def test_slopes_are_those_of_the_sum_over_the_regressor(tree: KinematicTree) -> None:
+    bodies, step, samples = RigidBody(tree, gravity=np.array([1.0, -2.0, -9.0])), 1e-6, 40  # more than one block, and a remainder
+    motion = np.array(states(bodies.n, samples))
     weights = np.random.default_rng(2).normal(size=(samples, bodies.n, 10 * bodies.n))
-    expected = [np.einsum("ljp,jp->l", bodies.regressor(q[k], dq[k], ddq[k]), weights[k]) for k in range(samples)]
-    np.testing.assert_allclose(bodies.weighted_regressor(q, dq, ddq, weights), expected, rtol=1e-10)
+    found = bodies.slopes(*motion, weights)
+    for order in range(3):
+        for j in range(bodies.n):
+            moved = np.zeros_like(motion)
+            moved[order, :, j] = step
+            there, back = (np.einsum("kjp,kjp->k", bodies.regressor(*(motion + s * moved)), weights) for s in (1, -1))
+            np.testing.assert_allclose(found[order][:, j], (there - back) / (2 * step), rtol=1e-6, atol=1e-6)
+    other = np.array([0.0, 3.0, 1.0])
+    np.testing.assert_allclose(bodies.slopes(*motion, weights, other), RigidBody(tree, other).slopes(*motion, weights))
 
 
 def test_jacobian_equals_pinocchio() -> None:
