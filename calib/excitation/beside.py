@@ -62,25 +62,25 @@ class Beside:
         return pair_distances(ends, a, b) - self._radius[a] - self._radius[b] < self._least[self._belongs] + beyond
 
 
-def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """(K, n) rad where the arm is t s after a stop began from each state, and the slopes (K, n, n) by the speeds."""
-    n = dq.shape[1]
+def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """(K, n) rad where the arm is t s, (K,) or one for all, after a stop began from each state, and the slopes (K, n, n) by the speeds."""
+    n, t = dq.shape[1], np.broadcast_to(t, len(q))[:, None]
     own = np.abs(dq) / stop.deceleration
     by_speed = np.sign(dq)[:, :, None] * np.eye(n) / stop.deceleration
     if stop.proportional:
         rows, first = np.arange(len(q)), np.argmax(own, axis=1)
         own = np.repeat(own[rows, first][:, None], n, axis=1)
         by_speed = np.repeat(by_speed[rows, first][:, None], n, axis=1)
-    begun, whole = min(t, stop.reaction), np.maximum(own, 1e-12)
-    braked = np.minimum(max(t - stop.reaction, 0.0), whole)
+    begun, whole = np.minimum(t, stop.reaction), np.maximum(own, 1e-12)
+    braked = np.minimum(np.maximum(t - stop.reaction, 0.0), whole)
     time = begun + braked - braked**2 / (2 * whole)
     bend = dq * (braked / whole) ** 2 / 2
     return q + dq * time, time[:, :, None] * np.eye(n) + bend[:, :, None] * by_speed
 
 
-def slowed(dq: np.ndarray, stop: DeviceStop, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """(K, n) rad/s left t s after a stop began from each speed, and the slopes (K, n, n) by the speeds."""
-    lost = stop.deceleration * max(t - stop.reaction, 0.0)
+def slowed(dq: np.ndarray, stop: DeviceStop, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """(K, n) rad/s left t s, (K,) or one for all, after a stop began from each speed, and the slopes (K, n, n) by the speeds."""
+    lost = stop.deceleration * np.maximum(np.broadcast_to(t, len(dq))[:, None] - stop.reaction, 0.0)
     eye = np.eye(dq.shape[1])
     if not stop.proportional:
         left = np.maximum(np.abs(dq) - lost, 0.0)

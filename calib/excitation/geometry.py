@@ -31,6 +31,9 @@ ROOM_SPEED, PROVED_SPEED, RANGE = 0.99, 0.97, 0.99
 BOX = 0.0065
 
 
+Looks = list[tuple[float, np.ndarray]]
+
+
 class Geometry:
     """Value and gradient in the coefficients x (n, f) of motions about one home posture.
 
@@ -57,61 +60,61 @@ class Geometry:
         self._middle = (room.arm.q_max + room.arm.q_min) / 2
         self._half = RANGE * ((room.arm.q_max - room.arm.q_min) / 2 - self._error)
         every = np.arange(count)
-        self._near = [(t, every) for t in (0.0, *(INSIDE if fine else ()), np.inf)]
-        self._fast = [(t, every) for t in (0.0, *((stop.reaction + t for t in BRAKED) if fine else ()))]
+        # (s after a stop began, samples) at which distances are looked at, and at which speeds; the first of these are on the path
+        near = [(t, every) for t in (0.0, *(INSIDE if fine else ()), np.inf)]
+        fast = [(t, every) for t in (0.0, *((stop.reaction + t for t in BRAKED) if fine else ()))]
         if about is not None:
-            self._choose(*self._path(about))
+            near, fast = self._choose(near, fast, *self._path(about))
+        self._on_path = len(fast[0][1])
+        self._near, self._fast = _joined(near), _joined(fast)
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient (n, f)."""
         room, (q, dq) = self.room, self._path(x)
-        looks = [(t, rows, *stopping(q[rows], dq[rows], self.stop, t)) for t, rows in (*self._near, *self._fast)]
-        near, fast = looks[: len(self._near)], looks[len(self._near) :]
-        there = np.concatenate([at for *_, at, _ in fast])
-        left = [slowed(dq[rows], self.stop, t) for t, rows, *_ in fast]
-        speed = np.concatenate([v for v, _ in left])
-        postures = np.concatenate([*(at for *_, at, _ in near), there + AROUND * speed, there - AROUND * speed, there])
-        rotation, origin = room.frames(postures)
+        (when, near), (later, fast) = self._near, self._fast
+        rows, first, count = np.concatenate((near, fast)), len(near), len(fast)
+        at, way = stopping(q[rows], dq[rows], self.stop, np.concatenate((when, later)))
+        speed, slower = slowed(dq[fast], self.stop, later)
+        there = at[first:]
+        rotation, origin = room.frames(np.concatenate((at[:first], there + AROUND * speed, there - AROUND * speed, there)))
+        last = first + 2 * count
         ends, _ = room.segments_at(rotation, origin)
-        count = len(there)
-        first, last = len(postures) - 3 * count, len(postures) - count
         value, slope = room.nearness(ends[:first], SLACK)
-        more, exact = self._beside.exact(postures[:first], ends[:first])
+        more, exact = self._beside.exact(at[:first], ends[:first])
         value, share = PER_METRE * (value + more), PER_METRE * self._weight
         step = (ends[first : first + count] - ends[first + count : last]) / (2 * AROUND)
-        on_path = len(fast[0][1])
-        too_fast, pull, by_there, by_speed = self._speeds(step, rotation[last:], speed, on_path)
-        pulled = room.onto_joints(np.concatenate((share * slope, pull, -pull)), ends[:last], rotation[:last], origin[:last])
+        too_fast, pull, by_there, by_speed = self._speeds(step, rotation[last:], speed)
+        pulled = self._onto_joints(np.concatenate((share * slope, pull, -pull)), ends, rotation, origin)
         pulled[:first] += share * exact
         forth, back = pulled[first : first + count], pulled[first + count :]
-        by_there, by_speed = by_there + forth + back, by_speed + AROUND * (forth - back)
+        by_at = np.concatenate((pulled[:first], by_there + forth + back))
+        stopped = np.isinf(when)
+        beyond = np.abs(at[:first][stopped] - self._middle) / self._half - 1
+        over = np.maximum(beyond, 0.0)
+        value += float(np.sum(over**2))
+        by_at[:first][stopped] += 2 * self._weight * over * np.sign(at[:first][stopped] - self._middle) / self._half
         by_q, by_dq = np.zeros_like(q), np.zeros_like(q)
-        at = 0
-        for t, rows, posture, way in near:
-            own = pulled[at : at + len(rows)]
-            at += len(rows)
-            if np.isinf(t):
-                beyond = np.maximum(np.abs(posture - self._middle) / self._half - 1, 0.0)
-                value += float(np.sum(beyond**2))
-                own = own + 2 * self._weight * beyond * np.sign(posture - self._middle) / self._half
-            _onto(by_q, by_dq, rows, own, way)
-        at = 0
-        for (_, rows, _, way), (_, slower) in zip(fast, left, strict=True):
-            part = slice(at, at + len(rows))
-            at += len(rows)
-            _onto(by_q, by_dq, rows, by_there[part], way)
-            by_dq[rows] += np.einsum("kj,kji->ki", by_speed[part], slower)
+        np.add.at(by_q, rows, by_at)
+        np.add.at(by_dq, rows, _through(by_at, way))
+        np.add.at(by_dq, fast, _through(by_speed + AROUND * (forth - back), slower))
         return self._weight * (value + too_fast), by_q.T @ self._basis[0] + by_dq.T @ self._basis[1]
+
+    def _onto_joints(self, pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+        """Slopes (K, n) by the postures of slopes by the ends, of which most are zero."""
+        out = np.zeros((len(pull), self.room.arm.n))
+        some = np.flatnonzero(pull.any(axis=(1, 2, 3)))
+        out[some] = self.room.onto_joints(pull[some], ends[some], rotation[some], origin[some])
+        return out
 
     def _path(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self._basis[0] @ x.T + self.home, self._basis[1] @ x.T
 
     def _speeds(
-        self, step: np.ndarray, rotation: np.ndarray, dq: np.ndarray, on_path: int
+        self, step: np.ndarray, rotation: np.ndarray, dq: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Squares of speeds beyond their limits, and slopes by the ends, by the postures through the turning, and by the speeds.
 
-        step (K, capsules, 2, 3) m/s of the ends at postures of these frames; the first `on_path` are on the path itself.
+        step (K, capsules, 2, 3) m/s of the ends at postures of these frames; the first `_on_path` are on the path itself.
         """
         room, radius = self.room, self._radius
         along = np.linalg.norm(step, axis=-1)
@@ -121,19 +124,21 @@ class Geometry:
         limit, planned = PROVED_SPEED * self._limit, ROOM_SPEED * MARGIN["point speed"] * self._limit
         over = np.maximum(proved / limit - 1, 0.0)
         own = np.maximum(points / planned - 1, 0.0)
-        own[on_path:] = 0.0
+        own[self._on_path :] = 0.0
         by_proved = 2 * self._weight * over / limit
         weighted = by_proved + 2 * self._weight * own / planned
-        by_q, by_dq = room.onto_turning((weighted.sum(axis=-1) * radius) @ room.on_link.T, axes, omega, dq)
-        by_dq = by_dq + self._sure * np.sign(dq) * (by_proved.sum(axis=-1) @ self._beyond)
-        pull = (weighted / np.maximum(along, 1e-12))[..., None] * step / (2 * AROUND)
+        pull, by_q, by_dq = np.zeros_like(step), np.zeros_like(dq), np.zeros_like(dq)
+        k = np.flatnonzero(weighted.any(axis=(1, 2)))
+        by_q[k], by_dq[k] = room.onto_turning((weighted[k].sum(axis=-1) * radius) @ room.on_link.T, axes[k], omega[k], dq[k])
+        by_dq[k] += self._sure * np.sign(dq[k]) * (by_proved[k].sum(axis=-1) @ self._beyond)
+        pull[k] = (weighted[k] / np.maximum(along[k], 1e-12))[..., None] * step[k] / (2 * AROUND)
         return float(np.sum(over**2) + np.sum(own**2)), pull, by_q, by_dq
 
-    def _choose(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Keep the instants at which the motion is near a limit."""
+    def _choose(self, looks: Looks, faster: Looks, q: np.ndarray, dq: np.ndarray) -> tuple[Looks, Looks]:
+        """Of looks at distances and at speeds those at which the motion q dq is near a limit."""
         room = self.room
-        near = []
-        for t, rows in self._near:
+        near: Looks = []
+        for t, rows in looks:
             at, _ = stopping(q, dq, self.stop, t)
             ends, _ = room.segments(at)
             spare = room.clearances(at)[0] - SLACK
@@ -143,8 +148,8 @@ class Geometry:
             if np.isinf(t):
                 close |= (np.abs(at - self._middle) > FAST * self._half).any(axis=1)
             near.append((t, rows[close]))
-        fast = []
-        for t, rows in self._fast:
+        fast: Looks = []
+        for t, rows in faster:
             at, _ = stopping(q, dq, self.stop, t)
             v, _ = slowed(dq, self.stop, t)
             there, back = (room.segments(at + side * AROUND * v)[0] for side in (1, -1))
@@ -153,10 +158,14 @@ class Geometry:
             points += self._radius * (np.linalg.norm(omega, axis=-1) @ room.on_link)
             points += self._sure * np.abs(v) @ self._beyond.T
             fast.append((t, rows[points.max(axis=1) > FAST * self._limit]))
-        self._near, self._fast = near, fast
+        return near, fast
 
 
-def _onto(by_q: np.ndarray, by_dq: np.ndarray, rows: np.ndarray, slope: np.ndarray, way: np.ndarray) -> None:
-    """Add slopes (K, n) by postures whose slopes by the speeds are way (K, n, n)."""
-    by_q[rows] += slope
-    by_dq[rows] += np.einsum("kj,kji->ki", slope, way)
+def _joined(looks: Looks) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) s after a stop began and (K,) samples of all looks."""
+    return np.concatenate([np.full(len(rows), t) for t, rows in looks]), np.concatenate([rows for _, rows in looks])
+
+
+def _through(slope: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Slopes (K, n) by the speeds of a value whose slopes are `slope` (K, n), through slopes way (K, n, n)."""
+    return np.asarray((slope[:, None] @ way)[:, 0])

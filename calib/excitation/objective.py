@@ -62,6 +62,7 @@ class Objective:
         self.geometry = Geometry(room, stop or DeviceStop(), start, samples, self.weight, fine, about)
         t = np.arange(samples) * (start.basis.period / samples)
         self._basis = [start.basis.matrix(t, order) for order in range(4)]
+        self._stacked = np.concatenate(self._basis)
         arm = model.arm
         self._sign_width = 0.02 * arm.dq_max
         pi, delta = parameter_box(arm, room.cell)
@@ -69,7 +70,9 @@ class Objective:
         self._pi = np.concatenate([pi, known.inertia])
         self._viscous, self._coulomb = known.viscous, known.coulomb
         self._delta, self._friction = delta, known
-        self._middle, self._half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
+        self._middle = (arm.q_max + arm.q_min) / 2
+        most = {"q": (arm.q_max - arm.q_min) / 2, "dq": arm.dq_max, "ddq": arm.ddq_max, "jerk": arm.jerk_max}
+        self._limits = np.array([TIGHTER[order] * MARGIN[order] * limit for order, limit in most.items()])
         self._links = model.body.parameters()
         self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
         self._slope = slope
@@ -84,7 +87,8 @@ class Objective:
         q, dq, ddq = (b @ x.T for b in self._basis[:3])
         q = q + self.start.home
         columns = self._columns(self._full(q, dq, ddq), q, dq)
-        return np.einsum("kjp,j,kjr->pr", columns, self.inverse_variance, columns, optimize=True)
+        weighted = (columns * self.inverse_variance[:, None]).reshape(-1, self.p)
+        return np.asarray(weighted.T @ columns.reshape(-1, self.p))
 
     def log_det(self, x: np.ndarray) -> float:
         """Nats, of the information of the motion with coefficients x (n, f) and the prior."""
@@ -92,27 +96,29 @@ class Objective:
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient (n, f)."""
-        q, dq, ddq, jerk = (b @ x.T for b in self._basis)
-        q = q + self.start.home
+        rows = (self._stacked @ x.T).reshape(len(self._basis), -1, len(x))
+        rows[0] += self.start.home
+        q, dq, ddq, _ = rows
         full = self._full(q, dq, ddq)
         columns = self._columns(full, q, dq)
         value, z = self._information(columns)
         more, cond_z = self._condition(columns)
         value += more
-        z[:, :, : len(self.model.base)] += cond_z
+        if more:
+            z[:, :, : len(self.model.base)] += cond_z
         torque_value, w, by_speed = self._torque(full, dq, ddq)
         value += torque_value
-        grads = self._through_regressor(z, w, q, dq, ddq)
-        grads[1] = grads[1] + by_speed
-        for k, (order, quantity) in enumerate((("q", q - self._middle), ("dq", dq), ("ddq", ddq), ("jerk", jerk))):
-            limit = TIGHTER[order] * MARGIN[order] * (self._half if order == "q" else getattr(self.room.arm, f"{order}_max"))
-            over = np.maximum(np.abs(quantity) / limit - 1, 0.0)
+        slopes = np.zeros_like(rows)
+        slopes[:3] = self._through_regressor(z, w, q, dq, ddq)
+        slopes[1] += by_speed
+        rows[0] -= self._middle
+        over = np.abs(rows) / self._limits[:, None]
+        if over.max() > 1:
+            over = np.maximum(over - 1, 0.0)
             value += self.weight * float(np.sum(over**2))
-            grads[k] = grads[k] + 2 * self.weight * over * np.sign(quantity) / limit
+            slopes += 2 * self.weight * over * np.sign(rows) / self._limits[:, None]
         more, gradient = self.geometry(x)
-        for own, basis in zip(grads, self._basis, strict=True):
-            gradient = gradient + own.T @ basis
-        return value + more, gradient
+        return value + more, gradient + slopes.reshape(-1, len(x)).T @ self._stacked
 
     def _full(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         return self.model.body.full_regressor(q, dq, ddq)
@@ -135,33 +141,36 @@ class Objective:
         return out
 
     def _information(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
-        weighted = columns * self.inverse_variance[:, None]
+        """-log det, or -tr(A M) with a slope A, and its slopes (K, n, p) by the columns."""
+        rows = columns.reshape(-1, self.p)
+        weighted = (columns * self.inverse_variance[:, None]).reshape(-1, self.p)
         if self._slope is not None:
             z = weighted @ (self._slope * np.ones((self.p, self.p)))
-            return -float(np.sum(z * columns)), -2 * z
-        m = np.einsum("kjp,kjr->pr", weighted, columns, optimize=True) + self.prior
+            return -float(np.sum(z * rows)), -2 * z.reshape(columns.shape)
+        m = weighted.T @ rows + self.prior
         scale = 1 / np.sqrt(np.diag(m) + 1e-300)
         scaled = m * np.outer(scale, scale) + RIDGE * np.eye(len(m))
         _, log_det = np.linalg.slogdet(scaled)
         value = -(log_det - 2 * np.sum(np.log(scale)))
-        inverse = np.linalg.inv(scaled) * np.outer(scale, scale)
-        return float(value), -2 * weighted @ inverse
+        inverse = np.linalg.inv(scaled) * np.outer(-2 * scale, scale)
+        return float(value), (weighted @ inverse).reshape(columns.shape)
 
     def _condition(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """(log cond - log aim)^2 above the aim, of the base regressor in raw SI units, times a weight.
 
         cond^2 = (sum l^P)^(1/P) (sum l^-P)^(1/P) over the eigenvalues l: never below the true one, and smooth where two of them meet.
+        The slopes (K, n, b) by the base columns come with it; none (0,) where it is zero.
         """
-        base = columns[:, :, : len(self.model.base)]
-        eigen, vectors = np.linalg.eigh(np.einsum("kjp,kjr->pr", base, base, optimize=True))
+        base = columns[:, :, : len(self.model.base)].reshape(-1, len(self.model.base))
+        eigen, vectors = np.linalg.eigh(base.T @ base)
         high, low = eigen[-1], max(float(eigen[0]), 1e-12 * float(eigen[-1]))
         large, small = (eigen / high) ** SMOOTH, (low / np.maximum(eigen, low)) ** SMOOTH
         over = 0.5 * (np.log(high / low) + np.log(large.sum() * small.sum()) / SMOOTH) - np.log(CONDITION_AIM)
         if over <= 0 or not self.capped:
-            return 0.0, np.zeros_like(base)
+            return 0.0, np.zeros(0)
         by_log = large / large.sum() - small / small.sum()
-        slope = (base @ vectors) * (by_log / np.maximum(eigen, low)) @ vectors.T
-        return CONDITION_WEIGHT * over**2, 2 * CONDITION_WEIGHT * over * slope
+        slope = base @ ((vectors * (by_log / np.maximum(eigen, low))) @ vectors.T)
+        return CONDITION_WEIGHT * over**2, 2 * CONDITION_WEIGHT * over * slope.reshape(*columns.shape[:2], -1)
 
     def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Penalty of torque beyond its limit, doubt included, and its slope (K, n) by torque."""
@@ -184,12 +193,12 @@ class Objective:
     def _through_regressor(
         self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> list[np.ndarray]:
-        """Slopes (K, n) by q, dq, ddq and jerk of sum z . columns + w . torque."""
+        """Slopes (K, n) by q, dq and ddq of sum z . columns + w . torque."""
         n, body = self.model.arm.n, self.model.body
         weights = np.einsum("kj,p->kjp", w, self._pi)
         weights[:, :, self.model.base.columns] += z[:, :, : len(self.model.base)]
         j, zero = np.arange(n), np.zeros_like(q)
-        slopes = [*body.slopes(q, dq, ddq, weights[:, :, : 10 * n]), zero.copy()]
+        slopes = [*body.slopes(q, dq, ddq, weights[:, :, : 10 * n])]
         slopes[2] += weights[:, j, 10 * n + j]
         for tilt, gravity in enumerate(self._tilt):
             slopes[0] += body.slopes(q, zero, zero, z[:, :, tilt - 2, None] * self._links, gravity)[0]

@@ -59,7 +59,11 @@ def branched() -> KinematicTree:
 
 @pytest.mark.parametrize("tree", [load_arm("servo6").tree, branched()], ids=["hinges", "slides and a branch"])
 def test_slopes_are_those_of_the_sum_over_the_regressor(tree: KinematicTree) -> None:
-    bodies, step, samples = RigidBody(tree, gravity=np.array([1.0, -2.0, -9.0])), 1e-6, 40  # more than one block, and a remainder
+    bodies, step, samples = (
+        RigidBody(tree, gravity=np.array([1.0, -2.0, -9.0])),
+        1e-6,
+        40,
+    )  # more than one block, and a remainder
     motion = np.array(states(bodies.n, samples))
     weights = np.random.default_rng(2).normal(size=(samples, bodies.n, 10 * bodies.n))
     found = bodies.slopes(*motion, weights)
