@@ -90,7 +90,8 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
         "are predicted better with it"
     ),
     "information_gap": lambda n: (
-        f"another motion within the limits may have up to {n['nats']:.1f} nats more information (estimate)"
+        "another motion within the limits would make the standard deviations at most "
+        f"{n['share']:.0%} smaller on average ({n['nats']:.1f} nats of log det, estimate)"
     ),
     "forward": _forward,
     "bounds": _bounds,

@@ -97,7 +97,8 @@ def command(
         Claim("condition", {"condition": float(designed.worth.condition)}),
     ]
     if "gap_estimate_nats" in designed.summary:
-        claims.append(Claim("information_gap", {"nats": float(designed.summary["gap_estimate_nats"])}))
+        gap = {"nats": designed.summary["gap_estimate_nats"], "share": designed.summary["gap_estimate_std_share"]}
+        claims.append(Claim("information_gap", gap))
     if "separation_sigma" in designed.summary:
         claims.append(Claim("separation", {"sigma": float(designed.summary["separation_sigma"]), "enough": ENOUGH}))
     sentence = in_one_sentence(claims)

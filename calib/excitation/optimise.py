@@ -84,10 +84,19 @@ class Start:
 
 @dataclass(frozen=True)
 class Search:
-    """The ends of all starts, those that came to their end first, the preferred of them before the other; gap: estimate of the nats that any motion within the limits has more than the first."""
+    """The ends of all starts, those that came to their end first, the preferred of them before the other.
+
+    gap: estimate of the nats that any motion within the limits has more than the first, of as many columns.
+    """
 
     ends: tuple[Start, ...]
     gap: float
+    columns: int
+
+    @property
+    def smaller(self) -> float:
+        """By which share the standard deviations would be smaller with that motion, in their geometric mean: det^(-1/2) of as many."""
+        return float(-np.expm1(-self.gap / (2 * self.columns)))
 
 
 def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progress, processes: int = 2) -> Search:
@@ -115,9 +124,9 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
         found[:LEFT] = pool.run(descended, [(site, s.motion, s.x, s.inverse, TO_THE_END) for s in found[:LEFT]], part(2))
         again = pool.run(descended, [(site, s.motion, s.x, None, RESTART) for s in found[:LEFT]], part(3))
         found[:LEFT] = sorted(map(_better, found[:LEFT], again), key=lambda s: s.rank, reverse=True)
-        gap = _gap(pool, site, found, part(4))
+        gap, columns = _gap(pool, site, found, part(4))
     progress("optimising", 1.0)
-    return Search(tuple(found), gap)
+    return Search(tuple(found), gap, columns)
 
 
 def preference(worth: Worth) -> tuple[bool, float]:
@@ -203,8 +212,8 @@ def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
     return x
 
 
-def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], None]) -> float:
-    """Rounds of the conditional gradient: the mixture of all motions known, and the motion that adds most to it."""
+def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], None]) -> tuple[float, int]:
+    """Rounds of the conditional gradient: the mixture of all motions known, and the motion that adds most to it; the gap, of how many columns."""
     best = found[0].motion
     model = TorqueModel.of_arm(site.arm)
     objective = Objective(Room(site.arm, site.cell), model, noise_of(model), best, stop=site.stop)
@@ -217,7 +226,7 @@ def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], 
         done((k + 1) / ROUNDS)
         motions += more
         mixture.add([objective.information(m.x) for m in more])
-    return mixture.bound() - objective.log_det(best.x)
+    return mixture.bound() - objective.log_det(best.x), objective.p
 
 
 def _work(stages: tuple[Stage, ...]) -> float:

@@ -141,7 +141,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         "period_s": float(session.period),
         "periods": session.periods,
         "starts": session.starts,
-        **({} if search is None else {"gap_estimate_nats": float(search.gap)}),
+        **({} if search is None else {"gap_estimate_nats": float(search.gap), "gap_estimate_std_share": search.smaller}),
         **({} if separated is None else {"separation_sigma": separated}),
         "seed": session.seed,
     }
