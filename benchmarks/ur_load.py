@@ -1,8 +1,9 @@
 """A UR on a busy computer: a long recording, and whether each fault is named by its own name; everything as an operator does it.
 
-`calib emulate` and `calib record` run as commands of their own beside BUSY processes that never wait. A run goes on where the last one
-ended (build/ur_load.jsonl), for `minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them, so the
-longest needs a run of eleven. The controller is emulated, and has to share the computer too.
+`calib record` runs as a command of its own, with its control and its monitor process, beside BUSY processes that never wait. Two runs go on at
+a time, each with a controller of its own, so each is load for the other. A run goes on where the last one ended (build/ur_load.jsonl), for
+`minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them, so the longest needs a run of
+twelve. The controllers are emulated, and have to share the computer too.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.forked import forked
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 from benchmarks.ur_cell import ur_cell
@@ -34,6 +37,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.trajectory import Trajectory
 
 BUSY = 2
+RUNS = 2  # at a time
 PRIORITY = 50
 # fault of the emulator -> what its sentence must hold; two causes look alike where the wire shows the same
 NAMES = {
@@ -42,7 +46,8 @@ NAMES = {
     "cable_pulled": "no new reading", "close": "closed|no new reading|connection", "freeze": "stands still|no new reading",
     "reduced_mode": "reduced mode",
 }  # fmt: skip
-MOTION = 20.0  # s
+MOTION = 6.0  # s; a fault comes at about 2 s, while the arm is fast
+WAIT = 120.0  # s for all that comes before and after a motion
 HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
 OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
 SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
@@ -115,12 +120,12 @@ def recorded(
     plan = Motion("excitation", "excitation", motion(np.array(cell.table.home), seconds))
     write_plan(folder / "plan", arm, [plan], cell)
     talk, theirs = multiprocessing.Pipe()
-    controller = multiprocessing.get_context("spawn").Process(target=controlled, args=(str(path), fault, theirs))
+    controller = multiprocessing.get_context("fork").Process(target=controlled, args=(str(path), fault, theirs))
     controller.start()
     talk.recv()
     line = [sys.executable, "-m", "calib", "record", str(path), str(folder / "plan"), "--yes", "--out", str(folder / "logs")]
     try:
-        done = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=60 + 5 * seconds, check=False)
+        done = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=WAIT + 1.2 * seconds, check=False)
     finally:
         talk.send("end")
         injected = talk.recv()
@@ -147,6 +152,11 @@ def recorded(
     return out
 
 
+def in_a_folder(last: int, seconds: float, fault: str | None, options: dict[str, object]) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="calib-") as folder:
+        return recorded(Path(folder), last, seconds, fault, options)
+
+
 def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
@@ -154,10 +164,18 @@ def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
     wanted: list[tuple[str, float, str | None, dict[str, object]]]
     wanted = [(f"recording of {seconds:g} s, {how}", seconds, None, options) for how, seconds, options in RECORDINGS]
     wanted += [(f"{fault} {k}", MOTION, fault, {}) for k in range(repeats) for fault in NAMES]
-    for number, (what, seconds, fault, options) in enumerate(wanted):
-        if what not in kept.found and time.monotonic() + (0.0 if fault else seconds) < end:
-            with tempfile.TemporaryDirectory(prefix="calib-") as folder, busy():
-                kept.keep(what, recorded(Path(folder), 40 + number % 50, seconds, fault, options))
+
+    def jobs() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+        for number, (what, seconds, fault, options) in enumerate(wanted):
+            if what not in kept.found and time.monotonic() + (0.0 if fault else seconds) < end:
+                yield what, partial(in_a_folder, 40 + number % 100 if fault else 30 + number, seconds, fault, options)
+
+    with busy():
+        for done in forked(jobs(), 2 * WAIT + 1.2 * RECORDINGS[0][1], end, RUNS):
+            kept.keep(
+                done.key,
+                done.value or {"exit": None, "injected": True, "load": os.getloadavg()[0], "named": False, "said": done.fault},
+            )
     rows = []
     for what, found in kept.found.items():
         if what.startswith("recording"):
