@@ -1,7 +1,7 @@
 """A UR on a busy computer: a long recording, and whether each fault is named by its own name; everything as an operator does it.
 
-`calib record` runs as a command of its own, with its control and its monitor process, beside BUSY processes that never wait. Two runs go on at
-a time, each with a controller of its own, so each is load for the other. A run goes on where the last one ended (build/ur_load.jsonl), for
+`calib record` runs as a command of its own, with its control and its monitor process, beside BUSY processes that never wait, from the moment
+that it takes control. Two runs go on at a time, each with a controller of its own, so each is load for the other. A run goes on where the last one ended (build/ur_load.jsonl), for
 `minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them, so the longest needs a run of
 twelve. The controllers are emulated, and have to share the computer too.
 """
@@ -89,8 +89,11 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
     assert isinstance(emulator, UrEmulator)
     emulator.start()
     talk.send("ready")
-    began, injected = 0.0, False
+    began, plays, injected = 0.0, False, False
     while not talk.poll(0.05):
+        if emulator.robot.program_running and not plays:
+            plays = True
+            talk.send("control is taken")
         if not began and float(np.max(np.abs(emulator.robot.target_qd))) > 0.01:
             began = time.monotonic()
         if fault and not injected and began and time.monotonic() - began > 1.0:
@@ -98,6 +101,22 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
             injected = True
     emulator.stop()
     talk.send(injected)
+
+
+def loaded(line: list[str], folder: Path, longest: float, talk: Connection) -> tuple[int, str]:
+    """Exit code and words of a command, with BUSY processes beside it from the message that control is taken on."""
+    with contextlib.ExitStack() as load, (folder / "words").open("w+b") as words:
+        command = subprocess.Popen(line, stdout=words, stderr=subprocess.STDOUT, cwd=folder)
+        end = time.monotonic() + longest
+        while command.poll() is None and time.monotonic() < end:
+            if talk.poll(0.05):
+                talk.recv()
+                load.enter_context(busy())
+        if command.poll() is None:
+            command.kill()
+        code = command.wait()
+        words.seek(0)
+        return code, words.read().decode("utf-8", "replace")
 
 
 def off_the_plan(t: np.ndarray, q: np.ndarray, planned: Trajectory) -> tuple[float, float, float]:
@@ -125,13 +144,14 @@ def recorded(
     talk.recv()
     line = [sys.executable, "-m", "calib", "record", str(path), str(folder / "plan"), "--yes", "--out", str(folder / "logs")]
     try:
-        done = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=WAIT + 1.2 * seconds, check=False)
+        code, printed = loaded(line, folder, WAIT + 1.2 * seconds, talk)
     finally:
         talk.send("end")
-        injected = talk.recv()
+        while not isinstance(injected := talk.recv(), bool):
+            pass  # that control was taken, in the moment that the command ended
         controller.join()
-    words = " ".join((done.stdout + done.stderr).split())
-    out: dict[str, Any] = {"exit": done.returncode, "injected": injected, "load": os.getloadavg()[0]}
+    words = " ".join(printed.split())
+    out: dict[str, Any] = {"exit": code, "injected": injected, "load": os.getloadavg()[0]}
     if fault:
         out["named"] = bool(re.search(NAMES[fault], words))
     if not (fault and out["named"]):
@@ -170,12 +190,9 @@ def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
             if what not in kept.found and time.monotonic() + (0.0 if fault else seconds) < end:
                 yield what, partial(in_a_folder, 40 + number % 100 if fault else 30 + number, seconds, fault, options)
 
-    with busy():
-        for done in forked(jobs(), 2 * WAIT + 1.2 * RECORDINGS[0][1], end, RUNS):
-            kept.keep(
-                done.key,
-                done.value or {"exit": None, "injected": True, "load": os.getloadavg()[0], "named": False, "said": done.fault},
-            )
+    for done in forked(jobs(), 2 * WAIT + 1.2 * RECORDINGS[0][1], end, RUNS):
+        failed = {"exit": None, "injected": True, "load": os.getloadavg()[0], "named": False, "said": done.fault}
+        kept.keep(done.key, done.value or failed)
     rows = []
     for what, found in kept.found.items():
         if what.startswith("recording"):
