@@ -21,6 +21,7 @@ import numpy as np
 
 from drivers.driver import Driver
 from drivers.mock import MockOptions
+from safety import realtime
 from safety.audit import record
 from safety.board import Board
 from safety.control_process import END_TIME, SHOW, ControlTask, look, serve
@@ -107,7 +108,8 @@ def drive(
         for end in (*ends, answers):  # so that each of them ends with the process that has the other end
             end.close()
         try:
-            kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
+            with realtime.attentive():  # a heartbeat that other programs hold up would stop the arm
+                kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
         except BaseException:
             board.request_stop("the command process failed")
             _let_go(processes, board, "the command process failed", held)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 PRIORITY = 50
+# of a process that a loop waits for: below every loop
+ATTENTIVE = 10
 MCL_CURRENT_AND_FUTURE = 3
 
 
@@ -50,6 +53,27 @@ def unhurried() -> Iterator[None]:
         yield
     finally:
         os.sched_setscheduler(0, policy, parameters)
+
+
+@contextmanager
+def attentive() -> Iterator[None]:
+    """Real-time priority below that of a loop for every thread there is in this process now; what each had before comes back.
+
+    For a process that does little, and that a loop waits for. All its threads, because each may hold the interpreter's lock.
+    """
+    threads = [t.native_id for t in threading.enumerate() if t.native_id is not None]
+    before = {}
+    for thread in threads if hasattr(os, "sched_setscheduler") else ():
+        with suppress(OSError):  # not granted, or a thread that has ended
+            had = os.sched_getscheduler(thread), os.sched_getparam(thread)
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(ATTENTIVE))
+            before[thread] = had
+    try:
+        yield
+    finally:
+        for thread, had in before.items():
+            with suppress(OSError):
+                os.sched_setscheduler(thread, *had)
 
 
 def _lock_memory() -> bool:

@@ -84,6 +84,43 @@ def test_proofs_run_at_ordinary_priority_and_the_loop_has_its_own_back() -> None
     assert done.stdout.split() == ["True", "True", "True"]
 
 
+ATTENTIVE = """
+import os, threading
+from safety.realtime import ATTENTIVE, attentive
+over = threading.Event()
+thread = threading.Thread(target=over.wait)
+thread.start()
+def now():
+    return [(os.sched_getscheduler(t), os.sched_getparam(t).sched_priority) for t in (0, thread.native_id)]
+before = now()
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(ATTENTIVE))
+    may = [(os.SCHED_FIFO, ATTENTIVE)] * 2
+    os.sched_setscheduler(0, before[0][0], os.sched_param(before[0][1]))
+except OSError:
+    may = before
+with attentive():
+    print(now() == may)
+print(now() == before)
+over.set()
+"""
+
+
+def test_every_thread_of_an_attentive_process_goes_before_other_programs() -> None:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", ATTENTIVE], capture_output=True, text=True, cwd=root, check=True)
+    assert done.stdout.split() == ["True", "True"]
+
+
+def test_an_attentive_process_that_is_granted_nothing_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*arguments: object) -> None:
+        raise PermissionError("not granted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    with realtime.attentive():
+        pass
+
+
 ELSEWHERE = """
 import gc, os, resource
 from safety.realtime import prepared, unhurried
@@ -111,7 +148,7 @@ def test_nothing_is_requested_of_a_system_without_these_calls(monkeypatch: pytes
     monkeypatch.delattr(os, "sched_getscheduler")
     monkeypatch.delattr(os, "sched_setscheduler")
     monkeypatch.setattr(ctypes, "CDLL", unknown)
-    with realtime.unhurried(), realtime.prepared() as granted:
+    with realtime.unhurried(), realtime.attentive(), realtime.prepared() as granted:
         assert granted == {"no garbage collection": True, "memory locked": False, "real-time priority": False}
         assert not gc.isenabled()
     assert gc.isenabled()
