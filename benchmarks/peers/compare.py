@@ -26,7 +26,7 @@ from scipy import stats
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied, without_offsets
-from benchmarks.peers.floor import FREE, KNOWN, floors
+from benchmarks.peers.floor import FREE, KNOWN, OWN, floors
 from benchmarks.peers.ridge import ridge
 from benchmarks.results import digest
 from calib.excitation.session import joined
@@ -96,7 +96,7 @@ def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[di
             x = np.array([case["errors"][tool][kind] for case in cases])
             ours = np.array([case["errors"][OURS][kind] for case in cases])
             floor = np.array([case["errors"][KNOWN][kind] for case in cases])
-            worse = "" if tool in (OURS, NOMINAL, KNOWN, FREE) else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
+            worse = "" if tool in (OURS, NOMINAL, KNOWN, OWN, FREE) else f"ours is lower in {np.sum(ours < x)} of {len(x)}"
             if tool not in (NOMINAL, KNOWN):
                 beyond = np.sqrt(max(np.mean(x**2) - np.mean(floor**2), 0.0))
                 worse += f"{'; ' * bool(worse)}beside the floor {beyond:.2f}"
@@ -158,7 +158,7 @@ class Case:
 
     def floors(self) -> dict[str, dict[str, float]]:
         """The least errors in % that this log allows on average, by kind of floor and of samples."""
-        spread = floors(self.truth, self.motion, self.new)
+        spread = floors(self.nominal, self.truth, self.motion, self.new)
         return {name: self._errors([t + s for t, s in zip(self.exact, std, strict=True)]) for name, std in spread.items()}
 
     def _errors(self, taus: list[np.ndarray]) -> dict[str, float]:

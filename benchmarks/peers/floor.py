@@ -2,19 +2,21 @@
 
   var tau_new = Y_new (sum Y^T S^-1 Y + P)^-1 Y_new^T, with S of the torque noise that the mock adds and P of the spread of the arms.
 
-The motion is taken as known exactly and the friction as without memory, so that the bound is below what can be reached. Two of them:
+The motion is taken as known exactly and the friction as without memory, so that the bound is below what can be reached. Three of them:
 the truth's form known (one factor for each link, each friction and each reflected inertia, with the spread that it was drawn from), as
-mujoco.sysid is given it; and all base parameters, friction and offsets free without a prior. S. Kay, Estimation Theory, 1993, chapter 3.
+mujoco.sysid is given it; the prior of `calib identify`, which holds the errors of mass, centre of mass and inertia for independent, in place
+of that form; and all base parameters, friction and offsets free without a prior. S. Kay, Estimation Theory, 1993, chapter 3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from calib.identification.model import TorqueModel
+from calib.identification.prior import nominal_prior
 from sim.arm import Arm
 from sim.effects import with_effect
 from sim.plant import NOISE_MEMORY
@@ -24,25 +26,39 @@ from sim.trajectory import Trajectory
 
 SPREAD = 0.05
 KNOWN, FREE = "floor, the truth's form and spread known", "floor, all base parameters free"
+OWN = "floor, with the prior of calib identify"
 
 
-def floors(truth: Arm, motion: Trajectory, new: list[Trajectory]) -> dict[str, list[np.ndarray]]:
-    """Standard deviation (N, n) N m of the torque on each new motion, by kind of floor."""
-    model, factors = TorqueModel.of_arm(truth), len(_scaled(truth, motion)[0, 0])
-    kinds: dict[str, tuple[Callable[[Trajectory], np.ndarray], np.ndarray]] = {
-        KNOWN: (lambda m: _scaled(truth, m), np.eye(factors) / SPREAD**2),
-        FREE: (lambda m: model.columns(m.q, m.dq, m.ddq), np.zeros((model.p, model.p))),
-    }
+def floors(nominal: Arm, truth: Arm, motion: Trajectory, new: list[Trajectory]) -> dict[str, list[np.ndarray]]:
+    """Standard deviation (N, n) N m of the torque on each new motion, by kind of floor; `truth` was drawn about `nominal`."""
+    model = TorqueModel.of_arm(nominal)
+    general, special = (lambda m: model.columns(m.q, m.dq, m.ddq)), (lambda m: _scaled(truth, m))
     noise = np.array(truth.sensors.torque_noise) * np.sqrt(1 - NOISE_MEMORY**2)
-    out = {}
-    for name, (columns, prior) in kinds.items():
-        rows = columns(motion)
-        fresh = (rows[1:] - NOISE_MEMORY * rows[:-1]) / noise[:, None]
-        information = np.einsum("kjp,kjr->pr", fresh, fresh, optimize=True) + prior
-        scale = 1 / np.sqrt(np.diag(information))
-        spread = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-        out[name] = [np.sqrt(np.einsum("kjp,pr,kjr->kj", y, spread, y, optimize=True)) for y in map(columns, new)]
-    return out
+    rows, scaled = _fresh(general(motion), noise), _fresh(special(motion), noise)
+    form = np.linalg.lstsq(rows, scaled, rcond=None)[0]  # the truth's form in the columns of the general one
+    prior, drawn = nominal_prior(nominal, model).precision, SPREAD**2 * form @ form.T
+    found = rows.T @ rows
+    own = _inverse(found + prior)
+    factors = scaled.T @ scaled + np.eye(scaled.shape[1]) / SPREAD**2
+    kinds = {
+        KNOWN: (special, _inverse(factors)),
+        OWN: (general, own @ (found + prior @ drawn @ prior) @ own),
+        FREE: (general, _inverse(found)),
+    }
+    return {
+        name: [np.sqrt(np.einsum("kjp,pr,kjr->kj", y, spread, y, optimize=True)) for y in map(columns, new)]
+        for name, (columns, spread) in kinds.items()
+    }
+
+
+def _fresh(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(N n - n, p): rows (N, n, p) over the noise that is new at each sample, noise (n,)."""
+    return np.asarray(((rows[1:] - NOISE_MEMORY * rows[:-1]) / noise[:, None]).reshape(-1, rows.shape[2]))
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    scale = 1 / np.sqrt(np.diag(information))
+    return np.asarray(np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
 def _scaled(arm: Arm, motion: Trajectory) -> np.ndarray:

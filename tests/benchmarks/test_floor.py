@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.known_truth import fourier_motion
-from benchmarks.peers.floor import FREE, KNOWN, SPREAD, _scaled, floors
+from benchmarks.peers.floor import FREE, KNOWN, OWN, SPREAD, _scaled, floors
 from sim.arm import load_arm
 from sim.plant import NOISE_MEMORY
 
@@ -15,7 +15,7 @@ from sim.plant import NOISE_MEMORY
 def test_a_bayesian_estimate_of_the_known_form_errs_by_the_floor() -> None:
     arm = load_arm("ur10e")
     motion, new = (fourier_motion(arm, seed, 4.0, 100.0) for seed in (0, 1))
-    found = floors(arm, motion, [new])
+    found = floors(arm, arm, motion, [new])
     rows, fresh = _scaled(arm, motion), _scaled(arm, new)
     sigma, push = np.array(arm.sensors.torque_noise), np.sqrt(1 - NOISE_MEMORY**2)
     white = (rows[1:] - NOISE_MEMORY * rows[:-1]) / (push * sigma[:, None])
@@ -29,4 +29,5 @@ def test_a_bayesian_estimate_of_the_known_form_errs_by_the_floor() -> None:
         errors.append(fresh @ (np.linalg.solve(precision, np.einsum("kjp,kj->p", white, y)) - truth))
     reached = np.sqrt(np.mean(np.square(errors), axis=(0, 1)))
     assert reached == pytest.approx(np.sqrt(np.mean(found[KNOWN][0] ** 2, axis=0)), rel=0.1)
-    assert (found[FREE][0] > found[KNOWN][0]).all()
+    known, own, free = (np.sqrt(np.mean(found[kind][0] ** 2)) for kind in (KNOWN, OWN, FREE))
+    assert known < own < free
