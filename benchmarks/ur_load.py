@@ -1,9 +1,9 @@
 """A UR on a busy computer: a long recording, and whether each fault is named by its own name; everything as an operator does it.
 
 `calib record` runs as a command of its own, with its control and its monitor process, beside BUSY processes that never wait, from the moment
-that it takes control. Two runs go on at a time, each with a controller of its own, so each is load for the other. A run goes on where the last one ended (build/ur_load.jsonl), for
-`minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them, so the longest needs a run of
-twelve. The controllers are emulated, and have to share the computer too.
+that it takes control. One robot at a time: two and their controllers take both cores with real-time priority. A run goes on where the last
+one ended (build/ur_load.jsonl), for `minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them,
+so the longest needs a run of twelve. The controller is emulated, and has to share the computer too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.trajectory import Trajectory
 
 BUSY = 2
-RUNS = 2  # at a time
 PRIORITY = 50
 # fault of the emulator -> what its sentence must hold; two causes look alike where the wire shows the same
 NAMES = {
@@ -54,6 +53,7 @@ SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
 AHEAD: dict[str, object] = SERVO | {"ahead": 0.05}
 # name, s, options of the driver: the longest, which only a slice of its own has time for, then streamed and sent ahead through the same servoj
 RECORDINGS = (("sent ahead", 600.0, AHEAD), ("streamed", 60.0, SERVO), ("sent ahead", 60.0, AHEAD))
+Wanted = tuple[str, float, str | None, dict[str, object]]
 DELAYS = np.arange(0.0, 0.2, 0.002)  # s by which the arm may follow its commands
 LIMITS: dict[str, object] = {"latency": 0.1, "following_error": 0.025}
 
@@ -181,16 +181,17 @@ def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in HANGS_ON))
-    wanted: list[tuple[str, float, str | None, dict[str, object]]]
-    wanted = [(f"recording of {seconds:g} s, {how}", seconds, None, options) for how, seconds, options in RECORDINGS]
-    wanted += [(f"{fault} {k}", MOTION, fault, {}) for k in range(repeats) for fault in NAMES]
+
+    long, *short = [(f"recording of {seconds:g} s, {how}", seconds, None, options) for how, seconds, options in RECORDINGS]
+    injected: list[Wanted] = [(f"{fault} {k}", MOTION, fault, {}) for k in range(repeats) for fault in NAMES]
+    wanted: list[Wanted] = [long, *injected[: len(NAMES)], *short, *injected[len(NAMES) :]]
 
     def jobs() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
         for number, (what, seconds, fault, options) in enumerate(wanted):
             if what not in kept.found and time.monotonic() + (0.0 if fault else seconds) < end:
                 yield what, partial(in_a_folder, 40 + number % 100 if fault else 30 + number, seconds, fault, options)
 
-    for done in forked(jobs(), 2 * WAIT + 1.2 * RECORDINGS[0][1], end, RUNS):
+    for done in forked(jobs(), 2 * WAIT + 1.2 * RECORDINGS[0][1], end, workers=1):
         failed = {"exit": None, "injected": True, "load": os.getloadavg()[0], "named": False, "said": done.fault}
         kept.keep(done.key, done.value or failed)
     rows = []
