@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from safety.guard import Cycle
-from safety.run_progress import RunProgress
+from safety.run_progress import Cycle, RunProgress
 from sim.joint_state import JointState
 
 TEXT = 200

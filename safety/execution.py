@@ -18,7 +18,7 @@ from safety.approval import Approval, approval_of, check_approval
 from safety.audit import record, verify
 from safety.clear import Proof
 from safety.collision import Clearance
-from safety.guard import Guard, Window
+from safety.guard import Guard
 from safety.latency import latency_of
 from safety.legs import Leg, Route
 from safety.manifest import Manifest, device_facts, digest_of, require_same
@@ -31,6 +31,7 @@ from safety.run_progress import ProgressOfRun, RunProgress
 from safety.stages import STAGES, StageResult, gate, stages_due
 from safety.stop_sources import StopSignals, first_reason
 from safety.trip import MotionStopped
+from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock

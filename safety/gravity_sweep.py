@@ -14,7 +14,8 @@ from drivers.driver import Driver
 from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
-from safety.guard import Cycle, Guard
+from safety.guard import Guard
+from safety.run_progress import Cycle
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop

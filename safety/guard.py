@@ -4,56 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
 from drivers.driver import Driver
-from logs.recorder import ERROR, WARN, Recording
+from logs.recorder import ERROR, Recording
 from safety.clear import ClearedTrajectory, require_cleared
 from safety.collision import Clearance
+from safety.coming_to_rest import ComingToRest
 from safety.monitor import Expected, Monitor, compile_cycle
+from safety.run_progress import Cycle
+from safety.signs import ENDED, HOLDS, STOPS
 from safety.stopping import Stop, stop_from
-from safety.trip import LastSamples, MotionStopped, Standstill, Trip
+from safety.trip import LastSamples, MotionStopped, Standstill, Trip, trip_of
+from safety.window import Window, mark_gap
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import CalibError, SafetyStop
 from sim.joint_state import JointState, Status
 
 START_ANGLE = 0.01
-START_SPEED = 0.02
 JOIN = 1e-6
 # What a device may change of a command by its own quantisation, rad
 QUANTISATION = 2e-3
 STANDSTILL = 0.02
-STANDING_CYCLES = 5
-REST_TIME = 2.0
 SWITCH_ON_TIME = 1.0
-# what the guard does where it sends no sample of a motion
-HOLDS, STOPS, ENDED = -1, -2, -3
-# The arm must be seen to slow down this long after the first slower command, else the device is commanded to stop by itself
-SLOWER_AFTER = 0.2
-
-
-@dataclass(frozen=True)
-class Window:
-    """What part of a motion is recorded: samples first to last (excluded), into `recording`."""
-
-    recording: Recording
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """What the loop shows those who watch: sample k of count, the last reading, and the last command."""
-
-    k: int
-    count: int
-    state: JointState
-    q_cmd: np.ndarray
 
 
 class Guard:
@@ -88,14 +65,13 @@ class Guard:
         self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
         self._q_cmd = self._dq_cmd = self._zero
         self._settled = False
-        self.engaged = ""
 
     def __enter__(self) -> Self:
         """SafetyStop where the arm does not stand still, or does not follow once it is switched on."""
         first = self._first_reading()
         self._q_cmd = first.q.copy()
         try:
-            self.engaged = self._driver.engage()
+            self._driver.engage()
             if first.status is not Status.RUNNING:
                 first = self._following()
         except BaseException:
@@ -113,11 +89,6 @@ class Guard:
                 raise
         finally:
             self._sent(ENDED, self._q_cmd)
-
-    @property
-    def q(self) -> np.ndarray:
-        """(n,) rad: the last command, or where the arm stood when the guard began."""
-        return self._q_cmd.copy()
 
     def _first_reading(self) -> JointState:
         state = self._driver.read()
@@ -166,7 +137,7 @@ class Guard:
         except MotionStopped:
             raise
         except BaseException as error:
-            self._stop(motion, k - 1, _trip_of(error), what, error)
+            self._stop(motion, k - 1, trip_of(error), what, error)
         finally:
             self._record = None
 
@@ -184,7 +155,7 @@ class Guard:
         except MotionStopped:
             raise
         except BaseException as error:
-            self._stop(None, -1, _trip_of(error), what, error)
+            self._stop(None, -1, trip_of(error), what, error)
 
     def _refuse_after_stop(self) -> None:
         if self._ended is not None:
@@ -203,22 +174,14 @@ class Guard:
 
     def _cycle(self, window: Window | None, k: int, expected: Expected | None) -> Trip | None:
         """Read, record, ask the monitor."""
-        before, state = self._samples.states[-1], self._driver.read()
-        self._samples.add(state)
+        before, state = self._samples.states[-1], self._read()
         if window is not None:
             self._record = window.recording if window.first <= k < window.last else None
         if self._record is not None:
             self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
             if window is not None and k > window.first:
-                self._mark_gap(self._record, before, state)
+                mark_gap(self._record, before, state, self._driver.rate)
         return self.monitor.check(state, self._driver.clock.now(), self._q_cmd, expected)
-
-    def _mark_gap(self, record: Recording, before: JointState, state: JointState) -> None:
-        """Readings that did not come, by the device's clock, as an event in the log; how long a gap may be the monitor says."""
-        missing = round((state.t_device - before.t_device) * self._driver.rate) - 1
-        if missing > 0:
-            gap = 1e3 * (state.t_device - before.t_device)
-            record.event(WARN, "gap", f"{missing} readings are missing: {gap:.0f} ms between two", state.t_device)
 
     def _check_stop_request(self) -> Trip | None:
         reason = self._stop_requested()
@@ -239,73 +202,37 @@ class Guard:
         self._sent(STOPS, self._q_cmd)
         begin = self._samples.states[-1]
         good = self._samples.states[-2] if len(self._samples.states) > 1 else begin
+        rest = ComingToRest(begin, good.q, self._noise, self._driver.rate)
         standstill: Standstill | None = None
         try:
             stop = Stop("standing", self._q_cmd[None], self._zero[None], 1.0 / self._driver.rate)
             if motion is not None and k >= 0:
                 stop = stop_from(motion, k, self._arm)
-            standstill = self._drive(stop, begin, good.q)
+            standstill = rest.by_commands(stop, self._dq_cmd, self._send, self._read_in_stop)
         except Exception as error:
             trip = Trip(trip.quantity, trip.value, trip.limit, trip.unit, f"{trip.remedy}; the stop met {error}", trip.joint)
         finally:
             self._driver.stop()
         if standstill is None or not standstill.at_rest:
-            standstill = self._watch_device_stop(begin, good.q, standstill)
+            standstill = rest.by_device(self._driver.device_stop, self._q_cmd, self._dq_cmd, self._read, standstill)
         self._note(trip, begin)
         where = f"{what}, sample {max(k, 0)}"
         raise MotionStopped(trip, begin.t_device, standstill, self._samples.latest(), where) from cause
 
-    def _drive(self, stop: Stop, begin: JointState, good: np.ndarray) -> Standstill:
-        """Send the stop's commands and wait until the arm stands; gives up early where it does not slow down."""
-        planned = float(np.max(np.abs(self._dq_cmd)))
-        start_speed = float(np.max(np.abs(begin.dq)))
-        still, state = 0, begin
-        rest = round(REST_TIME * self._driver.rate)
-        for i in range(len(stop.q) + rest):
-            k = min(i, len(stop.q) - 1)
-            self._send(stop.q[k], stop.dq[k] if i < len(stop.q) else self._zero)
-            state = self._read_in_stop()
-            if state.status is not Status.RUNNING:
-                break
-            speed = float(np.max(np.abs(state.dq)))
-            still = still + 1 if bool((np.abs(state.dq) <= self._noise).all()) else 0
-            if i >= len(stop.q) - 1 and still >= STANDING_CYCLES:
-                break
-            commanded = float(np.max(np.abs(self._dq_cmd)))
-            if (i + 1) * stop.period > SLOWER_AFTER and commanded < 0.5 * planned and not speed < start_speed:
-                break
-        return _standstill(stop.kind, begin, state, good, stop.time, stop.q[-1] - good, still >= STANDING_CYCLES)
-
     def _read_in_stop(self) -> JointState:
-        state = self._driver.read()
-        self._samples.add(state)
+        state = self._read()
         if self._record is not None:
-            with suppress(
-                CalibError
-            ):  # a disk that fails cannot hold up the stop; the recording keeps its failure and closes with it
+            # a disk that fails cannot hold up the stop; the recording keeps its failure and closes with it
+            with suppress(CalibError):
                 self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
         if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
             raise SafetyStop("a reading during the stop is not complete")
         return state
 
-    def _watch_device_stop(self, begin: JointState, good: np.ndarray, own: Standstill | None) -> Standstill:
-        """After the device was commanded to stop by itself: watch until it stands, for as long as its own stop may take."""
-        device = self._driver.device_stop
-        speed = float(np.max(np.abs(self._dq_cmd)))
-        time = device.reaction + speed / device.deceleration
-        angle = self._dq_cmd * (device.reaction + speed / (2 * device.deceleration))
-        still, state, readings = 0, begin, round((time + REST_TIME) * self._driver.rate)
-        for _ in range(readings):
-            try:
-                state = self._driver.read()
-            except CalibError:
-                break
-            self._samples.add(state)
-            still = still + 1 if bool((np.abs(state.dq) <= self._noise).all()) else 0
-            if still >= STANDING_CYCLES:
-                break
-        kind = "the device's own stop" if own is None else f"{own.stop}, then the device's own stop"
-        return _standstill(kind, begin, state, good, time, self._q_cmd + angle - good, still >= STANDING_CYCLES)
+    def _read(self) -> JointState:
+        state = self._driver.read()
+        self._samples.add(state)
+        return state
 
     def _note(self, trip: Trip, begin: JointState) -> None:
         """The reason into the log, where there is one; a disk that fails now cannot hold up anything any more."""
@@ -318,16 +245,3 @@ class Guard:
 
 def _expected(motion: ClearedTrajectory, k: int) -> Expected:
     return Expected(motion.tau_hat[k], motion.doubt[k], motion.sudden[k], float(motion.room[k]), motion.load[k])
-
-
-def _standstill(
-    kind: str, begin: JointState, end: JointState, good: np.ndarray, time: float, angle: np.ndarray, at_rest: bool
-) -> Standstill:
-    travelled = tuple((end.q - good).tolist()) if np.shape(end.q) == np.shape(good) else ()
-    return Standstill(kind, end.t_device - begin.t_device, travelled, time, tuple(angle.tolist()), at_rest)
-
-
-def _trip_of(error: BaseException) -> Trip:
-    if isinstance(error, CalibError):
-        return Trip("refused or failed:", str(error), "none", "", "see the cause")
-    return Trip(f"{type(error).__name__}:", str(error) or "raised", "none", "", "this is a fault of the program: report it")

@@ -21,10 +21,11 @@ from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
 from safety.gravity_sweep import lines_from, sweep
-from safety.guard import Cycle, Guard
+from safety.guard import Guard
 from safety.latency import latency_of
 from safety.plausible import check_plausible
 from safety.realtime import unhurried
+from safety.run_progress import Cycle
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop

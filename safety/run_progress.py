@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from safety.guard import Cycle
+import numpy as np
+
+from sim.joint_state import JointState
 
 
 @dataclass(frozen=True)
@@ -48,3 +50,13 @@ class ProgressOfRun:
         share = (cycle.k + 1) / cycle.count
         left = self.left + (1.0 - share) * duration
         self._watch(RunProgress(self.what, share, cycle, *self.stage, duration, left, self._frames, self._lost))
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What the loop shows those who watch: sample k of count, the last reading, and the last command."""
+
+    k: int
+    count: int
+    state: JointState
+    q_cmd: np.ndarray

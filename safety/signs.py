@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safety.guard import ENDED
+# what the guard does where it sends no sample of a motion
+HOLDS, STOPS, ENDED = -1, -2, -3
 
 TEXT = 400
 TURN_AT, SENT_AT, LEG_AT, K_AT, LOOKED_AT, TRIPPED_AT, NUMBERS = range(7)

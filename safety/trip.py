@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from sim.errors import SafetyStop
+from sim.errors import CalibError, SafetyStop
 from sim.joint_state import JointState
 
 
@@ -79,3 +79,9 @@ class LastSamples:
     def latest(self) -> tuple[JointState, ...]:
         """The last `most` readings."""
         return tuple(self.states[-self.most :])
+
+
+def trip_of(error: BaseException) -> Trip:
+    if isinstance(error, CalibError):
+        return Trip("refused or failed:", str(error), "none", "", "see the cause")
+    return Trip(f"{type(error).__name__}:", str(error) or "raised", "none", "", "this is a fault of the program: report it")

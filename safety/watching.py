@@ -25,12 +25,12 @@ from safety import realtime
 from safety.approval import approval_of, check_approval
 from safety.audit import record
 from safety.collision import Clearance
-from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
+from safety.guard import STANDSTILL
 from safety.monitor import Monitor
 from safety.monitor_link import SEEN_TIME, Order, read, silence_of, write
 from safety.plan import check_plan, load_plan
 from safety.plausible import check_plausible
-from safety.signs import Sign, Signs
+from safety.signs import ENDED, HOLDS, STOPS, Sign, Signs
 from safety.verified_samples import VerifiedSamples
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell

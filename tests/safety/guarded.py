@@ -10,8 +10,9 @@ import pytest
 from logs.recorder import Recording
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.guard import Guard, Window
+from safety.guard import Guard
 from safety.trip import MotionStopped
+from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import DeviceError

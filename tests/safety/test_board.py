@@ -9,8 +9,7 @@ import pytest
 
 from safety import board as board_file
 from safety.board import TEXT, Board
-from safety.guard import Cycle
-from safety.run_progress import RunProgress
+from safety.run_progress import Cycle, RunProgress
 from sim.joint_state import JointState
 
 

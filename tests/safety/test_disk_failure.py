@@ -14,8 +14,9 @@ from logs import Recorder, State, read_log
 from logs.journal import Disk
 from safety.clear import clear
 from safety.collision import Clearance
-from safety.guard import Guard, Window
+from safety.guard import Guard
 from safety.trip import MotionStopped
+from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import DeviceError

@@ -9,8 +9,9 @@ import pytest
 
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.guard import Cycle, Window
+from safety.run_progress import Cycle
 from safety.trip import MotionStopped
+from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import DeviceError, SafetyStop

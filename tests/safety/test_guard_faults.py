@@ -9,7 +9,7 @@ import pytest
 
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
-from safety.guard import Cycle
+from safety.run_progress import Cycle
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import DeviceError, SafetyStop
@@ -219,4 +219,4 @@ def test_a_log_that_fails_only_at_the_end_is_named_with_the_stop(
     assert "temperature" in str(stopped_by(guard, cleared, log))
     with pytest.raises(SafetyStop, match="and the log: the disk is full"):
         guard.hold(0.1, "after")
-    np.testing.assert_array_equal(guard.q, driver.sent[-1][0])
+    np.testing.assert_array_equal(guard._q_cmd, driver.sent[-1][0])

@@ -11,10 +11,10 @@ import pytest
 
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.guard import ENDED, HOLDS, Guard
+from safety.guard import Guard
 from safety.monitor import Monitor
 from safety.monitor_link import ANSWER_TIME, MonitorLink, read, seen, write
-from safety.signs import Signs
+from safety.signs import ENDED, HOLDS, Signs
 from safety.trip import MotionStopped
 from sim.arm import Arm
 from sim.cell import Cell
@@ -171,7 +171,7 @@ def test_the_guard_waits_until_it_is_seen(
     assert link.refusal() == ""
     signs.looked(5.0)
     with seen(link, lambda sent: Guard(driver, arm, cell, clearance, sent=sent)) as guard:
-        assert guard.q.shape == (6,)
+        assert guard._q_cmd.shape == (6,)
 
 
 def test_the_first_stop_of_the_monitor_process_is_the_guards(

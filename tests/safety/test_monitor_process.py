@@ -19,10 +19,9 @@ from safety import audit, realtime, watching
 from safety.approval import approve
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.guard import ENDED, HOLDS
 from safety.monitor_link import MonitorLink, read, write
 from safety.plan import Motion, Plan, write_plan
-from safety.signs import Signs
+from safety.signs import ENDED, HOLDS, Signs
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.clock import MonotonicClock

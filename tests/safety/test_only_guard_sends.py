@@ -32,7 +32,18 @@ def test_only_the_guard_sends() -> None:
 
 def test_nobody_reaches_for_methods_by_computed_names_where_motion_is_commanded() -> None:
     """`getattr(driver, "se" + "nd")` would pass the test above."""
-    for name in ("guard", "execution", "legs", "control", "control_process", "monitor", "stopping", "monitor_link", "watching"):
+    for name in (
+        "guard",
+        "coming_to_rest",
+        "execution",
+        "legs",
+        "control",
+        "control_process",
+        "monitor",
+        "stopping",
+        "monitor_link",
+        "watching",
+    ):
         tree = ast.parse((ROOT / "safety" / f"{name}.py").read_text())
         names = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
         assert not names & {"getattr", "eval", "exec", "__import__"}

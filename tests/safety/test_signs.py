@@ -7,8 +7,7 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from safety.guard import ENDED
-from safety.signs import TEXT, TURN_AT, Signs
+from safety.signs import ENDED, TEXT, TURN_AT, Signs
 
 CONTEXT = multiprocessing.get_context("spawn")
 

@@ -7,9 +7,9 @@ import pytest
 
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.guard import ENDED, HOLDS, STANDSTILL, STOPS
+from safety.guard import STANDSTILL
 from safety.monitor_link import silence_of
-from safety.signs import Sign
+from safety.signs import ENDED, HOLDS, STOPS, Sign
 from safety.verified_samples import VerifiedSamples
 from safety.watching import REST_AFTER, SLOWER_AFTER, Watch
 from sim.arm import Arm

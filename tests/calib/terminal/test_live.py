@@ -8,8 +8,7 @@ import pytest
 from rich.console import Console
 
 from calib.terminal.live import LiveView, Snapshot, show
-from safety.guard import Cycle
-from safety.run_progress import RunProgress
+from safety.run_progress import Cycle, RunProgress
 from sim.arm import Arm, load_arm
 from sim.joint_state import JointState
 

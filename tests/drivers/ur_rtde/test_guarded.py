@@ -16,8 +16,10 @@ from logs.recorder import Recorder
 from safety.approach import move
 from safety.clear import ClearedTrajectory, clear
 from safety.collision import Clearance
-from safety.guard import Cycle, Guard, Window
+from safety.guard import Guard
+from safety.run_progress import Cycle
 from safety.trip import MotionStopped
+from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.emulated.ur.emulator import UrEmulator
