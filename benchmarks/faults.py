@@ -12,25 +12,19 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
-import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from benchmarks.forked import forked
-from benchmarks.injection import Injection, Run, Trouble, Watched
+from benchmarks.hidden import BOX, LOAD, HiddenBox, load_lost, with_load, without_box
+from benchmarks.injection import Injection
 from benchmarks.kept import FOLDER, Kept
+from benchmarks.reaction import Run, Trouble, Watched
 from benchmarks.results import ROOT, digest
 from drivers.mock import MockDriver
-from safety import ClearedTrajectory
-from sim.arm import Arm, ArmEffect, load_arm
-from sim.cell import BoxObstacle, Cell, PayloadTable, load_cell
-from sim.effects import with_effect
+from sim.arm import Arm, load_arm
+from sim.cell import Cell, load_cell
 from sim.errors import DeviceError
 from sim.joint_state import JointState
-from sim.plant import Plant
-
-BOX = 0.3
-LOAD = PayloadTable(mass=6.0, com=[0.0, 0.0, 0.1])
 
 
 def once(change: Callable[[JointState, int], JointState]) -> Callable[[Watched, JointState], JointState]:
@@ -102,67 +96,6 @@ def nothing(driver: Watched, state: JointState) -> JointState:
     return state
 
 
-class HiddenBox:
-    """A plant with a box that nobody declared, its face across the way of the wrist 60 samples after `at`; None where the arm touches it before."""
-
-    def __init__(self) -> None:
-        self._of: tuple[Arm, Cell] | None = None
-
-    def __call__(self, arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant | None:
-        if self._of is None or self._of[0] is not arm or self._of[1] is not cell:
-            # turned: MuJoCo never looks at the frame of a box again that has been compiled along the axes
-            self._of, away = (arm, cell), _box([1.0, 2.0, -9.0], [0.1, 0.2, 0.3])
-            self._probe = Plant(arm, obstacles=[*cell.table.obstacles, away])
-        model, data = self._probe.model, self._probe.data
-        joints, wrist = [model.joint(name).qposadr[0] for name in arm.joint_names], model.geom("shape:wrist_3_0").id
-        ahead = []
-        for k in (55, 65):
-            data.qpos[joints] = cleared.q[min(at + k, len(cleared) - 1)]
-            mujoco.mj_kinematics(model, data)
-            ahead.append(data.geom_xpos[wrist].copy())
-        way = ahead[1] - ahead[0]
-        way /= np.linalg.norm(way)
-        turned = [0.0, -float(np.arcsin(way[2])), float(np.arctan2(way[1], way[0]))]
-        box = _box(((ahead[0] + ahead[1]) / 2 + way * BOX / 2).tolist(), turned)
-        hidden = model.geom("obstacle:hidden").id
-        model.geom_pos[hidden] = box.position
-        model.geom_quat[hidden] = Rotation.from_euler("xyz", turned).as_quat(scalar_first=True)
-        shapes = [k for k in range(model.ngeom) if model.geom(k).name.startswith("shape:")]
-        for q in (cleared.q[0], *cleared.q[:at:10]):
-            data.qpos[joints] = q
-            mujoco.mj_kinematics(model, data)
-            if any(mujoco.mj_geomDistance(model, data, shape, hidden, BOX, None) < 0 for shape in shapes):
-                return None
-        return Plant(arm, obstacles=[*cell.table.obstacles, box], seed=at)
-
-
-def _box(position: list[float], rpy: list[float]) -> BoxObstacle:
-    return BoxObstacle(kind="box", name="hidden", position=position, rpy=rpy, size=[BOX] * 3)
-
-
-def without_box(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
-    return Plant(arm, obstacles=cell.table.obstacles, seed=at)
-
-
-def with_load(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
-    return Plant(loaded(arm), drive=arm, obstacles=cell.table.obstacles, seed=at)
-
-
-def loaded(arm: Arm) -> Arm:
-    names = ("com_x", "com_y", "com_z")
-    return with_effect(arm, ArmEffect("payload", None, {"mass": LOAD.mass, **dict(zip(names, LOAD.com, strict=True))}))
-
-
-def load_lost(driver: Watched, state: JointState) -> JointState:
-    if driver.reads == driver.at:
-        model, bare = driver.plant.model, Plant(driver.arm, obstacles=[]).model
-        name = driver.arm.tree.link_names[-1]
-        here, there = model.body(name).id, bare.body(name).id
-        for what in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
-            getattr(model, what)[here] = getattr(bare, what)[there]
-    return state
-
-
 HOT = 90.0
 TROUBLES = (
     Trouble("over-temperature", always(lambda s, j: replace(s, temperature=with_joint(s.temperature, j, HOT)))),
@@ -192,7 +125,9 @@ HANGS_ON = (
     "sim/plant.py",
     "sim/rigid_body.py",
     "benchmarks/faults.py",
+    "benchmarks/hidden.py",
     "benchmarks/injection.py",
+    "benchmarks/reaction.py",
 )
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from calib.run_folder import read_run
+from calib.past_runs import read_run
 from logs import Recorder, read_log
 from safety.plan import Motion, load_plan, write_plan
 from safety.seal import sealed

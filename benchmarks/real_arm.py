@@ -10,8 +10,9 @@ from typing import Any
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import identify
 from calib.watch.events import WatchEvent
+from calib.watch.picture import Picture
 from calib.watch.source import from_log
-from calib.watch.watcher import Picture, Watcher
+from calib.watch.watcher import Watcher
 from logs import read_log
 from sim.arm import load_arm
 from sim.arm_folder import write_arm

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from benchmarks import tube
-from benchmarks.injection import RATE
+from benchmarks.reaction import RATE
 from benchmarks.sines import sines
 from drivers.mock import MockDriver
 from safety import clear

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.faults import HANGS_ON, TROUBLES
-from benchmarks.injection import RATE, SETTLE, Injection, Run
+from benchmarks.injection import Injection
 from benchmarks.kept import FOLDER, Kept
+from benchmarks.reaction import RATE, SETTLE, Run
 from benchmarks.results import digest
 from benchmarks.sines import sines
 from drivers.mock import MockDriver

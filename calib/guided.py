@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import Field
 
-from calib.run_folder import list_runs
+from calib.past_runs import list_runs
 from sim.errors import ConfigError
 from sim.files import read_toml
 from sim.resources import nearest

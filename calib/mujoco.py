@@ -14,39 +14,21 @@ or `with calib.mujoco.paused():`. `mujoco.batch` and MJX run no callbacks: there
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import mujoco
-import numpy as np
 
 from sim.arm import load_arm
-from sim.effects import Effect, PathState, Stage, effect_named
 from sim.errors import ConfigError
+from sim.exported import Exported, Reading, effects_table
 from sim.files import as_text, read_bytes
-from sim.mjcf import TWIST
 from sim.model import MAX_MESH, compiled
 from sim.model import no_callback as paused
-from sim.mujoco_export import DRY, READING, SCHEMA, TABLE, exported_model
-from sim.slip import SLIP_WIDTH
+from sim.mujoco_export import TABLE, exported_model
 
 __all__ = ["Reading", "install", "load", "paused", "read"]
-MANY = 1000  # simulations whose memory is kept at once
 Passive = Callable[[mujoco.MjModel, mujoco.MjData], None]
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What encoders and drives report, (n,) each in the order of the arm's joints; q dq behind the gear, q_motor dq_motor before it."""
-
-    q: np.ndarray
-    dq: np.ndarray
-    q_motor: np.ndarray
-    dq_motor: np.ndarray
-    tau: np.ndarray
 
 
 def load(arm: str | Path, configs: Path | None = None) -> mujoco.MjModel:
@@ -61,7 +43,7 @@ def load(arm: str | Path, configs: Path | None = None) -> mujoco.MjModel:
     else:
         found = load_arm(arm, configs)
         model = compiled(exported_model(found).text, found.model_path.parent, found.name)
-    if _table(model) is None:
+    if effects_table(model) is None:
         raise ConfigError(f"{path}: has no <custom> text {TABLE}, so no effects are known of it; write it with `calib export`")
     install()
     return model
@@ -76,7 +58,7 @@ def install() -> None:
 
 def read(model: mujoco.MjModel, data: mujoco.MjData) -> Reading:
     """The state as encoders and drives would report it; torque as of the last evaluation, which mj_step made at the step's begin."""
-    arm = _Exported.of(model)
+    arm = Exported.of(model)
     if arm is None:
         raise ConfigError(
             f"this model has no <custom> text {TABLE}; write it with `calib export`, or load it with calib.mujoco.load"
@@ -93,188 +75,6 @@ class _Callback:
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if self.before is not None:
             self.before(model, data)
-        arm = _Exported.of(model)
+        arm = Exported.of(model)
         if arm is not None and arm.acts:
             arm.add_forces(model, data)
-
-
-@dataclass(frozen=True)
-class _Item:
-    effect: Effect
-    joint: int | None
-    parameters: dict[str, float]
-    native: bool
-    shapes: bool
-
-
-class _Exported:
-    """The effects of one exported model, with the indices of its elements."""
-
-    _known: dict[tuple[int, bytes], _Exported | None] = {}
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> _Exported | None:
-        """The effects of `model`, None where `calib export` did not write it."""
-        key = (int(model.signature), model.text_data)
-        if key not in cls._known:
-            table = _table(model)
-            cls._known[key] = None if table is None else cls(model, table)
-        return cls._known[key]
-
-    def __init__(self, model: mujoco.MjModel, table: dict[str, Any]) -> None:
-        names: list[str] = table["joints"]
-        self.n = len(names)
-        self.dof = np.array([model.joint(name).dofadr[0] for name in names])
-        self.qpos = np.array([model.joint(name).qposadr[0] for name in names])
-        self.last = model.joint(names[-1]).id
-        self.body = int(model.jnt_bodyid[self.last])
-        kind = mujoco.mjtObj.mjOBJ_JOINT
-        soft = [(j, mujoco.mj_name2id(model, kind, TWIST.format(joint=name))) for j, name in enumerate(names)]
-        self.twist = [(j, int(model.jnt_qposadr[k]), int(model.jnt_dofadr[k])) for j, k in soft if k >= 0]
-        for j, k in soft:
-            if k >= 0 and j == self.n - 1:
-                self.body = int(model.jnt_bodyid[k])
-        self.dry = {
-            names.index(joint): (model.actuator(DRY.format(joint)).id, law) for joint, law in table["dry_friction"].items()
-        }
-        sensors = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, READING.format(name)) for name in names]
-        self.sensor = np.array([int(model.sensor_adr[k]) if k >= 0 else -1 for k in sensors])
-        self.items: dict[Stage, list[_Item]] = {stage: [] for stage in Stage}
-        for row in table["effects"]:
-            effect = effect_named(row["effect"])
-            joint = None if row["joint"] is None else names.index(row["joint"])
-            self.items[effect.stage].append(_Item(effect, joint, row["parameters"], row["form"] == "native", row["shapes"]))
-        stages = (Stage.FORCE, Stage.JOINT, Stage.FRICTION, Stage.MOTOR)
-        self.ours = {stage: [item for item in self.items[stage] if not item.native] for stage in stages}
-        self.level = [item for item in self.items[Stage.FRICTION] if item.joint in self.dry and not item.shapes]
-        self.warmed = [item for item in self.items[Stage.MOTOR] if item.joint in self.dry and item.native]
-        self.needs_load = any(item.effect.needs_load for item in self.ours[Stage.MOTOR])
-        self.memories: dict[int, tuple[float, dict[Hashable, np.ndarray]]] = {}
-        self.acts = any(self.ours.values())
-
-    def add_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Add to data.qfrc_passive what no element does, and set the dry friction of the joints whose level varies."""
-        state = self._instant(data)
-        if self.ours[Stage.FORCE]:
-            _apply(state, self.ours[Stage.FORCE])
-            data.qfrc_passive += self._at_last_link(model, data, state)
-        if self.ours[Stage.JOINT]:
-            _apply(state, self.ours[Stage.JOINT])
-            data.qfrc_passive[self.dof] -= state.load[0]
-        if self.ours[Stage.FRICTION]:
-            self._rub(model, data, state)
-        if self.ours[Stage.MOTOR]:
-            if self.needs_load and not self.ours[Stage.FRICTION]:
-                state.load[:] = self._load(model, data, state)
-            state.memory = self._memory_of(data)
-            state.tau[:] = 0.0
-            _apply(state, self.ours[Stage.MOTOR])
-            data.qfrc_passive[self.dof] -= state.tau[0]
-
-    def _rub(self, model: mujoco.MjModel, data: mujoco.MjData, state: PathState) -> None:
-        """Dry friction by the load through the gear at the acceleration of the step before, and by the warmth; the rest by warmth."""
-        state.load[:] = self._load(model, data, state)
-        _apply(state, self.level)
-        for j, (actuator, law) in self.dry.items():
-            level, warmth = float(state.level[0, j]), float(state.warmth[0, j])
-            excess = law["lugre"][1] - law["lugre"][0]
-            model.actuator_biasprm[actuator, 3] = warmth * max(level, 1e-9)
-            model.actuator_biasprm[actuator, 4] = warmth * max(level + excess, 1e-9)
-            model.actuator_dynprm[actuator, 5] = warmth * law["stiffness"]
-        if self.warmed and np.any(state.warmth != 1.0):
-            # the elements have it cold
-            cold = replace(state, warmth=np.ones_like(state.warmth), tau=np.zeros_like(state.tau))
-            state.tau[:] = 0.0
-            for each in (state, cold):
-                _apply(each, self.warmed)
-            data.qfrc_passive[self.dof] -= (state.tau - cold.tau)[0]
-
-    def _load(self, model: mujoco.MjModel, data: mujoco.MjData, state: PathState) -> np.ndarray:
-        """(n,) N m through each gear, at the acceleration of the step before."""
-        links = np.zeros(model.nv)
-        mujoco.mj_rne(model, data, 1, links)
-        state.force[:] = 0.0
-        _apply(state, self.items[Stage.FORCE])
-        if self.items[Stage.FORCE]:
-            links -= self._at_last_link(model, data, state)
-        state.load[:] = links[self.dof]
-        _apply(state, self.items[Stage.JOINT])
-        return state.load[0]
-
-    def _memory_of(self, data: mujoco.MjData) -> dict[Hashable, np.ndarray]:
-        """What laws with memory keep of a simulation; forgotten at time zero and where its time went back."""
-        time, memory = self.memories.get(data._address, (0.0, {}))
-        if data.time < time or data.time == 0.0:
-            memory = {}
-        if len(self.memories) > MANY:
-            self.memories.clear()
-        self.memories[data._address] = (float(data.time), memory)
-        return memory
-
-    def _at_last_link(self, model: mujoco.MjModel, data: mujoco.MjData, state: PathState) -> np.ndarray:
-        wrench = np.zeros(model.nv)
-        mujoco.mj_applyFT(model, data, state.force[0], np.zeros(3), data.xanchor[self.last], self.body, wrench)
-        return wrench
-
-    def _instant(self, data: mujoco.MjData) -> PathState:
-        """The torque path at the present instant; speeds and angles of the motors."""
-        q, dq = data.qpos[self.qpos][None], data.qvel[self.dof][None]
-        zero = np.zeros_like(q)
-        return PathState(
-            t=np.array([data.time]), q=q, dq=dq, ddq=data.qacc[self.dof][None], load=zero.copy(), q_motor=q.copy(),
-            dq_motor=dq.copy(), ddq_motor=data.qacc[self.dof][None], level=zero.copy(), width=np.full_like(q, SLIP_WIDTH),
-            warmth=np.ones_like(q), slip=np.sign(dq), tau=zero.copy(), force=np.zeros((1, 3)),
-        )  # fmt: skip
-
-    def reading(self, data: mujoco.MjData) -> Reading:
-        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor."""
-        q_motor, dq_motor = data.qpos[self.qpos].copy(), data.qvel[self.dof].copy()
-        q, dq = q_motor.copy(), dq_motor.copy()
-        for j, at, speed in self.twist:
-            q[j] += data.qpos[at]
-            dq[j] += data.qvel[speed]
-        for item in self.items[Stage.ENCODER]:
-            if item.joint is not None:
-                q_motor, dq_motor = _read_angle(item, q_motor, dq_motor)
-                q, dq = _read_angle(item, q, dq)
-        state = self._instant(data)
-        torque = np.where(self.sensor >= 0, data.sensordata[self.sensor] if len(data.sensordata) else np.nan, np.nan)
-        state.tau = torque[None].copy()
-        _apply(state, self.items[Stage.SENSOR])
-        return Reading(q, dq, q_motor, dq_motor, state.tau[0])
-
-
-def _apply(state: PathState, items: list[_Item]) -> None:
-    for item in items:
-        item.effect.apply(state, item.joint, item.parameters)
-
-
-def _read_angle(item: _Item, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What one encoder makes of angles and speeds (n,)."""
-    q, dq, here = q.copy(), dq.copy(), np.array([item.joint])
-    dq[here] = item.effect.reading_speed(q[here], dq[here], item.parameters)
-    q[here] = item.effect.reading(q[here], item.parameters)
-    return q, dq
-
-
-def _table(model: mujoco.MjModel) -> dict[str, Any] | None:
-    """The table of effects inside a model; None where it has none, ConfigError where it cannot be read."""
-    place = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, TABLE)
-    if place < 0:
-        return None
-    start = int(model.text_adr[place])
-    text = model.text_data[start : start + int(model.text_size[place])].split(b"\0")[0].decode()
-    try:
-        table = json.loads(text)
-        known = {"schema", "arm", "sha256", "joints", "dry_friction", "effects"}
-        if table["schema"] != SCHEMA or set(table) != known:
-            raise ValueError(f"schema {table.get('schema')!r}, where {SCHEMA!r} is read")
-        for row in table["effects"]:
-            names = {p.name for p in effect_named(row["effect"]).parameters}
-            if set(row["parameters"]) != names or not all(np.isfinite(float(v)) for v in row["parameters"].values()):
-                raise ValueError(f"{row['effect']}: parameters {row['parameters']}")
-            if row["joint"] is not None and row["joint"] not in table["joints"]:
-                raise ValueError(f"{row['effect']}: joint {row['joint']!r}")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"<custom> text {TABLE} of the model cannot be used ({error}); export the arm again") from error
-    return dict(table)

@@ -6,8 +6,6 @@ and, once it has ended, `[end]` with the exit code and the sentence. A run's fil
 
 from __future__ import annotations
 
-import fcntl
-import os
 import sys
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -17,17 +15,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import tomli_w
 
+from calib.file_lock import is_locked, locked
+from calib.past_runs import FILE, RUNS, read_run
 from sim.errors import ConfigError, DeviceError
 from sim.files import is_name, read_toml
-from sim.resources import nearest
 from sim.version import software_version
 
 if TYPE_CHECKING:
     from sim.arm import Arm
     from sim.cell import Cell
 
-FILE = "run.toml"
-RUNS = Path("runs")
 SIMULATED = ("mock", "replay")  # drivers with a plant of their own: nothing that two programs could both move
 
 
@@ -42,21 +39,6 @@ class Invocation:
 
 
 INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=None)
-
-
-@dataclass(frozen=True)
-class Run:
-    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
-
-    folder: Path
-    verb: str
-    arm: str
-    started: str
-    arguments: tuple[str, ...]
-    directory: str
-    exit_code: int | None
-    sentence: str
-    killed: bool = False
 
 
 def new_run(
@@ -99,7 +81,7 @@ def new_run(
     if invocation is None:
         stream.close()
         return folder
-    _locked(stream)
+    locked(stream)
     invocation.locks.append(stream)
     invocation.folders.append(folder)
     return folder
@@ -110,23 +92,12 @@ def lock_cell(cell: Cell) -> None:
     if cell.table.driver in SIMULATED:
         return
     stream = cell.path.open("rb")
-    if _locked(stream) is False:
+    if locked(stream) is False:
         stream.close()
         raise DeviceError(f"{cell.path}: another program is working with this cell; wait until it has ended, or end it")
     invocation = INVOCATION.get()
     if invocation:
         invocation.locks.append(stream)
-
-
-def _locked(stream: BinaryIO) -> bool | None:
-    """Lock an open file for as long as it is open: False where another has it, None where the file system has no locks."""
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    except BlockingIOError:
-        return False
-    except OSError:
-        return None
 
 
 def conclude(sentence: str) -> None:
@@ -147,85 +118,10 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     part.replace(file)
 
 
-LATEST = "latest"
-
-
-def latest(verb: str | None = None, root: Path | None = None) -> Run:
-    """The newest run, of one verb if given, that did not fail; ConfigError where there is none."""
-    root = RUNS if root is None else root
-    found = next((r for r in list_runs(root) if (verb is None or r.verb == verb) and r.exit_code in (0, 1)), None)
-    if found is None:
-        raise ConfigError(f"{LATEST}: there is no finished run{f' of calib {verb}' if verb else ''} in {root}/; name a folder")
-    return found
-
-
-def newest(verb: str) -> Run:
-    """The newest run of a verb, however it ended; ConfigError where there is none."""
-    found = next((run for run in list_runs() if run.verb == verb), None)
-    if found is None:
-        raise ConfigError(f"{LATEST}: there is no run of calib {verb} in {RUNS}/; name a folder")
-    return found
-
-
-def read_run(reference: str | Path, root: Path = RUNS) -> Run:
-    """A run from its folder, from the name or a unique part of the name of a folder under `root`, or the `latest`."""
-    folder = Path(reference)
-    if str(reference) == LATEST and not folder.exists():
-        return latest(root=root)
-    if not os.path.isfile(folder / FILE):  # as Path.is_file, but False for a name that no file can have
-        found = [f for f in _folders(root) if str(reference) in f.name]
-        if len(found) != 1:
-            known = [f.name for f in _folders(root)]
-            rule = "is part of several runs' names" if found else "is not a run"
-            raise ConfigError(f"{str(reference)!r} {rule}; {nearest(str(reference), [f.name for f in found] or known)}")
-        folder = found[0]
-    file = folder / FILE
-    try:
-        data = read_toml(file)
-        end, arguments = data.get("end", {}), data["arguments"]
-        words = [data["started"], data["directory"], *arguments, end.get("sentence", "")]
-        sound = isinstance(arguments, list) and all(isinstance(word, str) for word in words)
-        if not (sound and is_name(data["verb"]) and is_name(data["arm"]) and isinstance(end.get("exit_code"), int | None)):
-            raise TypeError("verb and arm are names, started, directory, arguments and sentence words, exit_code a number")
-    except (ConfigError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{file}: not a run's file ({error}); delete the folder or restore the file") from error
-    killed = not end and bool(arguments) and not _is_locked(file)
-    return Run(
-        folder, data["verb"], data["arm"], data["started"], tuple(arguments), data["directory"], end.get("exit_code"),
-        end.get("sentence", "") or (_remains(folder) if killed else ""), killed,
-    )  # fmt: skip
-
-
-def _is_locked(file: Path) -> bool:
-    """Whether the program that writes this run is alive, or nobody can know."""
-    with file.open("rb") as stream:
-        return _locked(stream) is not True
-
-
-def _remains(folder: Path) -> str:
-    """What a killed run left behind, as a sentence."""
-    from logs.recover import describe
-
-    recordings = [file for file in sorted(folder.glob("*.mcap")) if file.is_file()]
-    if recordings:
-        return "; ".join(f"{file.name}: {describe(file)}" for file in recordings)
-    last = max((f.stat().st_mtime for f in folder.iterdir() if f.is_file()), default=0.0)
-    return f"killed after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
-
-
-def list_runs(root: Path = RUNS) -> list[Run]:
-    """The runs under `root`, newest first."""
-    return sorted((read_run(f) for f in _folders(root)), key=lambda r: r.started, reverse=True)
-
-
 def free_folder(folder: Path) -> Path:
     """`folder`, or the first of folder-2, folder-3, ... that is not there yet."""
     candidates = [folder, *(folder.with_name(f"{folder.name}-{k}") for k in range(2, 1000))]
     return next((f for f in candidates if not f.exists()), folder)
-
-
-def _folders(root: Path) -> list[Path]:
-    return sorted(f.parent for f in root.glob(f"*/{FILE}"))
 
 
 def _fresh(now: datetime, name: str, verb: str) -> Path:
@@ -244,7 +140,7 @@ def _own(out: Path, continues: str | None) -> Path:
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a new folder")
     if (out / FILE).exists():
-        if continues is None or read_run(out).verb != continues or _is_locked(out / FILE):
+        if continues is None or read_run(out).verb != continues or is_locked(out / FILE):
             raise _taken(out)
         k = next(k for k in range(1, 10**6) if not (out / f"run-{k}.toml").exists())
         (out / FILE).rename(out / f"run-{k}.toml")

@@ -3,8 +3,9 @@
 from logs.log import Event, Log, State
 from logs.pieces import Pieces, open_pieces
 from logs.read import read_log
-from logs.recorder import COMPLETED, Recorder, Recording
+from logs.recorder import Recorder
 from logs.recorder_process import RecorderProcess
+from logs.recording import COMPLETED, Recording
 
 __all__ = [
     "COMPLETED",

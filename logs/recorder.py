@@ -7,10 +7,8 @@ import json
 import math
 import os
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -21,57 +19,13 @@ from logs.boot import boot
 from logs.encode import JointEncoder, log_body, message_record, text_body
 from logs.finish import finish, killed_sentence
 from logs.journal import AHEAD, Disk, Journal, record_bytes
+from logs.recording import COMPLETED, ERROR, INFO, Recording, metadata_text
 from logs.schemas import DEVICE_CLOCK, FRAME, STATES, TOPICS
-from sim.errors import CalibError, DeviceError
+from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
 from sim.version import software_version
 
-COMPLETED = "completed"  # the only end reason that makes a recording clean
-INFO, WARN, ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
 _STATES, _COMMANDS, _DIAGNOSTICS, _EVENTS, _DESCRIPTION = range(1, len(TOPICS) + 1)
-
-
-def metadata_text(metadata: Mapping[str, Any]) -> dict[str, str]:
-    """What the recording says of itself, as text: text as it is, anything else as JSON."""
-    return {key: value if isinstance(value, str) else json.dumps(value, allow_nan=False) for key, value in metadata.items()}
-
-
-class Recording(ABC):
-    """Something that takes samples and events until it is closed; leaving its context by an exception ends it as aborted."""
-
-    path: Path
-    joint_names: tuple[str, ...]
-    samples: int
-
-    @abstractmethod
-    def write(
-        self,
-        state: JointState,
-        q_cmd: np.ndarray | None = None,
-        dq_cmd: np.ndarray | None = None,
-        tau_cmd: np.ndarray | None = None,
-    ) -> None:
-        """One sample and the command (n,) rad, rad/s, N m that was sent with it; DeviceError once recording has failed."""
-
-    @abstractmethod
-    def event(self, level: int, name: str, message: str, t_device: float) -> None:
-        """One line of /events at `t_device`, s on the device clock."""
-
-    @abstractmethod
-    def close(self, end_reason: str = COMPLETED) -> None:
-        """End the recording: clean if `end_reason` is "completed", else aborted for that reason. Safe to call more than once."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if error is None:
-            self.close()
-            return
-        try:
-            self.close(f"{type(error).__name__}: {error}")
-        except CalibError as second:
-            error.add_note(str(second))
 
 
 class Recorder(Recording):

@@ -17,7 +17,8 @@ import numpy as np
 
 from logs.about import About
 from logs.journal import AHEAD
-from logs.recorder import COMPLETED, Recorder, Recording, metadata_text
+from logs.recorder import Recorder
+from logs.recording import COMPLETED, Recording, metadata_text
 from logs.recover import recovered
 from logs.ring import Ring, forget, shared_memory
 from sim.errors import DeviceError

@@ -12,8 +12,9 @@ from typing import Any
 from drivers.driver import Driver
 from drivers.preflight import preflight
 from logs.about import about_recording
-from logs.recorder import COMPLETED, Recorder, Recording
+from logs.recorder import Recorder
 from logs.recorder_process import RecorderProcess
+from logs.recording import COMPLETED, Recording
 from safety.approval import Approval, approval_of, check_approval
 from safety.audit import record, verify
 from safety.clear import Proof

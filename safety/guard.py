@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from drivers.driver import Driver
-from logs.recorder import ERROR, Recording
+from logs.recording import ERROR, Recording
 from safety.clear import ClearedTrajectory, require_cleared
 from safety.collision import Clearance
 from safety.coming_to_rest import ComingToRest

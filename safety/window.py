@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from logs.recorder import WARN, Recording
+from logs.recording import WARN, Recording
 from sim.joint_state import JointState
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import sys
 from contextlib import closing
 from dataclasses import replace
@@ -12,54 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calib.terminal import console
+from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, TorqueAt, locked_joint, numbers_of
 from sim.errors import ConfigError
 
 if TYPE_CHECKING:
     from sim.arm import Arm
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True)
-
-
-class Numbers(enum.StrEnum):
-    """Where masses and inertias come from."""
-
-    MEASURED = "measured"
-    CAD = "cad"
-    GUESSED = "guessed"
-    UNKNOWN = "unknown"
-
-
-class TorqueAt(enum.StrEnum):
-    """Where torque is measured."""
-
-    MOTOR = "motor"
-    JOINT = "joint"
-
-
-Name = Annotated[str | None, typer.Option(help="Name of the arm; the model's own if not given.")]
-Limit = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="KEY=N[,N...]",
-        help="A limit, one number for all joints or one each: q_min q_max (rad) dq_max ddq_max jerk_max tau_max (N m). Repeatable.",
-    ),
-]
-Drive = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--drive",
-        metavar="KEY=N[,N...]",
-        help="What a data sheet or a bench says of the drives, one number for all joints or one each: coulomb (N m), viscous (N m s/rad), inertia "
-        "(kg m^2, reflected to the joint). Repeatable.",
-    ),
-]
-At = Annotated[
-    TorqueAt,
-    typer.Option(
-        help="Where the arm's torque is measured: at the motor (current), before the gear's friction, or at the joint, behind it."
-    ),
-]
-Folder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The arm's folder; configs/arms/NAME if not given.")]
 
 
 @app.callback()
@@ -125,7 +83,7 @@ def new(
             raise ConfigError(f"{answer!r} is none of {', '.join(Numbers)}")
         numbers = Numbers(answer) if answer else None
     choice = Choice(
-        joints=[p.strip() for p in joints.split(",") if p.strip()] if joints else (), lock=dict(_locked(text) for text in lock or []),
+        joints=[p.strip() for p in joints.split(",") if p.strip()] if joints else (), lock=dict(locked_joint(text) for text in lock or []),
         tool=tool, no_shapes=no_shapes, geometry_only=geometry_only or numbers == Numbers.UNKNOWN, numbers=numbers.value if numbers else None,
     )  # fmt: skip
     with staging_folder() as staging:
@@ -139,7 +97,7 @@ def new(
             console.warn(note)
         if arm.prior.numbers is None:
             console.warn("the source of the masses is unknown, so they count as guessed; state it with --numbers")
-        arm = with_drives(arm, dict(_numbers("--drive", text) for text in drives or []))
+        arm = with_drives(arm, dict(numbers_of("--drive", text) for text in drives or []))
         _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
 
 
@@ -166,7 +124,7 @@ def drive(
     """
     from sim.new_arm import drive_arm, staging_folder
 
-    known = None if load in (None, "unknown") else _numbers("--load", f"load={load}")[1]
+    known = None if load in (None, "unknown") else numbers_of("--load", f"load={load}")[1]
     if known is not None and (len(known) != 2 or not min(known) > 0 or not max(known) < 1e4):
         raise ConfigError(f"--load {load}: write KG,M, both above zero, or unknown")
     with staging_folder() as staging:
@@ -224,7 +182,7 @@ def _finish(
     from sim.files import is_name
     from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
 
-    arm = with_limits(arm, dict(_numbers("--limit", text) for text in limit or []))
+    arm = with_limits(arm, dict(numbers_of("--limit", text) for text in limit or []))
     if person:
         arm = _with_entered_limits(arm)
     label = name or arm.name
@@ -251,30 +209,11 @@ def _finish(
     console.say(f"{folder}")
 
 
-def _numbers(option: str, text: str) -> tuple[str, list[float]]:
-    key, _, numbers = text.partition("=")
-    try:
-        return key, [float(x) for x in numbers.split(",")]
-    except ValueError:
-        raise ConfigError(f"{option} {text}: write KEY=N for all joints, or KEY=N,N,... with one number a joint") from None
-
-
-def _locked(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        angle = float(value or 0.0)
-    except ValueError:
-        angle = float("nan")
-    if not abs(angle) < 1e3:
-        raise ConfigError(f"--lock {text}: write NAME, or NAME=N with the angle in rad")
-    return name, angle
-
-
 def _with_entered_limits(arm: Arm) -> Arm:
     from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
 
     for key in missing_limits(arm):
         answer = console.ask(f"{key} in {LIMIT_UNITS[key]}, one number or {arm.n} with commas, empty to leave it out: ")
         if answer.strip():
-            arm = with_limits(arm, dict([_numbers("--limit", f"{key}={answer}")]))
+            arm = with_limits(arm, dict([numbers_of("--limit", f"{key}={answer}")]))
     return arm

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calib.run_folder import LATEST, new_run
+from calib.past_runs import LATEST
+from calib.run_folder import new_run
 from calib.terminal import console
 from sim.errors import ConfigError
 

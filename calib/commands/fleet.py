@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calib.run_folder import RUNS, conclude, new_run
+from calib.past_runs import RUNS
+from calib.run_folder import conclude, new_run
 from calib.terminal import console
 
 

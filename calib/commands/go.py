@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calib.claims import capital
-from calib.run_folder import LATEST, conclude, new_run, newest
+from calib.past_runs import LATEST, newest
+from calib.run_folder import conclude, new_run
 from calib.terminal import console
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import LATEST, conclude, latest, new_run
+from calib.past_runs import LATEST, latest
+from calib.run_folder import conclude, new_run
 from calib.terminal import console
 
 

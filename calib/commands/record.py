@@ -11,7 +11,8 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import LATEST, RUNS, conclude, latest, list_runs, lock_cell, new_run
+from calib.past_runs import LATEST, RUNS, latest, list_runs
+from calib.run_folder import conclude, lock_cell, new_run
 from calib.terminal import console
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.run_folder import RUNS, list_runs, new_run, read_run
+from calib.past_runs import RUNS, list_runs, read_run
+from calib.run_folder import new_run
 from calib.terminal import console
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import FILE, RUNS, Run, free_folder, list_runs, read_run
+from calib.past_runs import FILE, RUNS, Run, list_runs, read_run
+from calib.run_folder import free_folder
 from calib.terminal import console
 from sim.errors import ConfigError
 

@@ -10,13 +10,12 @@ from typer.core import TyperGroup
 
 from calib.run_folder import lock_cell
 from calib.terminal import console
+from calib.terminal.turned_by_hand import drives_of_joints
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:
-    from drivers.can_servo.by_hand import ByHand
     from drivers.can_servo.scan import Found
     from drivers.can_servo.service import Look
-    from sim.arm import Arm
 
 
 class CellOrVerb(TyperGroup):
@@ -172,7 +171,7 @@ def scan(
                 "--data-bitrate 5000000 for CAN FD drives, --supported for CubeMars"
             )
         if model is not None and out is not None:
-            joints = _by_hand(model, found, ByHand([f.drive for f in found], link, clock))
+            joints = drives_of_joints(model, found, ByHand([f.drive for f in found], link, clock))
             text = cell_text(out.stem, model, options, joints)
             with out.open("x", encoding="utf-8") as file:
                 file.write(text)
@@ -187,33 +186,6 @@ def scan(
     problems = [problem for f in found for problem in f.described.problems]
     if problems:
         raise AnswerIsNo("; ".join(problems))
-
-
-def _by_hand(arm: Arm, found: tuple[Found, ...], hands: ByHand) -> dict[str, tuple[Found, int]]:
-    """The drive and the sign of each joint, as somebody turns one after the other."""
-    if len(found) < arm.n:
-        raise AnswerIsNo(f"{len(found)} drives answered and {arm.name} has {arm.n} joints; find the missing ones first")
-    joints: dict[str, tuple[Found, int]] = {}
-    for joint in arm.joint_names:
-        while joint not in joints:
-            console.warn(
-                f"hold the arm still; then turn {joint} alone by 10 degrees or more to its positive side (right hand: thumb along its axis, "
-                "fingers point there)"
-            )
-            try:
-                which, sign = hands.turned()
-            except DeviceError as error:
-                if "moved together" not in str(error):
-                    raise
-                console.warn(str(error))
-                continue
-            owner = next((name for name, (drive, _) in joints.items() if drive is found[which]), None)
-            if owner is not None:
-                console.warn(f"that was {found[which].name}, which is {owner}")
-                continue
-            joints[joint] = (found[which], sign)
-            console.warn(f"{joint} is {found[which].name}, direction {sign:+d}")
-    return joints
 
 
 def _pairs(words: list[str]) -> dict[str, str | int]:

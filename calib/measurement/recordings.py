@@ -15,7 +15,7 @@ import numpy as np
 
 from calib import guided
 from calib.gate.commands import read_as
-from calib.run_folder import LATEST, RUNS, Run, list_runs
+from calib.past_runs import LATEST, RUNS, Run, list_runs
 from calib.terminal import console
 from logs import Log, Pieces, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside

@@ -79,7 +79,7 @@ def arm_names(incomplete: str = "") -> list[str]:
 
 def calibrated_names(incomplete: str = "") -> list[str]:
     """The same with `latest`, where the arm of the newest run will do."""
-    from calib.run_folder import LATEST
+    from calib.past_runs import LATEST
 
     return [name for name in (LATEST, *arm_names()) if name.startswith(incomplete)]
 
@@ -112,7 +112,7 @@ def run_folders(verb: str) -> Callable[[str], list[str]]:
     """Folders of the runs of one command that the shell offers for completion."""
 
     def names(incomplete: str) -> list[str]:
-        from calib.run_folder import LATEST, list_runs
+        from calib.past_runs import LATEST, list_runs
 
         return [n for n in (LATEST, *(str(r.folder) for r in list_runs() if r.verb == verb)) if n.startswith(incomplete)]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.run_folder import Run
+from calib.past_runs import Run
 from sim.errors import ConfigError
 
 RESULTS = ("diagnosis.json", "result.json")

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Any
 
-from logs.recorder import ERROR, INFO, WARN
+from logs.recording import ERROR, INFO, WARN
 
 SCHEMA = "watch-event/1"
 

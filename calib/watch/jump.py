@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 
 from calib.watch.filter import Innovation, Jump, TorqueFilter
-from calib.watch.kernels import advanced
+from calib.watch.jump_kernels import advanced
 
 CANDIDATES = 16
 ROWS_LEAST = 3  # a reading that is wrong once touches two rows

@@ -19,10 +19,12 @@ import numpy as np
 from calib.terminal.console import plain
 from calib.watch.events import CONCERNS, WatchEvent
 from calib.watch.live_gate import LiveGate
+from calib.watch.picture import Picture
 from calib.watch.source import Source, until
 from calib.watch.trend import RunRecord, TrendTable
-from calib.watch.watcher import Picture, Watcher, rehearse
-from logs.recorder import COMPLETED, ERROR, INFO, Recorder
+from calib.watch.watcher import Watcher, rehearse
+from logs.recorder import Recorder
+from logs.recording import COMPLETED, ERROR, INFO
 from sim.errors import BadLog
 
 DECLARED_EVERY = 0.2  # s between two questions about the declared payload

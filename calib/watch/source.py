@@ -14,7 +14,7 @@ import numpy as np
 from calib.gate.commands import read_as, require
 from calib.gate.correction import AS_RECORDED
 from calib.measurement.recordings import recorded_arm
-from calib.watch.watcher import Declared
+from calib.watch.picture import Declared
 from drivers import open_driver
 from logs import read_log
 from logs.log import Log

@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from calib.watch.watcher import Picture
+from calib.watch.picture import Picture
 from sim.arm import Arm
 from sim.errors import ConfigError
 

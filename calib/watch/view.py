@@ -16,8 +16,9 @@ from rich.table import Table
 from rich.text import Text
 
 from calib.watch.events import WatchEvent
-from calib.watch.watcher import Picture, Watcher
-from logs.recorder import ERROR, WARN
+from calib.watch.picture import Picture
+from calib.watch.watcher import Watcher
+from logs.recording import ERROR, WARN
 from sim.files import printable
 
 REDRAW = 0.25

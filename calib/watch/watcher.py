@@ -6,7 +6,7 @@ Blocks of about 20 ms make rows of the momentum balance; the filter follows payl
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from calib.watch.filter import TorqueFilter
 from calib.watch.intake import Intake, ReadingFault, Sample
 from calib.watch.load import LoadWatch
 from calib.watch.momentum import MomentumBalance, Row
+from calib.watch.picture import Declared, Picture
 from calib.watch.validity import ValidityWatch
-from calib.watch.wear import JointFriction, WearWatch
+from calib.watch.wear import WearWatch
 from sim.arm import Arm
 from sim.joint_state import JointState
 
@@ -25,56 +26,6 @@ BLOCK = 0.02  # s
 AGAIN = 10.0  # s before the same kind of fault is reported again
 NIS_MEMORY = 10.0  # s of motion
 DECLARED_SHARE = 0.05  # of the declared mass that it may be off
-
-
-@dataclass(frozen=True, slots=True)
-class Declared:
-    """The declared payload at the flange: kg, m in the last link's frame, and who declared it."""
-
-    mass: float
-    com: tuple[float, float, float]
-    by: str
-
-
-@dataclass(frozen=True)
-class Picture:
-    """What a watcher believes now.
-
-    nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
-    consistent, NaN before the first motion. seconds (n,) of informative motion; residual (n,) N m RMS that nothing explains;
-    hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves.
-    """
-
-    t: float
-    payload: Quantity
-    com: tuple[Quantity, Quantity, Quantity] | None
-    settled: bool
-    deciding: bool
-    fits: bool | None
-    friction: list[JointFriction]
-    nis: float
-    seconds: np.ndarray
-    residual: np.ndarray
-    hidden: float | None
-    samples: int
-    faults: dict[str, int]
-
-    @property
-    def sentence(self) -> str:
-        """The state in words; nothing is claimed without motion."""
-        if self.fits is False:
-            return "the readings do not fit the arm: no claim"
-        if not np.any(self.seconds > 0) and not self.settled:
-            hides = "" if self.hidden is None else f" up to {self.hidden:.2g} kg"
-            return f"no claim without motion: at rest static friction hides{hides} at the flange"
-        if not self.settled:
-            return "too little motion for a claim: three joints must move"
-        load = f"{self.payload} at the flange" if self.payload.value > 3 * self.payload.std else "nothing at the flange"
-        if self.deciding:
-            return f"the load has just changed: {load}, not yet decided"
-        if self.hidden is not None:
-            return f"standing, no claim without motion (static friction hides up to {self.hidden:.2g} kg); before: {load}"
-        return load
 
 
 class Watcher:

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import arms, clean_mock, demo, faults, first_day, soak, ur_load
 from benchmarks.faults import TROUBLES
-from benchmarks.injection import Run
+from benchmarks.reaction import Run
 from drivers.ur_rtde.condition import program, safety, scaling, slider
 from sim.arm import load_arm
 

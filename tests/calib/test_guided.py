@@ -15,7 +15,7 @@ from calib import guided
 from calib import main as program
 from calib.main import main
 from calib.measurement.recordings import latest_arm
-from calib.run_folder import newest
+from calib.past_runs import newest
 from calib.terminal import console
 from sim.errors import ConfigError
 

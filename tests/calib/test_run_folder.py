@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.run_folder import INVOCATION, Invocation, end_run, latest, list_runs, lock_cell, new_run, read_run
+from calib.past_runs import latest, list_runs, read_run
+from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from calib.main import main
-from calib.run_folder import read_run
+from calib.past_runs import read_run
 from sim.effects import EFFECTS
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.excitation.fourier import Basis, random_fourier
 from logs import Recorder
-from logs.recorder import INFO
+from logs.recording import INFO
 from sim.arm import Arm, load_arm
 from sim.joint_state import JointState
 from sim.plant import Plant

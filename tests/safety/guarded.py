@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from logs.recorder import Recording
+from logs.recording import Recording
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
 from safety.guard import Guard

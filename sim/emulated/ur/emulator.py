@@ -8,11 +8,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from sim.emulated.promptness import answer_promptly
 from sim.emulated.ur import line, robot_api
+from sim.emulated.ur.client import Client
 from sim.emulated.ur.dashboard import GREETING, respond
+from sim.emulated.ur.faults import robot_faults
 from sim.emulated.ur.frames import Malformed
 from sim.emulated.ur.primary import greeting
 from sim.emulated.ur.robot import Robot
@@ -22,18 +23,7 @@ from sim.resources import nearest
 
 RTDE, DASHBOARD, SCRIPT, SECONDARY = 30004, 29999, 30003, 30002
 PRIMARY, PRIMARY_READ_ONLY = 30001, 30011
-UNREAD_MAX = 1 << 20  # bytes that a client may leave unread before the controller closes the connection
 BEHIND_MAX = 0.5  # s of lost time that is made up for; beyond it the controller's clock stands still
-
-
-@dataclass
-class _Client:
-    socket: socket.socket
-    port: int
-    session: RtdeSession | None = None
-    line: line.Line = field(default_factory=line.Line)
-    text: bytes = b""
-    unsent: bytes = b""
 
 
 class UrEmulator:
@@ -62,7 +52,7 @@ class UrEmulator:
         self.ports = (*own, PRIMARY, SECONDARY, SCRIPT, RTDE, PRIMARY_READ_ONLY)
         self._todo: deque[Callable[[], None]] = deque()
         self._listeners: dict[socket.socket, int] = {}
-        self._clients: dict[socket.socket, _Client] = {}
+        self._clients: dict[socket.socket, Client] = {}
         self._selector = selectors.SelectSelector()  # microseconds; epoll counts whole milliseconds
         robot.host = host
         self._ending = threading.Event()
@@ -102,7 +92,8 @@ class UrEmulator:
     def inject(self, fault: str) -> None:
         if fault not in self.faults:
             raise ConfigError(f"there is no fault {fault!r}; {nearest(fault, self.faults)}")
-        self.do(self._faults().get(fault) or (lambda: self._on_lines(fault)))
+        known = {**robot_faults(self.robot), "close": self._close_rtde, "refuse": self._refuse}
+        self.do(known.get(fault) or (lambda: self._on_lines(fault)))
 
     def mend(self) -> None:
         """End the faults of the line and plug the cable in again."""
@@ -122,24 +113,6 @@ class UrEmulator:
             "It is on, brakes released, in remote control, without a program. Nobody stands in its cell.",
             "Next, in another terminal: calib check, then calib plan, calib record. Ctrl-C here ends it.",
         ]
-
-    def _faults(self) -> dict[str, Callable[[], None]]:
-        robot = self.robot
-        return {
-            "protective_stop": robot.protective_stop,
-            "emergency_stop": robot.emergency_stop,
-            "reduced_mode": robot.reduce,
-            "program_played": lambda: robot.play("palletise.urp"),
-            "program_paused": lambda: robot.play("palletise.urp", paused=True),
-            "slider_moved": lambda: setattr(robot, "speed_slider", 0.4),
-            "program_stopped": robot.stop_program,
-            "second_client": lambda: robot.upload("def somebody_else():\n  sync()\nend\n"),
-            "local_control": lambda: setattr(robot, "remote", False),
-            "fieldbus": lambda: robot.claims.update({f"input_int_register_{i}": "fieldbus" for i in range(24)}),
-            "cable_pulled": lambda: setattr(robot, "unplugged", True),
-            "close": self._close_rtde,
-            "refuse": self._refuse,
-        }
 
     def _on_lines(self, fault: str | None) -> None:
         for client in self._clients.values():
@@ -191,7 +164,7 @@ class UrEmulator:
         connection, _ = listener.accept()
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(connection, self._listeners[listener])
+        client = Client(connection, self._listeners[listener])
         if client.port == RTDE:
             client.session = RtdeSession(self.robot)
         self._clients[connection] = client
@@ -201,7 +174,7 @@ class UrEmulator:
         if client.port in (PRIMARY, PRIMARY_READ_ONLY) and self.robot.held is not None:
             self._send(client, greeting(self.robot.held, self.robot.model))
 
-    def _receive(self, client: _Client) -> None:
+    def _receive(self, client: Client) -> None:
         try:
             data = client.socket.recv(65536)
         except OSError:
@@ -240,17 +213,11 @@ class UrEmulator:
                 if data and not self.robot.unplugged:
                     self._send(client, data)
 
-    def _send(self, client: _Client, data: bytes) -> None:
-        client.unsent += data
-        try:
-            client.unsent = client.unsent[client.socket.send(client.unsent) :]
-        except BlockingIOError:
-            if len(client.unsent) > UNREAD_MAX:
-                self._drop(client)
-        except OSError:
+    def _send(self, client: Client, data: bytes) -> None:
+        if not client.send(data):
             self._drop(client)
 
-    def _drop(self, client: _Client) -> None:
+    def _drop(self, client: Client) -> None:
         if self._clients.pop(client.socket, None) is None:
             return
         self._selector.unregister(client.socket)

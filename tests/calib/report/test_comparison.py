@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from calib.main import main
+from calib.past_runs import read_run
 from calib.report import comparison, diagnosis
-from calib.run_folder import end_run, new_run, read_run
+from calib.run_folder import end_run, new_run
 from calib.terminal import console
 from calib.validation.comparison import compare, found
 from tests.calib.report import examples

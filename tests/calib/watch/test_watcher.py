@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.shift import moving_at, states, work
 from calib.watch.events import Kind, WatchEvent
-from calib.watch.watcher import Declared, Watcher
+from calib.watch.picture import Declared
+from calib.watch.watcher import Watcher
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.joint_state import JointState

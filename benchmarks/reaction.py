@@ -1,0 +1,143 @@
+"""A driver with one fault, and what came of a run of it: when it could be seen, and how far the arm was beside its path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.mock import MockDriver
+from safety import ClearedTrajectory
+from sim.arm import Arm
+from sim.cell import Cell, PayloadTable
+from sim.joint_state import JointState
+from sim.plant import Plant
+
+RATE = 500.0
+SETTLE, AFTER = 600, 300
+
+
+class Watched(MockDriver):
+    """The mock with one trouble from its `at`-th reading on; keeps what was read and sent and where the plant really was."""
+
+    trouble: Trouble
+    at: int
+    joint: int
+    visible: int | None
+
+    def begin(self, trouble: Trouble, at: int, joint: int) -> None:
+        self.trouble, self.at, self.joint, self.visible = trouble, at, joint, None
+        self.readings, self.sent, self.true, self.kept = [], [], [], None
+        self.address = [self.plant.model.joint(name).qposadr[0] for name in self.arm.joint_names]
+        connect_and_settle(self, trouble)
+
+    @property
+    def reads(self) -> int:
+        return len(self.readings)
+
+    def read(self) -> JointState:
+        state = super().read()
+        self.look()
+        self.readings.append(state)
+        if self.reads >= self.at:
+            self.readings[-1] = self.trouble.change(self, state)
+        return self.readings[-1]
+
+    def look(self) -> None:
+        """Where the plant really is."""
+        data = self.plant.data
+        self.true.append((self.plant.time, data.qpos[self.address].copy(), float(np.max(np.abs(data.qvel)))))
+
+    def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        self.sent.append((self.reads, q.copy()))
+        return super().send(q, dq, tau)
+
+    def show(self) -> None:
+        """The reading that is being made is the first that the trouble changes."""
+        self.visible = self.visible or self.reads
+
+
+def connect_and_settle(driver: MockDriver, trouble: Trouble) -> None:
+    driver.connect()
+    for _ in range(
+        SETTLE if trouble.payload or trouble.plant else 0
+    ):  # the drive does not know what it holds: that takes a while
+        MockDriver.read(driver)
+
+
+Build = Callable[[Arm, Cell, ClearedTrajectory, int], Plant | None]
+Twin = Callable[[Arm, Cell, ClearedTrajectory, int], Plant]
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """One fault: what it does to readings from the `at`-th on, how the plant is made for it, and the same plant without it."""
+
+    name: str
+    change: Callable[[Watched, JointState], JointState]
+    note: str = ""
+    stops: bool = True
+    plant: Build | None = None
+    twin: Twin | None = None
+    moving: float = 0.2
+    payload: PayloadTable | None = None
+    # something outside pushes the arm: how far beside its path is no figure of the tube
+    pushed: bool = False
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of one run: a stop with its figures, `missed` why there was none that should have been, or neither.
+
+    angle rad: the farthest that a joint really turned from its last good reading on. share: that from the last planned command on, over
+    what was proved from there, the angle of the stop and the room beside it; alone: over the angle of the stop alone, of joints that turn
+    by more than TURNS; beyond rad: how far it went beyond that. beside: how far the plant was beside every point that was commanded, over the room that was proved there.
+    """
+
+    reaction: int | None = None
+    from_visible: int | None = None
+    angle: float = 0.0
+    share: float = 0.0
+    alone: float = 0.0
+    beyond: float = 0.0
+    beside: float = 0.0
+    time: float = 0.0
+    missed: str | None = None
+
+
+def last_planned(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
+    """The last planned sample that was sent, and the number of the reading that was answered by the first slower command."""
+    for k, (reads, q) in enumerate(driver.sent):
+        if not (k < len(cleared) and np.array_equal(q, cleared.q[k])):
+            return max(k - 1, 0), reads
+    return max(len(driver.sent) - 1, 0), driver.reads
+
+
+def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int) -> float:
+    """How far the plant was beside every point that was commanded, over the room that was proved there; the least of all points, the worst of all readings.
+
+    The path and its stop are proved as places, whenever the arm is there: one that is held back stands on the way that it came.
+    """
+    commanded = np.array([q for _, q in driver.sent])
+    room = np.array([cleared.room[min(k, planned)] for k in range(len(commanded))])
+    share = np.linspace(0, 1, 5)[:-1, None, None]
+    dense = (commanded[:-1] + share * np.diff(commanded, axis=0)).transpose(1, 0, 2).reshape(-1, commanded.shape[1])
+    room = np.append(np.repeat(np.minimum(room[:-1], room[1:]), 4), room[-1])
+    dense = np.vstack((dense, commanded[-1:]))
+    seen = (np.max(np.abs(q - dense), axis=1) / room for _, q, _ in driver.true[first - 1 :])
+    return float(max(np.min(at) for at in seen))
+
+
+def first_visible(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:
+    """Number of the first reading with a number further than `sigmas` of its sensor's noise from the same reading without the trouble."""
+    sensors = arm.sensors
+    for k, (a, b) in enumerate(zip(readings, sound, strict=False)):
+        beside = (
+            np.abs(a.q - b.q) > sigmas * np.array(sensors.encoder_resolution),
+            np.abs(a.dq - b.dq) > sigmas * np.array(sensors.velocity_noise),
+            np.abs(a.tau - b.tau) > sigmas * np.array(sensors.torque_noise),
+        )
+        if np.any(beside):
+            return k + 1
+    return None

@@ -1,0 +1,100 @@
+"""The runs that there are: each as its run.toml states it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from calib.file_lock import is_locked
+from sim.errors import ConfigError
+from sim.files import is_name, read_toml
+from sim.resources import nearest
+
+FILE = "run.toml"
+RUNS = Path("runs")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
+
+    folder: Path
+    verb: str
+    arm: str
+    started: str
+    arguments: tuple[str, ...]
+    directory: str
+    exit_code: int | None
+    sentence: str
+    killed: bool = False
+
+
+LATEST = "latest"
+
+
+def latest(verb: str | None = None, root: Path | None = None) -> Run:
+    """The newest run, of one verb if given, that did not fail; ConfigError where there is none."""
+    root = RUNS if root is None else root
+    found = next((r for r in list_runs(root) if (verb is None or r.verb == verb) and r.exit_code in (0, 1)), None)
+    if found is None:
+        raise ConfigError(f"{LATEST}: there is no finished run{f' of calib {verb}' if verb else ''} in {root}/; name a folder")
+    return found
+
+
+def newest(verb: str) -> Run:
+    """The newest run of a verb, however it ended; ConfigError where there is none."""
+    found = next((run for run in list_runs() if run.verb == verb), None)
+    if found is None:
+        raise ConfigError(f"{LATEST}: there is no run of calib {verb} in {RUNS}/; name a folder")
+    return found
+
+
+def read_run(reference: str | Path, root: Path = RUNS) -> Run:
+    """A run from its folder, from the name or a unique part of the name of a folder under `root`, or the `latest`."""
+    folder = Path(reference)
+    if str(reference) == LATEST and not folder.exists():
+        return latest(root=root)
+    if not os.path.isfile(folder / FILE):  # as Path.is_file, but False for a name that no file can have
+        found = [f for f in _folders(root) if str(reference) in f.name]
+        if len(found) != 1:
+            known = [f.name for f in _folders(root)]
+            rule = "is part of several runs' names" if found else "is not a run"
+            raise ConfigError(f"{str(reference)!r} {rule}; {nearest(str(reference), [f.name for f in found] or known)}")
+        folder = found[0]
+    file = folder / FILE
+    try:
+        data = read_toml(file)
+        end, arguments = data.get("end", {}), data["arguments"]
+        words = [data["started"], data["directory"], *arguments, end.get("sentence", "")]
+        sound = isinstance(arguments, list) and all(isinstance(word, str) for word in words)
+        if not (sound and is_name(data["verb"]) and is_name(data["arm"]) and isinstance(end.get("exit_code"), int | None)):
+            raise TypeError("verb and arm are names, started, directory, arguments and sentence words, exit_code a number")
+    except (ConfigError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(f"{file}: not a run's file ({error}); delete the folder or restore the file") from error
+    killed = not end and bool(arguments) and not is_locked(file)
+    return Run(
+        folder, data["verb"], data["arm"], data["started"], tuple(arguments), data["directory"], end.get("exit_code"),
+        end.get("sentence", "") or (_remains(folder) if killed else ""), killed,
+    )  # fmt: skip
+
+
+def _remains(folder: Path) -> str:
+    """What a killed run left behind, as a sentence."""
+    from logs.recover import describe
+
+    recordings = [file for file in sorted(folder.glob("*.mcap")) if file.is_file()]
+    if recordings:
+        return "; ".join(f"{file.name}: {describe(file)}" for file in recordings)
+    last = max((f.stat().st_mtime for f in folder.iterdir() if f.is_file()), default=0.0)
+    return f"killed after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
+
+
+def list_runs(root: Path = RUNS) -> list[Run]:
+    """The runs under `root`, newest first."""
+    return sorted((read_run(f) for f in _folders(root)), key=lambda r: r.started, reverse=True)
+
+
+def _folders(root: Path) -> list[Path]:
+    return sorted(f.parent for f in root.glob(f"*/{FILE}"))
