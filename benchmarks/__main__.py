@@ -78,6 +78,7 @@ SLICED = (
     "demo",
     "ur_load",
 )
+PLANT = ("sim/plant.py", "sim/plant_model.py", "sim/encoders.py", "sim/instant.py", "sim/torque_history.py")
 # what a topic measures; all packages, if not here
 MEASURES: dict[str, tuple[str, ...]] = {
     "install": ("pyproject.toml",),
@@ -89,11 +90,11 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "clocks": ("logs",),
     "hostile": ("logs", "safety", "sim"),
     "safety": ("safety", "sim"),
-    "faults": ("safety", "drivers/mock.py", "sim/plant.py"),
+    "faults": ("safety", "drivers/mock.py", *PLANT),
     "ur_load": ("drivers/ur_rtde", "safety", "logs", "sim/emulated"),
     "monitor_process": ("drivers/ur_rtde", "safety", "sim/emulated"),
     "first_day": ("drivers", "sim/emulated", "calib/commands"),
-    "soak": ("safety", "drivers/mock.py", "sim/plant.py"),
+    "soak": ("safety", "drivers/mock.py", *PLANT),
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
     "servo_scan": ("drivers", "sim"),

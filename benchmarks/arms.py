@@ -32,7 +32,7 @@ from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import CODE, digest, git
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
-from sim.new_arm import LIMIT_UNITS
+from sim.stated_facts import LIMIT_UNITS
 
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
 # name -> file in the wheel, and what is the arm

@@ -122,7 +122,11 @@ ASIDE = ("approval", "approach", "audit", "board", "confirmation", "control", "c
 HANGS_ON = (
     *(f"safety/{file.name}" for file in sorted((ROOT / "safety").glob("*.py")) if file.stem not in ASIDE),
     "drivers/mock.py",
+    "sim/encoders.py",
+    "sim/instant.py",
     "sim/plant.py",
+    "sim/plant_model.py",
+    "sim/torque_history.py",
     "sim/rigid_body.py",
     "benchmarks/faults.py",
     "benchmarks/hidden.py",

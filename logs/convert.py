@@ -11,7 +11,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from logs.clock_fit import fit_clocks
-from logs.column_map import ColumnMap, log_of_table
+from logs.column_map import ColumnMap
 from logs.damage import Damage
 from logs.encode import JointEncoder, log_body
 from logs.finish import add_clock_fit, finish, put_in_place, write_file
@@ -32,6 +32,7 @@ from logs.schemas import (
     TOPICS,
     UNITS,
 )
+from logs.table_log import log_of_table
 from logs.tables import FORMATS, Table, read_table
 from sim.errors import DeviceError
 from sim.files import is_name

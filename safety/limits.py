@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arm import Arm, require_limits
+from sim.arm import Arm
 from sim.errors import SafetyStop
+from sim.required import require_limits
 from sim.trajectory import Trajectory
 
 ROUNDING = 1e-9

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,9 @@ import numpy as np
 
 from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable, SpeedFrom, TorqueAt
 from sim.errors import ConfigError
-from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
+from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
+from sim.model_facts import model_limits, model_name, unknown_sensors
 from sim.model_text import checked_text, urdf_speed_limits
 from sim.plugins import arm_folder, plugins
 from sim.prior import bare_prior
@@ -186,24 +186,6 @@ def _stated(key: str, given: bool) -> str:
     return f"missing key {key}; add it: it is never guessed"
 
 
-def model_limits(tree: KinematicTree) -> dict[str, Any]:
-    """The limits (n,) that a model file states, NaN where it has none; no model format has acceleration or jerk."""
-    nan = np.full(tree.n, np.nan)
-    return {
-        "q_min": tree.q_min,
-        "q_max": tree.q_max,
-        "dq_max": tree.dq_max,
-        "ddq_max": nan,
-        "jerk_max": nan,
-        "tau_max": tree.tau_max,
-    }
-
-
-def unknown_sensors(n: int) -> SensorsTable:
-    """What is assumed of n joints whose sensors nobody described: 500 Hz, 1e-5 rad, no noise."""
-    return SensorsTable(rate=500.0, encoder_resolution=1e-5, velocity_noise=[0.0] * n, torque_noise=[0.0] * n)
-
-
 def _all_effects(listed: list[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
     """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
     effects = {(e.effect, e.joint): e for e in model_effects(tree)}
@@ -241,33 +223,10 @@ def _bare(path: Path) -> Arm:
     limits = model_limits(tree)
     incomplete = [key for key, value in limits.items() if not np.all(np.isfinite(value))]
     return Arm(
-        name=_model_name(text, path), joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
+        name=model_name(text, path), joint_names=tree.joint_names, **limits, torque_constant=None, effects=model_effects(tree),
         sensors=unknown_sensors(tree.n), prior=bare_prior(tree), provenance={"all": f"read from {path.name}"}, tree=tree, model_path=path,
         model_text=text, sha256=hashlib.sha256(text.encode()).hexdigest(), incomplete=(*incomplete, "sensors"),
     )  # fmt: skip
-
-
-def require_limits(arm: Arm, *names: str) -> None:
-    """ConfigError that asks for every named limit the arm lacks; a motion is never planned on a guessed limit."""
-    for name in names:
-        value = getattr(arm, name)
-        missing = [j for j, v in zip(arm.joint_names, value, strict=True) if not math.isfinite(v)]
-        if missing:
-            place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and take it off incomplete"
-            folder = (arm.model_path.parent / "arm.toml").is_file()
-            raise ConfigError(
-                f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file does not state it: "
-                + (place if folder else "make an arm folder with `calib arm new`, with the limits of the arm's data sheet")
-            )
-
-
-def require_masses(arm: Arm) -> None:
-    """ConfigError where nobody knows the arm's masses: no motion's torque can be predicted then."""
-    if arm.prior.numbers == "unknown":
-        raise ConfigError(
-            f"{arm.model_path}: the arm's masses are unknown, so no motion's torque can be bounded; identify them first from "
-            "recordings that its own controller made (`calib import`, `calib identify`), or make the arm with --numbers"
-        )
 
 
 def model_effects(tree: KinematicTree) -> tuple[ArmEffect, ...]:
@@ -289,14 +248,3 @@ def _row(values: list[float], joints: list[str], where: str) -> np.ndarray:
     row = np.array(values, dtype=float)
     row.flags.writeable = False
     return row
-
-
-def _model_name(text: str, path: Path) -> str:
-    """What the model calls itself where that may be a name, else what its file is called."""
-    found = re.search(r"<(?:mujoco\s+model|robot\s+name)\s*=\s*[\"']([^\"']+)[\"']", text)
-    for name in (found.group(1) if found else "", path.stem):
-        if is_name(name):
-            return name
-    raise ConfigError(
-        f"{path}: neither the model's name nor the file's is one: 1 to 64 letters, digits, dots, dashes and underscores; rename the file"
-    )

@@ -12,9 +12,9 @@ import numpy as np
 
 from sim.effects import Effect, PathState, Stage, effect_named
 from sim.errors import ConfigError
+from sim.instant import instant
 from sim.mjcf import TWIST
 from sim.mujoco_export import DRY, READING, SCHEMA, TABLE
-from sim.slip import SLIP_WIDTH
 
 MANY = 1000  # simulations whose memory is kept at once
 
@@ -150,13 +150,7 @@ class Exported:
 
     def _instant(self, data: mujoco.MjData) -> PathState:
         """The torque path at the present instant; speeds and angles of the motors."""
-        q, dq = data.qpos[self.qpos][None], data.qvel[self.dof][None]
-        zero = np.zeros_like(q)
-        return PathState(
-            t=np.array([data.time]), q=q, dq=dq, ddq=data.qacc[self.dof][None], load=zero.copy(), q_motor=q.copy(),
-            dq_motor=dq.copy(), ddq_motor=data.qacc[self.dof][None], level=zero.copy(), width=np.full_like(q, SLIP_WIDTH),
-            warmth=np.ones_like(q), slip=np.sign(dq), tau=zero.copy(), force=np.zeros((1, 3)),
-        )  # fmt: skip
+        return instant(data.time, data.qpos[self.qpos], data.qvel[self.dof], data.qacc[self.dof])
 
     def reading(self, data: mujoco.MjData) -> Reading:
         """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor."""

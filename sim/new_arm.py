@@ -11,30 +11,21 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim.arm import Arm, ArmEffect, load_arm
-from sim.arm_table import LimitsTable, Numbers
+from sim.arm import Arm, load_arm
+from sim.arm_table import Numbers
 from sim.bench_drive import bench_drive
-from sim.effects import with_effect
 from sim.enclosing import with_pieces
 from sim.errors import ConfigError
 from sim.locked import locked
 from sim.mjcf_tree import tree_text
 from sim.model import compiled, kinematic_tree
 from sim.model_text import urdf_speed_limits
-from sim.prior import EFFECT, stated_prior
+from sim.prior import stated_prior
 from sim.resources import nearest
 from sim.ros_urdf import NO_MASS, reduced_urdf
 from sim.size import sized
 from sim.tree import KinematicTree
 
-LIMIT_UNITS = {"q_min": "rad", "q_max": "rad", "dq_max": "rad/s", "ddq_max": "rad/s^2", "jerk_max": "rad/s^3", "tau_max": "N m"}
-# what a data sheet or a bench says of the drives: its unit, the prior's key, and its relative standard deviation (friction moves by a third
-# between a cold and a warm gear: B. Armstrong-Helouvry et al. 1994, doi:10.1016/0005-1098(94)90209-7)
-DRIVE_FACTS = {
-    "coulomb": ("N m", "coulomb", 0.3),
-    "viscous": ("N m s/rad", "viscous", 0.3),
-    "inertia": ("kg m^2", "rotor", 0.1),
-}
 # two links of two joints may be a gripper's fingers; a third branch is no arm either
 FINGER = 0.15
 # joints of a whole robot, of which the arm is a part
@@ -231,61 +222,6 @@ def _robot_name(text: str) -> str:
     from xml.etree import ElementTree
 
     return ElementTree.fromstring(text).get("name", "")
-
-
-def with_limits(arm: Arm, limits: Mapping[str, list[float]]) -> Arm:
-    """The arm with these limits, one number for each joint or one for all; ConfigError where one is impossible."""
-    rows: dict[str, np.ndarray] = {}
-    for key, values in limits.items():
-        if key not in LimitsTable.model_fields:
-            raise ConfigError(f"there is no limit {key!r}; {nearest(key, LimitsTable.model_fields)}")
-        row = _each(arm, key, values)
-        if not np.all(np.isfinite(row)) or (key not in ("q_min", "q_max") and not np.all(row > 0)):
-            raise ConfigError(
-                f"{key} = {row.tolist()} {LIMIT_UNITS[key]}: every number must be finite, and above zero but for q"
-            )
-        rows[key] = row
-    q_min, q_max = rows.get("q_min", arm.q_min), rows.get("q_max", arm.q_max)
-    if np.any(q_min >= q_max):
-        j = int(np.argmax(q_min >= q_max))
-        raise ConfigError(f"{arm.joint_names[j]}: q_min {q_min[j]} rad is not below q_max {q_max[j]} rad")
-    return replace(
-        arm, q_min=q_min, q_max=q_max, dq_max=rows.get("dq_max", arm.dq_max), ddq_max=rows.get("ddq_max", arm.ddq_max),
-        jerk_max=rows.get("jerk_max", arm.jerk_max), tau_max=rows.get("tau_max", arm.tau_max),
-    )  # fmt: skip
-
-
-def with_drives(arm: Arm, facts: Mapping[str, list[float]]) -> Arm:
-    """The arm with what is known of its drives, one number for each joint or one for all: from now on stated, to the deviation of DRIVE_FACTS.
-
-    ConfigError for another fact, and for a number that is not above zero: zero states nothing.
-    """
-    for key, values in facts.items():
-        if key not in DRIVE_FACTS:
-            raise ConfigError(f"there is no fact {key!r} of a drive; {nearest(key, DRIVE_FACTS)}")
-        (unit, prior, spread), row = DRIVE_FACTS[key], _each(arm, key, values)
-        if not (np.all(np.isfinite(row)) and np.all(row > 0)):
-            raise ConfigError(
-                f"{key} = {row.tolist()} {unit}: every number must be finite and above zero; leave out what is not known"
-            )
-        effect, parameter = EFFECT[prior]
-        for joint, value in zip(arm.joint_names, row.tolist(), strict=True):
-            arm = with_effect(arm, ArmEffect(effect, joint, {parameter: value}))
-        unknown = [k for k in arm.prior.unknown if k != prior]
-        arm = replace(arm, prior=arm.prior.model_copy(update={"unknown": unknown, prior: spread}))
-    return arm
-
-
-def _each(arm: Arm, key: str, values: list[float]) -> np.ndarray:
-    row = np.array(values * arm.n if len(values) == 1 else values, dtype=float)
-    if len(row) != arm.n:
-        raise ConfigError(f"{key} has {len(row)} numbers for {arm.n} joints ({', '.join(arm.joint_names)})")
-    return row
-
-
-def missing_limits(arm: Arm) -> list[str]:
-    """The limits that at least one joint lacks."""
-    return [key for key in LIMIT_UNITS if not np.all(np.isfinite(getattr(arm, key)))]
 
 
 def staging_folder() -> tempfile.TemporaryDirectory[str]:

@@ -7,7 +7,6 @@ reports is quantised and noisy as `arm.sensors` says.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Hashable, Iterable
 from typing import Any
 
@@ -19,12 +18,15 @@ from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.drive_loop import DriveLoop
 from sim.effects import Stage
 from sim.effects.effect import PathState
+from sim.encoders import Encoders
+from sim.instant import apply_all, instant
 from sim.joint_state import JointState
-from sim.mjcf import SOFT_STEP, STEP, TWIST, plant_text, twists
-from sim.model import no_callback
+from sim.mjcf import SOFT_STEP, STEP, twists
+from sim.plant_model import plant_model, twist_gears
 from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
-from sim.slip import SLIP_WIDTH, slip_direction
+from sim.slip import slip_direction
+from sim.torque_history import TorqueHistory
 
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
@@ -54,14 +56,8 @@ class Plant:
 
     def _build(self, arm: Arm) -> None:
         self.arm = arm
-        with no_callback():
-            self.model = mujoco.MjModel.from_xml_string(plant_text(arm, self.timestep, self._obstacles))
+        self.model, self._dof, self._motor, self._twist, self._last_body = plant_model(arm, self.timestep, self._obstacles)
         self.data = mujoco.MjData(self.model)
-        names = arm.joint_names
-        self._dof = np.array([self.model.joint(n).dofadr[0] for n in names])
-        self._motor = np.array([self.model.actuator(f"{n}:motor").id for n in names])
-        self._twist = [(names.index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for joint in twists(arm)]
-        self._last_body = self.model.body(arm.tree.link_names[-1]).id
         self._stages = by_stage(arm.effects, arm)
         self._each_step = {
             stage: [x for x in items if x[0].mjcf(x[2].joint or "", x[2].parameters) is None]
@@ -72,7 +68,7 @@ class Plant:
         self._limit = np.where(np.isfinite(arm.tau_max), arm.tau_max, np.inf)
         # views of MuJoCo's arrays: taking them anew at every step costs as much as the step
         self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
-        self._encoders = [(e, j, item) for e, j, item in self._stages[Stage.ENCODER] if j is not None]
+        self._encoders = Encoders(self._stages[Stage.ENCODER], arm.sensors.encoder_resolution)
         self._level_varies = bool(self._each_step[Stage.FRICTION])
         self._every_step = self._level_varies or any(self._each_step[stage] for stage in (Stage.FORCE, Stage.MOTOR))
         self._bodies = RigidBody(arm)
@@ -97,7 +93,7 @@ class Plant:
         """
         mujoco.mj_resetData(self.model, self.data)
         q = np.asarray(q, dtype=float)
-        self.data.qpos[self._dof] = self._angle(q)
+        self.data.qpos[self._dof] = self._encoders.angle(q)
         if dq is not None:
             self.data.qvel[self._dof] = dq
         mujoco.mj_forward(self.model, self.data)
@@ -106,24 +102,13 @@ class Plant:
         self._slip = np.zeros(n)
         self._memory: dict[Hashable, np.ndarray] = {}
         if came is not None:
-            self._load_gears()
+            twist_gears(self.model, self.data, self._bodies, self._dof, self._twist)
             self._load_friction(came + (self.data.qpos[self._dof] - q))
         self._slip_angle = self.data.qpos[self._dof].copy()
         self._noise = np.zeros(n)
         self._heat = np.zeros(n)
-        self._history: deque[tuple[float, np.ndarray]] = deque([(self.time, self._reported)], maxlen=2000)
+        self._history = TorqueHistory(self.time, self._reported)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self.encoder())
-
-    def _load_gears(self) -> None:
-        """Twist soft gears until they carry the links, and put those with play against the stop that does; the links stay where they are."""
-        q, dq = self.data.qpos[self._dof][None], self.data.qvel[self._dof][None]
-        load = self._bodies.inverse_dynamics(q, dq, np.zeros_like(q))
-        for j, dof in self._twist:
-            hinge = self.model.dof_jntid[dof]
-            stiffness, (low, high) = self.model.jnt_stiffness[hinge], self.model.jnt_range[hinge]
-            twist = -load[0, j] / stiffness if stiffness > 0 else low if load[0, j] > 0 else high
-            self.data.qpos[dof], self.data.qpos[self._dof[j]] = twist, self.data.qpos[self._dof[j]] - twist
-        mujoco.mj_forward(self.model, self.data)
 
     def _load_friction(self, way: np.ndarray) -> None:
         """Move the memories of dry friction along a way of the motors, (K, n) rad, which ends where they are."""
@@ -131,13 +116,11 @@ class Plant:
         along: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(self._instant()).items() if v is not None}
         state = PathState(**along)
         state.q_motor, state.load = way, self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
-        for effect, joint, item in self._stages[Stage.FRICTION]:
-            effect.apply(state, joint, item.parameters)
+        apply_all(state, self._stages[Stage.FRICTION])
         for j in self._presliding:
             self._slip[j] = slip_direction(way[:, j], state.width[:, j])[-1]
         state.memory = self._memory
-        for effect, joint, item in self._each_step[Stage.MOTOR]:
-            effect.apply(state, joint, item.parameters)
+        apply_all(state, self._each_step[Stage.MOTOR])
 
     @property
     def stable(self) -> bool:
@@ -200,28 +183,11 @@ class Plant:
         angle = self.data.qpos[self._dof].copy()
         for j, dof in self._twist:
             angle[j] += self.data.qpos[dof]
-        for effect, joint, item in self._stages[Stage.ENCODER]:
-            angle[joint] = effect.reading(angle[joint : joint + 1], item.parameters)[0] if joint is not None else angle[joint]
-        resolution = self.arm.sensors.encoder_resolution
-        return np.round(angle / resolution) * resolution
+        return self._encoders.read(angle)
 
     def _motor_reading(self) -> tuple[np.ndarray, np.ndarray]:
         """Angle and speed on the drive's own encoder: the motor's side of a soft joint."""
-        angle, speed = self._qpos[self._dof], self._qvel[self._dof]
-        for effect, joint, item in self._encoders:
-            here = slice(joint, joint + 1)
-            speed[here] = effect.reading_speed(angle[here], speed[here], item.parameters)
-            angle[here] = effect.reading(angle[here], item.parameters)
-        return angle, speed
-
-    def _angle(self, reading: np.ndarray) -> np.ndarray:
-        """The angle that gives a reading."""
-        angle = reading.copy()
-        for effect, joint, item in self._stages[Stage.ENCODER]:
-            if joint is not None:
-                for _ in range(20):
-                    angle[joint] += reading[joint] - effect.reading(angle[joint : joint + 1], item.parameters)[0]
-        return angle
+        return self._encoders.motor(self._qpos[self._dof], self._qvel[self._dof])
 
     def _control(self, dt: float = 0.0) -> None:
         """Close the drive's loop at this instant; its integral grows by dt s."""
@@ -235,34 +201,20 @@ class Plant:
             torque = state.tau[0]
         self._ctrl[self._motor] = torque
         self._reported = torque
-        if self._history[-1][0] == now:
-            self._history.pop()
-        self._history.append((now, torque))
+        self._history.keep(now, torque)
 
     def _sensed(self) -> np.ndarray:
         tau = self._reported
         for _, _, item in self._stages[Stage.CHANNEL]:
-            when = self.time - item.parameters["delay"]
-            later = next(
-                (k for k in range(len(self._history)) if self._history[-1 - k][0] <= when + 1e-9), len(self._history) - 1
-            )
-            (t0, first), (t1, second) = self._history[-1 - later], self._history[-max(later, 1)]
-            share = np.clip((when - t0) / (t1 - t0), 0.0, 1.0) if t1 > t0 else 0.0
-            tau = first + share * (second - first)
+            tau = self._history.at(self.time - item.parameters["delay"])
         state = self._instant(torque=tau)
-        for effect, joint, item in self._stages[Stage.SENSOR]:
-            effect.apply(state, joint, item.parameters)
+        apply_all(state, self._stages[Stage.SENSOR])
         return state.tau[0]
 
     def _instant(self, torque: np.ndarray | None = None) -> PathState:
         """The torque path at this one instant, for effects that are applied each step."""
-        q, dq, ddq = (x[self._dof][None].copy() for x in (self.data.qpos, self.data.qvel, self.data.qacc))
-        zero = np.zeros_like(q)
-        return PathState(
-            t=np.array([self.time]), q=q, dq=dq, ddq=ddq, load=zero.copy(), q_motor=q.copy(), dq_motor=dq.copy(),
-            ddq_motor=ddq.copy(), level=zero.copy(), width=np.full_like(q, SLIP_WIDTH), warmth=np.ones_like(q),
-            slip=np.sign(dq), tau=zero.copy() if torque is None else torque[None].copy(), force=np.zeros((1, 3)),
-        )  # fmt: skip
+        q, dq, ddq = (x[self._dof] for x in (self.data.qpos, self.data.qvel, self.data.qacc))
+        return instant(self.time, q, dq, ddq, torque)
 
     def _apply_effects(self) -> None:
         if not self._every_step:
@@ -271,8 +223,7 @@ class Plant:
         state, data = self._instant(), self.data
         data.qfrc_applied[:] = 0.0
         if steps[Stage.FORCE]:
-            for effect, joint, item in steps[Stage.FORCE]:
-                effect.apply(state, joint, item.parameters)
+            apply_all(state, steps[Stage.FORCE])
             point = data.xpos[self._last_body]
             wrench = np.zeros(self.model.nv)
             mujoco.mj_applyFT(self.model, data, state.force[0], np.zeros(3), point, self._last_body, wrench)
@@ -280,8 +231,7 @@ class Plant:
         if self._level_varies:
             # the torque through the gear: what the links need at the present acceleration
             state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
-            for effect, joint, item in self._stages[Stage.FRICTION]:
-                effect.apply(state, joint, item.parameters)
+            apply_all(state, self._stages[Stage.FRICTION])
             level = (state.warmth * state.level)[0]
             for j in self._presliding:
                 angle = np.array([self._slip_angle[j], state.q[0, j]])
@@ -295,6 +245,5 @@ class Plant:
         if any(effect.needs_load for effect, _, _ in steps[Stage.MOTOR]) and not self._level_varies:
             state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
         state.memory = self._memory
-        for effect, joint, item in steps[Stage.MOTOR]:
-            effect.apply(state, joint, item.parameters)
+        apply_all(state, steps[Stage.MOTOR])
         data.qfrc_applied[self._dof] -= state.tau[0]

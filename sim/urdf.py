@@ -9,9 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import Arm, require_limits
+from sim.arm import Arm
 from sim.errors import ConfigError
 from sim.mjcf import numbers
+from sim.required import require_limits
 from sim.tree import Shape
 
 Element = ElementTree.Element

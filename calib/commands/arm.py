@@ -74,7 +74,8 @@ def new(
         calib arm new my_robot.urdf --numbers cad --lock 'finger_*' --limit ddq_max=5 --limit jerk_max=100
     """
     from calib.excitation.home import FREE, free_share
-    from sim.new_arm import Choice, read_model, staging_folder, with_drives
+    from sim.new_arm import Choice, read_model, staging_folder
+    from sim.stated_facts import with_drives
 
     person = sys.stdin.isatty() and not json
     if numbers is None and not geometry_only and person:
@@ -180,7 +181,7 @@ def _finish(
     """Give the arm its limits, write its folder and show what is in it."""
     from sim.arm_folder import write_arm
     from sim.files import is_name
-    from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
+    from sim.stated_facts import LIMIT_UNITS, missing_limits, with_limits
 
     arm = with_limits(arm, dict(numbers_of("--limit", text) for text in limit or []))
     if person:
@@ -210,7 +211,7 @@ def _finish(
 
 
 def _with_entered_limits(arm: Arm) -> Arm:
-    from sim.new_arm import LIMIT_UNITS, missing_limits, with_limits
+    from sim.stated_facts import LIMIT_UNITS, missing_limits, with_limits
 
     for key in missing_limits(arm):
         answer = console.ask(f"{key} in {LIMIT_UNITS[key]}, one number or {arm.n} with commas, empty to leave it out: ")

@@ -52,9 +52,10 @@ def command(
         calib export runs/real/arm --out exported
     """
     from calib.measurement.recordings import latest_arm
-    from sim.arm import load_arm, require_limits
+    from sim.arm import load_arm
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model
+    from sim.required import require_limits
 
     table = load_arm(str(latest_arm()) if arm == LATEST else arm, configs)
     left_out = ""

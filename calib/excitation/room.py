@@ -20,8 +20,9 @@ from safety.collision import Clearance
 from safety.pairs import postures
 from safety.shapes import equipped
 from safety.torque import torque_interval
-from sim.arm import Arm, require_limits, require_masses
+from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell
+from sim.required import require_limits, require_masses
 from sim.trajectory import Trajectory
 
 # Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside

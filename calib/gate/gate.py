@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.gate import motion, readings, scale
+from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque, mounting_torque
@@ -73,10 +73,10 @@ def _gate(
     if all(check.ok for check in checks):
         for c in corrections:
             read = tuple(applied(log, c) for log in read)
-        checks += [readings.words(log) for log in read] + [readings.clock(log) for log in read]
+        checks += [readings.words(log) for log in read] + [clock.clock(log) for log in read]
     if all(check.ok for check in checks):
         checks.append(readings.twice(read))
-        for check in (readings.losses, readings.frozen):
+        for check in (clock.losses, readings.frozen):
             checks += [check(log) for log in read]
         checks += [readings.motion(log, least_motion) for log in read]
         checks += _examined_once(arm, read, family)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.gate.check import Cause, GateCheck
-from calib.gate.correction import UNITS, Correction
+from calib.gate.correction import Correction
 from calib.gate.fit import moving
 from calib.gate.signals import Signals
 from logs.column_map import DRIVE
@@ -18,9 +18,6 @@ from logs.words import finding, wrapped
 from sim.arm import Arm
 
 MOST = 1e9
-STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
-USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
-MOST_LOST = 0.3
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
 USUAL, BETWEEN, OVER_OFFSET = 0.8, 0.2, 1.5  # share of samples of a joint's own size; of those beyond; times tau_max
@@ -91,50 +88,6 @@ def words(log: Log) -> GateCheck:
                 detail = f"{name}: {channel} of {log.joint_names[j]} holds {finding(column, integer)}"
                 return GateCheck("words", False, detail, (Cause(way.sentence(()), 0.0, (way,)),))
     return GateCheck("words", True, f"{name}: no signed word was kept as an unsigned one")
-
-
-def clock(log: Log) -> GateCheck:
-    """Between 5 Hz and 10 kHz an arm is recorded."""
-    name = name_of(log)
-    step = np.diff(log.t[np.isfinite(log.t)])
-    short = GateCheck("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
-    if not (step > 0).any():
-        return short
-    if np.any(step < 0):
-        at = int(np.argmax(step < 0))
-        cause = Cause("time runs backwards: two recordings in one file, or a clock that was set")
-        return GateCheck(
-            "clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,)
-        )
-    middle = float(np.median(step[step > 0]))
-    if STEP_LEAST <= middle <= STEP_MOST:
-        return short if len(step) < 16 else GateCheck("clock", True, f"{name}: {1 / middle:.4g} Hz")
-    moved = _elapsed(log)
-    causes = []
-    for unit, factor in UNITS["t"].items():
-        if factor != 1 and USUAL_LEAST <= middle * factor <= USUAL_MOST:
-            gain = -abs(math.log(moved / (middle * factor))) if moved else -1.0
-            causes.append(Cause(Correction("unit", "t", unit=unit).sentence(()), gain, (Correction("unit", "t", unit=unit),)))
-    causes.sort(key=lambda cause: -cause.gain)
-    return GateCheck(
-        "clock", False, f"{name}: a sample every {middle:.4g} s; arms are recorded at 5 Hz to 10 kHz", tuple(causes[:2])
-    )
-
-
-def _elapsed(log: Log) -> float | None:
-    """Seconds between samples by q against dq, where both are there."""
-    moved, speed = np.diff(log.q, axis=0), 0.5 * (log.dq[1:] + log.dq[:-1])
-    ok = np.isfinite(moved) & np.isfinite(speed) & (np.abs(speed) > 0.3 * np.nanmax(np.abs(speed), initial=1e-9))
-    ratio = moved[ok] / speed[ok]
-    return float(np.median(ratio)) if len(ratio) > LEAST_ROWS and np.median(ratio) > 0 else None
-
-
-def losses(log: Log) -> GateCheck:
-    """Not too many samples are missing."""
-    step = np.diff(log.t)
-    share = 1 - len(log) / max(1.0, (log.t[-1] - log.t[0]) / float(np.median(step[step > 0])) + 1)
-    detail = f"{name_of(log)}: {max(share, 0.0):.1%} of the samples missing, longest gap {step.max():.3g} s"
-    return GateCheck("losses", share < MOST_LOST, detail, () if share < MOST_LOST else (Cause("samples were lost"),))
 
 
 def frozen(log: Log) -> GateCheck:

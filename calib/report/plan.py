@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,18 +10,14 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from calib.report.along_motion import PLACES, Distances, Looks, looks_along
 from calib.report.figure import ROLES, draw_line, mosaic, name, svg
 from calib.report.page import Page, asset, template
 from calib.report.scene import scene
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 
-FRAMES_PER_SECOND = 25
-MOST_FRAMES = 3000
-LOOKS = 300
-PLACES = ("the cell", "itself")
 PARAMETERS = {
     "Ia": "reflected inertia", "coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "torque offset",
 }  # fmt: skip
@@ -40,42 +35,6 @@ class NamedMotion(Protocol):
     def trajectory(self) -> Trajectory: ...
 
 
-class Distances(Protocol):
-    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins."""
-
-    pairs: tuple[tuple[str, str], ...]
-    margin: np.ndarray
-    of_self: np.ndarray
-
-    def distances(self, q: np.ndarray) -> np.ndarray: ...
-
-
-@dataclass(frozen=True)
-class _Near:
-    """Clearance of one kind: distance (K,) m of the nearest pair, spare (K,) m beyond the margin; the pair, its distance m and the time s where spare is least."""
-
-    distance: np.ndarray
-    spare: np.ndarray
-    bodies: tuple[str, str]
-    least: float
-    at: float
-
-    @property
-    def pair(self) -> str:
-        return " and ".join(self.bodies)
-
-
-@dataclass(frozen=True)
-class _Looks:
-    """What is drawn of one motion: t (K,) s, q (K, n), flange (K, 3) m, speed (K,) m/s of the flange; clearance to each of PLACES, where known."""
-
-    t: np.ndarray
-    q: np.ndarray
-    flange: np.ndarray
-    speed: np.ndarray
-    near: dict[str, _Near] = field(default_factory=dict)
-
-
 def write(
     path: str | Path, arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], clearance: Distances | None = None,
     worth: Mapping[str, Any] | None = None,
@@ -87,7 +46,7 @@ def write(
                whose first _ counts the joints from 1, `notes`: sentences; every key may be missing
     """
     worth = worth or {}
-    looks = {motion.name: _look(arm, motion.trajectory, clearance) for motion in motions}
+    looks = {motion.name: looks_along(arm, motion.trajectory, clearance) for motion in motions}
     total = sum(motion.trajectory.duration for motion in motions)
     page = Page(arm.name, _sentence(arm, cell, motions, looks, total), None, _facts(motions, looks, total, worth), "plan")
     options = Markup("").join(
@@ -109,49 +68,7 @@ def write(
     return page.write(path)
 
 
-def _look(arm: Arm, motion: Trajectory, clearance: Distances | None) -> _Looks:
-    t, body = motion.t - motion.t[0], RigidBody(arm)
-    grid = np.linspace(0, t[-1], int(np.clip(t[-1] * FRAMES_PER_SECOND, 2, MOST_FRAMES)))
-    q = np.column_stack([np.interp(grid, t, motion.q[:, j]) for j in range(motion.n)])
-    dq = np.column_stack([np.interp(grid, t, motion.dq[:, j]) for j in range(motion.n)])
-    linear, _ = body.jacobian(q)
-    speed = np.linalg.norm(np.einsum("kcj,kj->kc", linear, dq), axis=1)
-    flange = np.array([_flange(arm, row) for row in q])
-    if clearance is None or not clearance.pairs:
-        return _Looks(grid, q, flange, speed)
-    rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
-    distance = np.array([clearance.distances(q[k]) for k in rows])
-    near = {}
-    for place, which in zip(PLACES, (~clearance.of_self, clearance.of_self), strict=True):
-        if which.any():
-            spare = np.where(which, distance - clearance.margin, np.inf)
-            k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
-            nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
-            near[place] = _Near(nearest, room, clearance.pairs[pair], float(distance[k, pair]), float(grid[rows[k]]))
-    return _Looks(grid, q, flange, speed, near)
-
-
-def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """Origin of the last link in the base frame, m (forward kinematics along the tree, Rodrigues' rotation)."""
-    tree, chain = arm.tree, []
-    link = tree.n - 1
-    while link >= 0:
-        chain.append(link)
-        link = int(tree.parent[link])
-    rotation, position = np.eye(3), np.zeros(3)
-    for link in reversed(chain):
-        position = position + rotation @ tree.position[link]
-        rotation = rotation @ tree.rotation[link]
-        axis = tree.axis[link]
-        if tree.prismatic[link]:
-            position = position + rotation @ (axis * q[link])
-            continue
-        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-        rotation = rotation @ (np.eye(3) + np.sin(q[link]) * skew + (1 - np.cos(q[link])) * skew @ skew)
-    return position
-
-
-def _played(motion: NamedMotion, look: _Looks) -> dict[str, Any]:
+def _played(motion: NamedMotion, look: Looks) -> dict[str, Any]:
     thin = max(1, len(look.t) // 600)
     return {
         "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
@@ -160,7 +77,7 @@ def _played(motion: NamedMotion, look: _Looks) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: _Looks) -> Markup:
+def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: Looks) -> Markup:
     rows = ["position", "speed", "acceleration", "flange", *look.near]
     figure, panel = mosaic([[row] for row in rows], height=1.45, sharex=True)
     t = motion.trajectory.t - motion.trajectory.t[0]
@@ -196,7 +113,7 @@ def _limits(ax: Axes, limit: float, both: bool) -> None:
         ax.axhline(value, color=ROLES["bad"], linewidth=0.9, linestyle=(0, (1, 2)))
 
 
-def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks: Mapping[str, _Looks], total: float) -> str:
+def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks: Mapping[str, Looks], total: float) -> str:
     place = f" in {cell.name}" if cell is not None else ""
     fastest = max(float(look.speed.max()) for look in looks.values())
     text = f"{arm.name} will move for {_clock(total)}{place} in {len(motions)} motion{'s' * (len(motions) != 1)}, its flange at up to {fastest:.2f} m/s"
@@ -209,7 +126,7 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks
 
 
 def _facts(
-    motions: Sequence[NamedMotion], looks: Mapping[str, _Looks], total: float, worth: Mapping[str, Any]
+    motions: Sequence[NamedMotion], looks: Mapping[str, Looks], total: float, worth: Mapping[str, Any]
 ) -> list[tuple[str, Any]]:
     facts: list[tuple[str, Any]] = [("duration", _clock(total))]
     facts.append(("fastest flange", f"{max(float(look.speed.max()) for look in looks.values()):.2f} m/s"))
@@ -223,11 +140,11 @@ def _facts(
     return facts
 
 
-def _caption(motion: NamedMotion, look: _Looks) -> str:
+def _caption(motion: NamedMotion, look: Looks) -> str:
     return f"{motion.name} ({motion.kind}): dotted red lines are limits; the upright line is the moment that the player shows."
 
 
-def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, _Looks]) -> None:
+def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, Looks]) -> None:
     places = [place for place in PLACES if any(place in look.near for look in looks.values())]
     rows = []
     for motion in motions:

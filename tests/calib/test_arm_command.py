@@ -9,10 +9,11 @@ from scipy.spatial import ConvexHull
 
 from calib.main import main
 from safety.collision import Clearance
-from sim.arm import load_arm, require_masses
+from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.errors import ConfigError
 from sim.prior import spread
+from sim.required import require_masses
 from sim.rigid_body import RigidBody
 
 URDF = """<robot name="two"><link name="w"/><link name="l">

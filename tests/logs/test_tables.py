@@ -15,9 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from logs.column_guess import guess_map
-from logs.column_map import ColumnMap, Columns, log_of_table, of_plain, read_map
+from logs.column_map import ColumnMap, Columns, of_plain, read_map
 from logs.damage import Damage
 from logs.log import Log
+from logs.table_log import log_of_table
 from logs.tables import FORMATS, read_table
 from sim.errors import BadLog, CalibError, ConfigError
 

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.arm import ArmEffect, load_arm, require_limits
+from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import arm_toml_text, write_arm, write_atomically
 from sim.errors import ConfigError
+from sim.required import require_limits
 from sim.rigid_body import RigidBody
 from sim.tree import combined
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calib.report import plan
+from calib.report.along_motion import _flange
 from calib.report.scene import scene
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
@@ -124,9 +125,7 @@ def test_the_flange_stands_where_rigid_body_kinematics_has_it(name: str) -> None
     rng = np.random.default_rng(3)
     for q in rng.uniform(-2, 2, (5, arm.n)):
         step = 1e-6
-        moved = np.array(
-            [(plan._flange(arm, q + step * e) - plan._flange(arm, q - step * e)) / (2 * step) for e in np.eye(arm.n)]
-        )
+        moved = np.array([(_flange(arm, q + step * e) - _flange(arm, q - step * e)) / (2 * step) for e in np.eye(arm.n)])
         linear, _ = RigidBody(arm).jacobian(q)
         assert np.allclose(moved.T, linear[0], atol=1e-8)
 

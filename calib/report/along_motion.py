@@ -1,0 +1,95 @@
+"""What is shown along a motion: postures, speed of the flange and clearance at even times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
+
+FRAMES_PER_SECOND = 25
+MOST_FRAMES = 3000
+LOOKS = 300
+PLACES = ("the cell", "itself")
+
+
+class Distances(Protocol):
+    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins."""
+
+    pairs: tuple[tuple[str, str], ...]
+    margin: np.ndarray
+    of_self: np.ndarray
+
+    def distances(self, q: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Near:
+    """Clearance of one kind: distance (K,) m of the nearest pair, spare (K,) m beyond the margin; the pair, its distance m and the time s where spare is least."""
+
+    distance: np.ndarray
+    spare: np.ndarray
+    bodies: tuple[str, str]
+    least: float
+    at: float
+
+    @property
+    def pair(self) -> str:
+        return " and ".join(self.bodies)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What is drawn of one motion: t (K,) s, q (K, n), flange (K, 3) m, speed (K,) m/s of the flange; clearance to each of PLACES, where known."""
+
+    t: np.ndarray
+    q: np.ndarray
+    flange: np.ndarray
+    speed: np.ndarray
+    near: dict[str, Near] = field(default_factory=dict)
+
+
+def looks_along(arm: Arm, motion: Trajectory, clearance: Distances | None) -> Looks:
+    t, body = motion.t - motion.t[0], RigidBody(arm)
+    grid = np.linspace(0, t[-1], int(np.clip(t[-1] * FRAMES_PER_SECOND, 2, MOST_FRAMES)))
+    q = np.column_stack([np.interp(grid, t, motion.q[:, j]) for j in range(motion.n)])
+    dq = np.column_stack([np.interp(grid, t, motion.dq[:, j]) for j in range(motion.n)])
+    linear, _ = body.jacobian(q)
+    speed = np.linalg.norm(np.einsum("kcj,kj->kc", linear, dq), axis=1)
+    flange = np.array([_flange(arm, row) for row in q])
+    if clearance is None or not clearance.pairs:
+        return Looks(grid, q, flange, speed)
+    rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
+    distance = np.array([clearance.distances(q[k]) for k in rows])
+    near = {}
+    for place, which in zip(PLACES, (~clearance.of_self, clearance.of_self), strict=True):
+        if which.any():
+            spare = np.where(which, distance - clearance.margin, np.inf)
+            k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
+            nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
+            near[place] = Near(nearest, room, clearance.pairs[pair], float(distance[k, pair]), float(grid[rows[k]]))
+    return Looks(grid, q, flange, speed, near)
+
+
+def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Origin of the last link in the base frame, m (forward kinematics along the tree, Rodrigues' rotation)."""
+    tree, chain = arm.tree, []
+    link = tree.n - 1
+    while link >= 0:
+        chain.append(link)
+        link = int(tree.parent[link])
+    rotation, position = np.eye(3), np.zeros(3)
+    for link in reversed(chain):
+        position = position + rotation @ tree.position[link]
+        rotation = rotation @ tree.rotation[link]
+        axis = tree.axis[link]
+        if tree.prismatic[link]:
+            position = position + rotation @ (axis * q[link])
+            continue
+        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        rotation = rotation @ (np.eye(3) + np.sin(q[link]) * skew + (1 - np.cos(q[link])) * skew @ skew)
+    return position

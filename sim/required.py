@@ -1,0 +1,31 @@
+"""What an arm must have stated before it may be planned for, asked for by name."""
+
+from __future__ import annotations
+
+import math
+
+from sim.arm import Arm
+from sim.errors import ConfigError
+
+
+def require_limits(arm: Arm, *names: str) -> None:
+    """ConfigError that asks for every named limit the arm lacks; a motion is never planned on a guessed limit."""
+    for name in names:
+        value = getattr(arm, name)
+        missing = [j for j, v in zip(arm.joint_names, value, strict=True) if not math.isfinite(v)]
+        if missing:
+            place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and take it off incomplete"
+            folder = (arm.model_path.parent / "arm.toml").is_file()
+            raise ConfigError(
+                f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file does not state it: "
+                + (place if folder else "make an arm folder with `calib arm new`, with the limits of the arm's data sheet")
+            )
+
+
+def require_masses(arm: Arm) -> None:
+    """ConfigError where nobody knows the arm's masses: no motion's torque can be predicted then."""
+    if arm.prior.numbers == "unknown":
+        raise ConfigError(
+            f"{arm.model_path}: the arm's masses are unknown, so no motion's torque can be bounded; identify them first from "
+            "recordings that its own controller made (`calib import`, `calib identify`), or make the arm with --numbers"
+        )

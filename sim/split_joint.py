@@ -1,0 +1,66 @@
+"""A joint with a soft gear in a model's text: a body with the motor between the link and what carries it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree import ElementTree
+
+import numpy as np
+
+from sim.effects import Exported
+from sim.mjcf import TWIST, numbers, section
+from sim.mjcf_edit import Element, fixed_children
+
+
+def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, slides: bool) -> None:
+    """Put a rotor body with the joint between the link and what carries it; the link hangs on it by a second hinge."""
+    body, hinge = bodies[joint]
+    above = {child: parent for parent in root.iter() for child in parent}
+    carrier, place = above[body], list(above[body]).index(body)
+    placed = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+    frame: dict[str, str] = {key: body.attrib.pop(key) for key in placed if key in body.attrib}
+    name = body.get("name") or f"{joint}:link"
+    body.set("name", name)
+    inherited = {"childclass": body.get("childclass", "")} if body.get("childclass") else {}
+    rotor = Element("body", {"name": f"{name}:rotor", **inherited, **frame})
+    ElementTree.SubElement(rotor, "inertial", {"pos": "0 0 0", "mass": "1e-6", "diaginertia": "1e-9 1e-9 1e-9"})
+    above[hinge].remove(hinge)
+    rotor.append(hinge)
+    shape = {key: hinge.get(key, "") for key in ("class", "type", "pos", "axis") if hinge.get(key)}
+    bare = {"armature": "0", "frictionloss": "0", "stiffness": "0", "springref": "0", "ref": "0", "limited": "false"}
+    twist = {"name": TWIST.format(joint=joint), **shape, **bare, "actuatorfrclimited": "false", **form.twist}
+    degrees = not any(c.get("angle") == "radian" for c in root.findall("compiler"))
+    if "range" in twist and degrees and not slides:
+        twist["range"] = numbers(np.degrees([float(x) for x in twist["range"].split()]))
+    body.insert(0, Element("joint", twist))
+    rotor.append(body)
+    carrier.remove(body)
+    carrier.insert(place, rotor)
+    # MuJoCo lets a body pass through its parent; the rotor now stands between
+    carried = next((b for b in _upwards(carrier, above) if b.tag == "body"), None)
+    group = _rigid_group(carried, above) if carried is not None else []
+    for a in group:
+        for b in (body, *fixed_children(body)):
+            if a.get("name") and b.get("name"):
+                pair = {"body1": a.get("name", ""), "body2": b.get("name", "")}
+                if not any(e.attrib.items() >= pair.items() for e in section(root, "contact")):
+                    ElementTree.SubElement(section(root, "contact"), "exclude", pair)
+
+
+def _upwards(element: Element, above: dict[Element, Element]) -> Iterable[Element]:
+    while True:
+        yield element
+        if element not in above:
+            return
+        element = above[element]
+
+
+def _rigid_group(body: Element, above: dict[Element, Element]) -> list[Element]:
+    """The bodies that move as one with `body`; none where they stand in the world, whose contacts MuJoCo keeps."""
+    top = body
+    while not any(e.tag == "joint" for e in top):
+        up = next((b for b in _upwards(above[top], above) if b.tag in ("body", "worldbody")), None)
+        if up is None or up.tag == "worldbody":
+            return []
+        top = up
+    return [top, *fixed_children(top)]
