@@ -15,12 +15,12 @@ import numpy as np
 
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
+from calib.excitation.cleared_motions import cleared_fourier
 from calib.excitation.design import Information, coarse, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier
 from calib.excitation.home import home_of, open_cell
 from calib.excitation.optimise import FURTHER, SCOUT, TO_THE_END, Site, descended, optimised
 from calib.excitation.room import Room
-from calib.excitation.session import cleared_fourier
 from calib.identification.model import TorqueModel
 from sim.arm import load_arm
 

@@ -8,132 +8,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import tomli_w
-from pydantic import Field
-
-from calib.past_runs import list_runs
+from calib.guided_session import FILE, GuidedSession, GuidedStep
 from sim.errors import ConfigError
-from sim.files import read_toml
-from sim.resources import nearest
-from sim.strict import Name, StrictTable, validated
 
-FILE = "session.toml"
 ROUNDS = 2
 HELD_OUT = "validation.mcap"
-NOT_VALID = -1  # exit code of a step that has to be done again though it ended well
-
-
-@dataclass(frozen=True)
-class GuidedStep:
-    """One command of the session: its name, why it comes now, and its arguments.
-
-    folder is where it writes, relative to the session's; question is put to the operator before a step that needs consent.
-    """
-
-    name: str
-    why: str
-    arguments: tuple[str, ...]
-    folder: str = ""
-    question: str = ""
-
-    @property
-    def fine(self) -> tuple[int, ...]:
-        """The exit codes with which the session goes on."""
-        return _fine(self.name)
-
-
-class DoneTable(StrictTable):
-    """[[done]] of session.toml: a command that was run, and how it ended."""
-
-    name: str
-    arguments: list[str]
-    folder: str
-    exit_code: int
-    sentence: str
-    seconds: Annotated[float, Field(ge=0)]
-
-
-class SessionTable(StrictTable):
-    """The schema of session.toml."""
-
-    schema_: Literal["session/1"] = Field(alias="schema")
-    cell: str
-    cell_sha256: str
-    arm: Name
-    quick: bool
-    rounds: Annotated[int, Field(ge=1, le=20)]
-    closed: bool = False
-    done: list[DoneTable] = Field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class GuidedSession:
-    """A session as its folder has it; `cell` is the word with which commands are given it."""
-
-    folder: Path
-    cell: str
-    cell_sha256: str
-    arm: str
-    quick: bool
-    rounds: int
-    closed: bool = False
-    done: tuple[DoneTable, ...] = field(default=())
-
-    def finished(self, name: str) -> DoneTable | None:
-        """The last run of a step, where it ended well; None where it did not, or there was none."""
-        last = next((d for d in reversed(self.done) if d.name == name), None)
-        return last if last is not None and last.exit_code in _fine(name) else None
-
-    def undone(self, name: str, why: str) -> GuidedSession:
-        """The session in which a step has to be done again, and with it what follows from it; written to its folder."""
-        return self.with_done(GuidedStep(name, "", ()), "", NOT_VALID, why, 0.0)
-
-    def with_done(self, step: GuidedStep, folder: str, code: int, sentence: str, seconds: float) -> GuidedSession:
-        """The session after a command; written to its folder."""
-        entry = DoneTable(
-            name=step.name, arguments=list(step.arguments), folder=folder, exit_code=code, sentence=sentence, seconds=round(seconds, 1)
-        )  # fmt: skip
-        after = replace(self, done=(*self.done, entry))
-        after.write()
-        return after
-
-    def write(self) -> None:
-        """Write session.toml; what stood there stays until the new one is whole."""
-        data: dict[str, Any] = {k: v for k, v in asdict(self).items() if k not in ("folder", "done")}
-        data = {"schema": "session/1", **data, "done": [d.model_dump() for d in self.done]}
-        part = self.folder / f"{FILE}.part"
-        part.write_text(tomli_w.dumps(data), encoding="utf-8")
-        part.replace(self.folder / FILE)
-
-
-def _fine(name: str) -> tuple[int, ...]:
-    """Exit code 1 of these commands is an answer: effects were identified, a bound was exceeded."""
-    return (0, 1) if name.split("-")[0] in ("identify", "validate", "diagnose") else (0,)
-
-
-def read_session(folder: Path) -> GuidedSession:
-    """The session of a folder; ConfigError where it is none."""
-    file = folder / FILE
-    if not file.is_file():
-        known = [str(run.folder) for run in list_runs() if run.verb == "go"]
-        raise ConfigError(f"{folder}: no session ({FILE} is missing); {nearest(str(folder), known)}")
-    table = validated(SessionTable, read_toml(file), file)
-    data = {k: getattr(table, k) for k in ("cell", "cell_sha256", "arm", "quick", "rounds", "closed")}
-    return GuidedSession(folder=folder, **data, done=tuple(table.done))
-
-
-def open_session(cell_name: str, root: Path | None = None) -> GuidedSession | None:
-    """The newest session of this cell that has not been closed."""
-    for run in list_runs() if root is None else list_runs(root):
-        if run.verb == "go" and (run.folder / FILE).is_file():
-            found = read_session(run.folder)
-            if not found.closed and Path(found.cell).stem == cell_name:
-                return found
-    return None
 
 
 def with_cell(session: GuidedSession, sha256: str) -> GuidedSession:

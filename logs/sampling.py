@@ -16,16 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from logs.bridging import bridge, bridging_error
+from logs.elapsed import LEAST_INFORMATIVE, SHARE_OF_SIGMA, TRUST, elapsed_between
 from logs.sampling_clock import rebuilt_clock
+from logs.sampling_findings import MATTERS, of_jitter, of_speed, repeats
 
-SHARE_OF_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 LEAST_SAMPLES = 32
 REACH = 5  # samples before and after, over which a joint must move through for an unchanged position to be a repeated sample
 COUNTS = 3.0  # encoder steps a sample: below, an unchanged position is no wonder
-TRUST = 0.1  # dq is the derivative of q within this share, in the median
 FAST_SHARE = 0.15  # of a period: time is taken from samples whose motion resolves it this well
-LEAST_INFORMATIVE = 100
-MATTERS = 0.03  # of a period: less jitter than this is left alone
 MOST_BRIDGED = 8  # samples in a row
 GAP_STEPS, GAP_STEPS_REGULAR = 2.5, 1.5
 STEADY_SHARE, STEADY_WITHIN = 0.95, 0.1
@@ -93,11 +91,11 @@ def examine(
     tf, qf, vf = t[fresh], q[fresh], dq[fresh]
     steps = np.diff(tf)
     period = float(np.median(steps))
-    elapsed, error, scale = _elapsed(steps, qf, vf)
+    elapsed, error, scale = elapsed_between(steps, qf, vf)
     informative = error < FAST_SHARE * period
     jitter, seen, rebuilt, left = math.nan, math.nan, False, math.nan
     clock = tf
-    findings = _repeats(held, stale, first, len(t))
+    findings = repeats(held, stale, first, len(t))
     if informative.sum() >= LEAST_INFORMATIVE:
         off = elapsed[informative] - steps[informative]
         seen = float(np.median(error[informative]))
@@ -110,12 +108,12 @@ def examine(
                 clock, rebuilt, period = made.t, True, made.period
                 jitter = SHARE_OF_SIGMA * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
                 left = SHARE_OF_SIGMA * float(np.median(np.abs(elapsed - np.diff(clock))[informative]))
-        findings.append(_of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
+        findings.append(of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
     else:
         findings.append(
             "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
         )
-    findings += _of_speed(scale)
+    findings += of_speed(scale)
     count = _missing(np.diff(clock), period, rebuilt, informative)
     missing = int(count.sum())
     wide = int(count.max(initial=0))
@@ -205,45 +203,6 @@ def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
     return same
 
 
-def _elapsed(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time that passed between samples (K,), its standard deviation (K,), infinite where nothing is informative, and dq over dq/dt of q (n,)."""
-    moved, speed = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
-    scale = np.full(q.shape[1], np.nan)
-    weight = np.zeros(q.shape[1])
-    for j in range(q.shape[1]):
-        v, x = speed[:, j], moved[:, j]
-        ok = np.isfinite(v)
-        fast = ok & (np.abs(v) > 0.3 * np.quantile(np.abs(v[ok]), 0.95)) & (np.abs(v) > 0) if ok.any() else ok
-        if fast.sum() < LEAST_INFORMATIVE or not x.any() or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
-            continue
-        # of the two it is the difference of positions that is coarse: it is never what rows are chosen by, or divided by
-        ratio = x[fast] / (v[fast] * steps[fast])
-        middle = float(np.median(ratio))
-        scale[j] = 1 / middle if middle != 0 else np.inf
-        if abs(scale[j] - 1) > TRUST or np.median(np.abs(ratio - middle)) > 0.5:
-            continue
-        slow = ok & (np.abs(v) <= np.quantile(np.abs(v[ok]), 0.3))
-        noise = SHARE_OF_SIGMA * np.median(np.abs(x - v * steps)[slow])
-        quantum = np.quantile(np.abs(x[x != 0]), 0.01) * math.sqrt(1 / 6)
-        weight[j] = max(float(noise), float(quantum), 1e-12) ** -2.0
-    used = weight > 0
-    if not used.any():
-        return steps, np.full(len(steps), np.inf), scale
-    v, x, w = np.nan_to_num(speed[:, used]), moved[:, used], weight[used]
-    for _ in range(2):
-        share = w * v**2
-        total = share.sum(axis=1)
-        elapsed = (w * v * x).sum(axis=1) / np.maximum(total, 1e-300)
-        if used.sum() < 2:
-            break
-        # what a joint leaves of its own displacement is its noise, but for the part that it drew the mean to itself
-        drawn = np.median(1 - share / np.maximum(total, 1e-300)[:, None], axis=0)
-        rest = SHARE_OF_SIGMA * np.median(np.abs(x - v * elapsed[:, None]), axis=0) / np.sqrt(np.maximum(drawn, 0.1))
-        w = np.maximum(rest, 0.1 / np.sqrt(w)) ** -2.0
-    total = (w * v**2).sum(axis=1)
-    return elapsed, 1 / np.sqrt(np.maximum(total, 1e-300)), scale
-
-
 def _missing(steps: np.ndarray, period: float, rebuilt: bool, informative: np.ndarray) -> np.ndarray:
     """(K,) samples lost between neighbours: half a period more is a lost one where the clock is even, else it takes a longer gap."""
     of = steps / period
@@ -261,44 +220,3 @@ def _counts_between(at: np.ndarray, clock: np.ndarray, count: np.ndarray) -> np.
     alone = np.searchsorted(at, clock[1:]) == place + 1
     out[place[alone]] = count[alone]
     return out
-
-
-def _repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> list[str]:
-    out = []
-    twice = int((held & ~stale).sum())
-    if twice:
-        out.append(
-            f"{twice} of {n} samples repeat the one before while the arm moves (one in {n / twice:.1f}); they are left out"
-        )
-    if stale.any():
-        out.append(
-            f"in {int(stale.sum())} of {n} samples the position is that of the sample before while other channels are new"
-        )
-    if not first.all():
-        out.append(f"{int((~first).sum())} samples carry the stamp of the sample before and are left out")
-    return out
-
-
-def _of_jitter(
-    jitter: float, seen: float, rebuilt: bool, left: float, period: float, stamps: np.ndarray, clock: np.ndarray
-) -> str:
-    sentence = (
-        f"the stamps jitter by {1e3 * jitter:.3g} ms about the instants of sampling (standard deviation, from q against dq)"
-    )
-    if rebuilt:
-        most = float(np.quantile(np.abs(stamps - clock), 0.99))
-        return (
-            f"{sentence}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
-            f"{1e3 * left:.2g} ms remain between q and dq"
-        )
-    if jitter > 2 * seen and jitter > MATTERS * period:
-        return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
-    return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings resolve {1e3 * seen:.2g} ms"
-
-
-def _of_speed(scale: np.ndarray) -> list[str]:
-    odd = np.flatnonzero(np.abs(scale - 1) > TRUST)
-    if not len(odd):
-        return []
-    values = ", ".join(f"{scale[j]:.3g} (joint {j + 1})" for j in odd)
-    return [f"dq is not the derivative of q, but this much times it: {values}; it was not used there"]

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
-from sim import _kernels, _slopes
+from sim import _frame_kernels, _kernels, _slopes
 from sim.arm import Arm
 from sim.tree import KinematicTree
 
@@ -121,7 +121,7 @@ class RigidBody:
         q = np.ascontiguousarray(np.atleast_2d(q), dtype=float)
         linear, angular = np.zeros((len(q), 3, self.n)), np.zeros((len(q), 3, self.n))
         offset = np.zeros(3) if point is None else np.asarray(point, dtype=float)
-        _kernels.jacobian(*self._frame, link % self.n, offset, q, linear, angular)
+        _frame_kernels.jacobian(*self._frame, link % self.n, offset, q, linear, angular)
         return linear, angular
 
     def point_speeds(
@@ -134,7 +134,7 @@ class RigidBody:
         begins = np.cumsum([0, *map(len, points)])
         out = np.zeros(asked.shape)
         rows = (np.ascontiguousarray(x, dtype=float) for x in (q, dq, width))
-        _kernels.point_speeds(*self._frame, links, begins, np.concatenate(points), radii, *rows, asked, out)
+        _frame_kernels.point_speeds(*self._frame, links, begins, np.concatenate(points), radii, *rows, asked, out)
         return out
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:

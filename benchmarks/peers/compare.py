@@ -7,14 +7,9 @@ Beside them what the log can determine at all (`floor`).
 
 from __future__ import annotations
 
-import json
-import os
-import resource
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -23,30 +18,23 @@ import numpy as np
 import pinocchio as pin
 from scipy import stats
 
-from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded_on_mock, varied, without_offsets
 from benchmarks.peers.floor import FREE, KNOWN, OWN, floors
 from benchmarks.peers.ridge import ridge
+from benchmarks.peers.running import ONE_STEP, PYTHON, peers_on, random_states
 from benchmarks.results import digest
 from calib.excitation.session import joined
 from calib.identification.identify import identify
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
-from calib.measurement.preprocessing import Measurement, prepare
-from logs.log import Log
-from sim.arm import Arm, load_arm
-from sim.effects import with_effect
-from sim.mjcf import plant_text
+from calib.measurement.preprocessing import prepare
+from sim.arm import load_arm
 from sim.prediction import predict
 from sim.slip import SLIP_WIDTH, slip_direction
 from sim.trajectory import Trajectory
-from sim.urdf import urdf_text
 
 MOTION = 10.0  # s
-HERE = Path(__file__).resolve().parent
-PYTHON = Path(os.environ.get("ARM_CALIB_PEERS", HERE.parent.parent / ".venv-peers" / "bin" / "python"))
-ONE_STEP = 0.002
 # rad/s above which a joint slides; its reversals leave out the fraction of a milliradian in which the truth's dry friction turns, because
 # the peers' sign(dq) cannot follow it
 SLIDING, TURNED = 0.05, 0.99
@@ -60,8 +48,6 @@ LOGS = (
     "benchmarks/known_truth.py",
 )
 HANGS_ON = ("calib/identification", "calib/regression")
-KINDS = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "rotor": "rotor_inertia"}
-SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 
 
 def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
@@ -118,7 +104,7 @@ def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """What identification of the short logs takes, and its parts on 10,000 random samples."""
     nominal = load_arm("ur10e")
     model = TorqueModel.of_arm(nominal)
-    random = _random(nominal)
+    random = random_states(nominal)
     motion = [random[f"random_{k}"] for k in ("q", "dq", "ddq")]
     rows = [
         _row("stacked regressor, 10,000 samples, 6 joints", best(lambda: model.body.regressor(*motion)) * 1e3, "ms", "<= 10"),
@@ -187,47 +173,12 @@ def peer_case(case: Case) -> dict[str, Any]:
     if PYTHON.is_file():
         with tempfile.TemporaryDirectory() as place:
             m = prepare(case.log, case.nominal)
-            predictions = _peers(Path(place), case.nominal, case.log, m, case.new, out, first=case.seed == 0)
+            predictions = peers_on(Path(place), case.nominal, case.log, m, case.new, out, first=case.seed == 0)
     return out | case.found(predictions, out["seconds"])
 
 
 def _joined(ours: dict[str, Any], peers: dict[str, Any]) -> dict[str, Any]:
     return {**peers, "seconds": ours["seconds"] | peers["seconds"], "errors": ours["errors"] | peers["errors"]}
-
-
-def _peers(
-    folder: Path, nominal: Arm, log: Log, m: Measurement, new: list[Trajectory], out: dict[str, Any], first: bool
-) -> dict[str, list[np.ndarray]]:
-    """Predictions of figaroh and mujoco.sysid on the new motions; what they took goes to `out`."""
-    (folder / "model.urdf").write_text(urdf_text(nominal))
-    (folder / "model.xml").write_text(plant_text(nominal, ONE_STEP))
-    (folder / "joints.json").write_text(
-        json.dumps(
-            {"joints": list(nominal.joint_names), "bodies": list(nominal.tree.link_names), "friction": _friction(nominal)}
-        )
-    )
-    tr, inside = m.trajectory, m.inside
-    unseen = {f"new_{x}_{k}": getattr(motion, x) for k, motion in enumerate(new) for x in ("q", "dq", "ddq")}
-    np.savez(
-        folder / "data.npz", **(_random(nominal) if first else {}), **unseen, motions=len(new), q=tr.q[inside], dq=tr.dq[inside],
-        ddq=tr.ddq[inside], tau=m.tau[inside], taps=m.decimator.taps, step=m.decimator.step,
-    )  # fmt: skip
-    predictions = {}
-    began = _children()
-    if _peer("figaroh_peer.py", folder):
-        if first:
-            out["figaroh"] = json.loads((folder / "figaroh.json").read_text())
-        else:
-            out["seconds"]["figaroh"] = _children() - began
-        for tool, file in (("figaroh, base parameters", "figaroh"), ("figaroh, effort fit with prior", "figaroh_fit")):
-            predictions[tool] = [np.load(folder / f"{file}_{k}.npy") for k in range(len(new))]
-    smooth = [np.stack([np.interp(log.t, tr.t, x[:, j]) for j in range(nominal.n)], axis=1) for x in (tr.q, tr.dq)]
-    np.savez(folder / "data.npz", t=log.t, q=log.q, dq=log.dq, tau=log.tau, smooth_q=smooth[0], smooth_dq=smooth[1])
-    if _peer("mujoco_sysid_peer.py", folder):
-        peer = json.loads((folder / "mujoco_sysid.json").read_text())
-        out["seconds"]["mujoco.sysid"] = peer["seconds"]
-        predictions["mujoco.sysid"] = [_predicted(nominal, peer["values"], motion) for motion in new]
-    return predictions
 
 
 def _error(taus: list[np.ndarray], exact: list[np.ndarray], motions: list[Trajectory], sliding: bool) -> float:
@@ -245,16 +196,6 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     began = time.process_time()
     out = work()
     return out, time.process_time() - began
-
-
-def _children() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
-
-
-def _random(arm: Arm) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(0)
-    return {f"random_{k}": rng.uniform(-2, 2, (10_000, arm.n)) for k in ("q", "dq", "ddq", "tau")}
 
 
 def best(work: Any, repeats: int = 5) -> float:
@@ -275,34 +216,6 @@ def _looped(model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) 
     for k in range(len(q)):
         out[k] = pin.computeJointTorqueRegressor(links, data, q[k], dq[k], ddq[k])
     return out
-
-
-def _predicted(nominal: Arm, values: dict[str, float], motion: Trajectory) -> np.ndarray:
-    arm = nominal
-    mass = np.array([values[f"mass {j}"] for j in nominal.joint_names])
-    for j in nominal.joint_names:
-        for kind, effect in KINDS.items():
-            old = nominal.effect(effect, j)
-            assert old is not None
-            arm = with_effect(arm, replace(old, parameters={**old.parameters, SYMBOL[kind]: values[f"{kind} {j}"]}))
-    inertia = arm.tree.inertia * (mass / arm.tree.mass)[:, None, None]
-    return predict(replace(arm, tree=replace(arm.tree, mass=mass, inertia=inertia)), motion)
-
-
-def _friction(arm: Arm) -> dict[str, list[float]]:
-    """By figaroh's names the nominal friction and rotor of every joint."""
-    named = {"fv": "viscous", "fs": "coulomb", "Ia": "rotor"}
-    found = {k: [arm.effect(KINDS[v], j) for j in arm.joint_names] for k, v in named.items()}
-    return {k: [e.parameters[SYMBOL[named[k]]] for e in items if e is not None] for k, items in found.items()}
-
-
-def _peer(program: str, folder: Path) -> bool:
-    ran = subprocess.run(
-        [PYTHON, HERE / program, folder], env=os.environ | ONE_THREAD, capture_output=True, text=True, timeout=3600, check=False
-    )
-    if ran.returncode:
-        print(f"{program}: {ran.stderr[-2000:]}")
-    return ran.returncode == 0
 
 
 def _row(what: str, value: float | str, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:

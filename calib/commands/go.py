@@ -7,6 +7,7 @@ import shlex
 import sys
 import time
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ from calib.run_folder import conclude, new_run
 from calib.terminal import console
 
 if TYPE_CHECKING:
-    from calib.guided import GuidedSession, GuidedStep
+    from calib.guided_session import GuidedSession, GuidedStep
 
 LEFT = "left by the operator"
 
@@ -52,7 +53,7 @@ def command(
 
         calib go mock-ur10e --quick --yes
     """
-    from calib import guided
+    from calib import guided, guided_session
     from safety.confirmation import check_yes
     from sim.arm import load_arm
     from sim.cell import load_cell
@@ -66,13 +67,13 @@ def command(
         raise ConfigError("--new begins a session and --session continues one; give one of the two")
     if str(session) == LATEST and not Path(LATEST).exists():
         session = newest("go").folder
-    open_one = None if new else guided.read_session(session) if session else guided.open_session(where.name)
+    open_one = None if new else guided_session.read_session(session) if session else guided_session.open_session(where.name)
     if open_one is not None:
         open_one = guided.with_cell(open_one, where.sha256)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
             folder = new_run(where.table.arm, "go", None, where)
-            current = guided.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds)
+            current = guided_session.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds)
             current.write()
             console.say(f"New session in {folder}. Leave with Ctrl-C; `calib go {cell}` continues it.")
         else:
@@ -111,7 +112,7 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
             current = current.undone(step.name.replace("record", "plan"), f"to be planned again: {sentence}")
         elif answer not in ("y", "yes"):
             return _left(current, step, code, sentence)
-    current = guided.replace(current, closed=True)
+    current = replace(current, closed=True)
     current.write()
     page.write(current)
     sentences = guided.ending(current)

@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from calib.excitation.cleared_motions import bring_up, cleared_fourier, probes, thinned
 from calib.excitation.design import Information, Worth, binding, coarse, fitted_to_room, noise_of, random_start, too_small
 from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import home_of
 from calib.excitation.optimise import Site, optimised, preference
 from calib.excitation.room import CLEARANCE_MARGIN, Room
-from calib.excitation.sweeps import GENTLE, friction_sweeps, overlay, reversal_ladder, static_holds
+from calib.excitation.sweeps import GENTLE, friction_sweeps, overlay
 from calib.identification.model import TorqueModel
 from drivers import open_driver
 from safety.latency import stop_to_plan_for
@@ -38,7 +39,6 @@ ATTEMPTS = 8
 REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
 # of the range, speed and acceleration of the sweeps and the chirp
 GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
-SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         best = max((best, search.ends[0].motion), key=lambda m: preference(information.worth(coarse(m))))
     progress("checking the excitation", 0.0)
     excitation, kept = cleared_fourier(best, room, rate, session.periods)
-    motions = _bring_up(room, basis, home, rate, rng) if session.progressive else []
+    motions = bring_up(room, basis, home, rate, rng) if session.progressive else []
     progress("friction", 0.0)
     motions.append(Motion("friction", "friction", cleared_friction(room, home, session, rate)))
     motions.append(Motion("excitation", "excitation", excitation))
@@ -117,7 +117,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
         raise AnswerIsNo(f"{arm.name}: {binding(room, basis, home)}")
     motions.append(Motion("validation", "validation", cleared_fourier(other, room, rate)[0]))
     if session.probes:
-        motions += [Motion(name, "probe", motion) for name, motion in _probes(room, home, kept, rate)]
+        motions += [Motion(name, "probe", motion) for name, motion in probes(room, home, kept, rate)]
     separated = None
     if session.apart:
         progress("distinguishing effects", 0.0)
@@ -167,19 +167,6 @@ def identifiable(model: TorqueModel, information: Information, motion: Fourier) 
     return dict(zip(model.names, known.tolist(), strict=True))
 
 
-def cleared_fourier(motion: Fourier, room: Room, rate: float, periods: int = 1) -> tuple[Trajectory, Fourier]:
-    """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
-    for k, share in enumerate(SHARES):
-        smaller = motion.scaled(share)
-        try:
-            room.clear(smaller.sampled(rate))
-            return smaller.sampled(rate, periods), smaller
-        except SafetyStop:
-            if k == len(SHARES) - 1:
-                raise
-    raise AssertionError("SHARES is not empty")
-
-
 def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:
     """Sweeps with ranges and speeds that fit, joint by joint, and the chirp after them; gentler where safety.clear refuses.
 
@@ -210,7 +197,7 @@ def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate:
     """The chirp with as much of its size as fits."""
     chirp = overlay(room.arm, home, size, seconds, rate, gentle)
     for _ in range(ATTEMPTS):
-        if room.use(_thinned(chirp, 60.0)).fits:
+        if room.use(thinned(chirp, 60.0)).fits:
             break
         size = size * SHRINK
         chirp = overlay(room.arm, home, size, seconds, rate, gentle)
@@ -239,47 +226,9 @@ def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float
     )
 
 
-def _bring_up(room: Room, basis: Basis, home: np.ndarray, rate: float, rng: np.random.Generator) -> list[Motion]:
-    """For an arm that never moved: half the amplitude that fits, the last joint alone, then one joint more each time."""
-    motions = []
-    for count in range(1, room.arm.n + 1):
-        locked = np.arange(room.arm.n) < room.arm.n - count
-        found = None
-        for _ in range(20):
-            trial = random_fourier(Basis(4, basis.period), home, rng)
-            found = found or fitted_to_room(room, Fourier(trial.basis, home, np.where(locked[:, None], 0.0, trial.x)))
-        if found is None:
-            raise AnswerIsNo(f"{room.arm.name}: {binding(room, basis, home)}")
-        motions.append(Motion(f"bring_up_{count}", "probe", found.scaled(0.5).sampled(rate)))
-    return motions
-
-
-def _probes(room: Room, home: np.ndarray, excitation: Fourier, rate: float) -> list[tuple[str, Trajectory]]:
-    arm = room.arm
-    ladder = reversal_ladder(arm, home, (0.002, 0.005, 0.015, 0.04), rate)
-    path = excitation.sampled(40 / excitation.basis.period)
-    far = path.q[np.linspace(0, len(path) - 1, 7).astype(int)[1:-1]]
-    holds = static_holds(arm, home, [home + 0.8 * (q - home) for q in far], 0.03, rate)
-    half = Fourier(Basis(excitation.basis.harmonics, 2 * excitation.basis.period), home, excitation.x / 2)
-    slow, _ = cleared_fourier(half, room, rate)
-    out = [("reversals", ladder), ("half_speed", slow)]
-    if room.use(_thinned(holds, 60.0)).fits:
-        try:
-            room.clear(holds)
-            out.append(("holds", holds))
-        except SafetyStop:
-            pass
-    return out
-
-
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
     """One motion after another, which begins where the first ends, at rest."""
     step = first.t[1] - first.t[0]
     t = np.concatenate([first.t, first.t[-1] + step + second.t - second.t[0]])
     parts = [np.concatenate([getattr(first, k), getattr(second, k)]) for k in ("q", "dq", "ddq")]
     return Trajectory(t, *parts)
-
-
-def _thinned(motion: Trajectory, rate: float) -> Trajectory:
-    step = max(1, round((len(motion) - 1) / motion.duration / rate))
-    return Trajectory(motion.t[::step], motion.q[::step], motion.dq[::step], motion.ddq[::step])

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from calib import guided
+from calib import guided, guided_session
 from calib.gate.commands import read_as
 from calib.past_runs import LATEST, RUNS, Run, list_runs
 from calib.terminal import console
@@ -57,7 +57,7 @@ def _arm_of(run: Run) -> Path | None:
         return run.folder / "arm"
     if run.verb == "go":
         with contextlib.suppress(ConfigError):  # a session that cannot be read is none
-            session = guided.read_session(run.folder)
+            session = guided_session.read_session(run.folder)
             return guided.best_arm(session) if session.closed else None
     return None
 

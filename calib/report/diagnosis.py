@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import CONTACT, DISAGREES, listed, variable, words
+from calib.claims.diagnosis_sentences import CONTACT, DISAGREES
 from calib.claims.diagnosis_sentences import unit as unit_of
 from calib.claims.of_diagnosis import REMARKS, agreement, claims, verdict
 from calib.report import explorer, pictures
+from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
@@ -45,8 +46,8 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
             joint = names[_joints_in_question(diagnosis, names)[0]]
             explorer.add(page, arm, [evidence, *evidence.get("others", ())], ("before", "after"), joint=joint)
         _where(page, diagnosis, evidence)
-    _evidence(page, diagnosis, evidence)
-    _gap(page, diagnosis)
+    add_evidence(page, diagnosis, evidence)
+    add_gap(page, diagnosis)
     if evidence.get("t") is not None:
         _every_joint(page, diagnosis, evidence)
     checks = diagnosis.get("data_checks", [])
@@ -208,98 +209,3 @@ def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> l
     gap = diagnosis.get("gap") or {}
     before, noise = np.asarray(gap.get("before", []), float), np.asarray(gap.get("noise_floor", []), float)
     return [names.index(gap["joints"][int(np.argmax(before / noise))])] if 0 < len(before) == len(noise) else [0]
-
-
-def _evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
-    effects = diagnosis.get("effects", [])
-    if effects:
-        page.section("Identified effects")
-        rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
-            for e in effects
-            for k, p in e["parameters"].items()
-        ]  # fmt: skip
-        page.table(
-            ["effect", "joint", "parameter", "value", "± std", "nominal", "unit", "share of the residual", "confidence"],
-            rows,
-        )
-    candidates = evidence.get("candidates") or []
-    if candidates:
-        chosen = {(e["effect"], e.get("joint")) for e in effects}
-        page.section("Why this effect, and what else it could be" if effects else "What was looked for").figure(
-            pictures.evidence(
-                [words(effect, joint) for effect, joint, _ in candidates],
-                [float(score) for _, _, score in candidates],
-                [(effect, joint) in chosen for effect, joint, _ in candidates],
-                float(evidence["threshold"]),
-            ),
-            "Every effect of the catalogue was tried at every joint; the best are shown, the chosen ones filled. One close "
-            "to a chosen one often explains the same residual, and drops once the right effect is in the model.",
-        )
-        page.table(
-            ["effect", "joint", "evidence", "chosen"],
-            [
-                [words(effect, None), joint or "whole arm", float(score), (effect, joint) in chosen]
-                for effect, joint, score in candidates
-            ],
-            "Candidates and their evidence in numbers",
-            fold=True,
-        )
-    if diagnosis.get("unexplained"):
-        page.section("What no effect explains").table(
-            ["joint", "depends on", "RMS", "unit"],
-            [
-                [u["joint"], listed([variable(v) for v in u["depends_on"]]), u["rms"], unit_of(u["unit"])]
-                for u in diagnosis["unexplained"]
-            ],
-        )
-    laws = diagnosis.get("laws") or []
-    if laws:
-        page.section("Friction laws fitted where no catalogue effect fits").table(
-            ["joint", "torque [N m]", "RMS without it", "RMS with it", "unit"],
-            [[x["joint"], x["formula"], x["rms_without"], x["rms_with"], unit_of(x["unit"])] for x in laws],
-            "On recordings left out of its fit; z(w): dry friction that builds up over w rad",
-        )
-
-
-def _gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
-    gap = diagnosis.get("gap") or {}
-    if gap.get("before"):
-        unit = unit_of(gap["unit"])
-        columns = ["noise_floor", "before", "refit", "after"]
-        page.section("The residual in numbers").table(
-            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
-            [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
-            f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
-        )
-    motion = diagnosis.get("motion") or []
-    if motion:
-        rows = [
-            [
-                f"{pair['before']['horizon_s']:g} s, {pair['before']['loop']} loop",
-                *(_thousandths([pair[when]["flange_m"]]) for when in ("before", "after")),
-                *(_thousandths(pair[when]["angle_rad"]) for when in ("before", "after")),
-            ]
-            for pair in motion
-        ]
-        page.table(
-            [
-                "simulated for",
-                "flange before [mm]",
-                "flange after [mm]",
-                "worst joint before [mrad]",
-                "worst joint after [mrad]",
-            ],
-            rows,
-            "RMS error of the motion simulated under the measured torque",
-        )
-
-
-def _thousandths(errors: Sequence[float | None]) -> float | str:
-    """The largest error in mm or mrad."""
-    known = [x for x in errors if x is not None]
-    return 1e3 * max(known) if len(known) == len(errors) else "unstable"
-
-
-def _symbol(parameter: str) -> str:
-    return parameter.replace("_", " ")

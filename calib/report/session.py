@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from calib import guided
 from calib.claims import capital
+from calib.guided_session import GuidedSession
 from calib.report import diagnosis, explorer
 from calib.report.page import Page, Verdict
 
@@ -16,7 +17,7 @@ FILE = "session.html"
 PAGES = ("plan.html", "report.html")
 
 
-def write(session: guided.GuidedSession) -> Path:
+def write(session: GuidedSession) -> Path:
     """Write the page of a session into its folder; returns its path."""
     # a complete session is what its diagnosis found; an open one is where it stands
     diagnoses = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []
@@ -51,7 +52,7 @@ def write(session: guided.GuidedSession) -> Path:
     return page.write(session.folder / FILE)
 
 
-def _style(session: guided.GuidedSession) -> Verdict:
+def _style(session: GuidedSession) -> Verdict:
     """The mark of the last diagnosis."""
     try:
         return diagnosis.style(guided.answer(guided.last_diagnosis(session)))
@@ -59,7 +60,7 @@ def _style(session: guided.GuidedSession) -> Verdict:
         return "open"
 
 
-def _next(session: guided.GuidedSession, verdict: Verdict) -> list[str]:
+def _next(session: GuidedSession, verdict: Verdict) -> list[str]:
     """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
     if not session.closed:
         return [f"Continue it: calib go {session.cell}"]

@@ -13,6 +13,7 @@ import pytest
 
 from calib import guided
 from calib import main as program
+from calib.guided_session import GuidedSession, read_session
 from calib.main import main
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import newest
@@ -82,9 +83,9 @@ def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers:
         monkeypatch.setattr(program, "start", real)
 
 
-def session(desk: Path) -> guided.GuidedSession:
+def session(desk: Path) -> GuidedSession:
     (folder,) = (desk / "runs").iterdir()
-    return guided.read_session(folder)
+    return read_session(folder)
 
 
 def test_every_step_is_a_command_that_is_printed(
@@ -197,11 +198,11 @@ def test_a_refused_motion_is_planned_again_where_somebody_says_so(desk: Path, mo
     assert commands.lines[4][2].endswith("plan-try2")
 
 
-def changed(desk: Path) -> guided.GuidedSession:
+def changed(desk: Path) -> GuidedSession:
     """The session, as if its cell file had been another one."""
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
-    return guided.read_session(file.parent)
+    return read_session(file.parent)
 
 
 def test_a_cell_file_that_changed_is_checked_and_planned_again(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:

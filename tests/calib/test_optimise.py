@@ -9,6 +9,7 @@ import pytest
 
 from calib.excitation.beside import Beside, slowed, stopping
 from calib.excitation.capsules import capsules, from_box
+from calib.excitation.cleared_motions import cleared_fourier
 from calib.excitation.design import Information, Worth, coarse, fitted_to_room, noise_of, random_start
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.gap import Mixture
@@ -16,7 +17,6 @@ from calib.excitation.home import open_cell
 from calib.excitation.objective import Objective
 from calib.excitation.optimise import CONDITION_CAP, Site, lowest, optimised, preference
 from calib.excitation.room import Room
-from calib.excitation.session import cleared_fourier
 from calib.identification.known import Known
 from calib.identification.model import TorqueModel
 from drivers.driver import DeviceStop

@@ -1,0 +1,106 @@
+"""Why the answer of a diagnosis is what it is: effects, candidates, and the residual in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calib.claims.diagnosis_sentences import listed, variable, words
+from calib.claims.diagnosis_sentences import unit as unit_of
+from calib.report import pictures
+from calib.report.page import Page
+
+
+def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
+    effects = diagnosis.get("effects", [])
+    if effects:
+        page.section("Identified effects")
+        rows = [
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+            for e in effects
+            for k, p in e["parameters"].items()
+        ]  # fmt: skip
+        page.table(
+            ["effect", "joint", "parameter", "value", "± std", "nominal", "unit", "share of the residual", "confidence"],
+            rows,
+        )
+    candidates = evidence.get("candidates") or []
+    if candidates:
+        chosen = {(e["effect"], e.get("joint")) for e in effects}
+        page.section("Why this effect, and what else it could be" if effects else "What was looked for").figure(
+            pictures.evidence(
+                [words(effect, joint) for effect, joint, _ in candidates],
+                [float(score) for _, _, score in candidates],
+                [(effect, joint) in chosen for effect, joint, _ in candidates],
+                float(evidence["threshold"]),
+            ),
+            "Every effect of the catalogue was tried at every joint; the best are shown, the chosen ones filled. One close "
+            "to a chosen one often explains the same residual, and drops once the right effect is in the model.",
+        )
+        page.table(
+            ["effect", "joint", "evidence", "chosen"],
+            [
+                [words(effect, None), joint or "whole arm", float(score), (effect, joint) in chosen]
+                for effect, joint, score in candidates
+            ],
+            "Candidates and their evidence in numbers",
+            fold=True,
+        )
+    if diagnosis.get("unexplained"):
+        page.section("What no effect explains").table(
+            ["joint", "depends on", "RMS", "unit"],
+            [
+                [u["joint"], listed([variable(v) for v in u["depends_on"]]), u["rms"], unit_of(u["unit"])]
+                for u in diagnosis["unexplained"]
+            ],
+        )
+    laws = diagnosis.get("laws") or []
+    if laws:
+        page.section("Friction laws fitted where no catalogue effect fits").table(
+            ["joint", "torque [N m]", "RMS without it", "RMS with it", "unit"],
+            [[x["joint"], x["formula"], x["rms_without"], x["rms_with"], unit_of(x["unit"])] for x in laws],
+            "On recordings left out of its fit; z(w): dry friction that builds up over w rad",
+        )
+
+
+def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
+    gap = diagnosis.get("gap") or {}
+    if gap.get("before"):
+        unit = unit_of(gap["unit"])
+        columns = ["noise_floor", "before", "refit", "after"]
+        page.section("The residual in numbers").table(
+            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
+            [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
+            f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
+        )
+    motion = diagnosis.get("motion") or []
+    if motion:
+        rows = [
+            [
+                f"{pair['before']['horizon_s']:g} s, {pair['before']['loop']} loop",
+                *(_thousandths([pair[when]["flange_m"]]) for when in ("before", "after")),
+                *(_thousandths(pair[when]["angle_rad"]) for when in ("before", "after")),
+            ]
+            for pair in motion
+        ]
+        page.table(
+            [
+                "simulated for",
+                "flange before [mm]",
+                "flange after [mm]",
+                "worst joint before [mrad]",
+                "worst joint after [mrad]",
+            ],
+            rows,
+            "RMS error of the motion simulated under the measured torque",
+        )
+
+
+def _thousandths(errors: Sequence[float | None]) -> float | str:
+    """The largest error in mm or mrad."""
+    known = [x for x in errors if x is not None]
+    return 1e3 * max(known) if len(known) == len(errors) else "unstable"
+
+
+def _symbol(parameter: str) -> str:
+    return parameter.replace("_", " ")

@@ -1,0 +1,50 @@
+"""What was found in the sampling of a recording, in sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from logs.elapsed import TRUST
+
+MATTERS = 0.03  # of a period: less jitter than this is left alone
+
+
+def repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> list[str]:
+    out = []
+    twice = int((held & ~stale).sum())
+    if twice:
+        out.append(
+            f"{twice} of {n} samples repeat the one before while the arm moves (one in {n / twice:.1f}); they are left out"
+        )
+    if stale.any():
+        out.append(
+            f"in {int(stale.sum())} of {n} samples the position is that of the sample before while other channels are new"
+        )
+    if not first.all():
+        out.append(f"{int((~first).sum())} samples carry the stamp of the sample before and are left out")
+    return out
+
+
+def of_jitter(
+    jitter: float, seen: float, rebuilt: bool, left: float, period: float, stamps: np.ndarray, clock: np.ndarray
+) -> str:
+    sentence = (
+        f"the stamps jitter by {1e3 * jitter:.3g} ms about the instants of sampling (standard deviation, from q against dq)"
+    )
+    if rebuilt:
+        most = float(np.quantile(np.abs(stamps - clock), 0.99))
+        return (
+            f"{sentence}, one in a hundred by over {1e3 * most:.2g} ms; the clock was rebuilt: a sample every {1e3 * period:.6g} ms, "
+            f"{1e3 * left:.2g} ms remain between q and dq"
+        )
+    if jitter > 2 * seen and jitter > MATTERS * period:
+        return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
+    return f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period; the readings resolve {1e3 * seen:.2g} ms"
+
+
+def of_speed(scale: np.ndarray) -> list[str]:
+    odd = np.flatnonzero(np.abs(scale - 1) > TRUST)
+    if not len(odd):
+        return []
+    values = ", ".join(f"{scale[j]:.3g} (joint {j + 1})" for j in odd)
+    return [f"dq is not the derivative of q, but this much times it: {values}; it was not used there"]
