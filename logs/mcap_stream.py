@@ -7,18 +7,18 @@ Damage is refused or, where a partial file is accepted, left out and reported (`
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
 import numpy as np
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Attachment
 
 from logs.damage import Damage
+from logs.mcap_chunks import Chunks
+from logs.mcap_definitions import Definitions
 from logs.mcap_records import (
     CONTENT_LEAST,
     HEAD,
@@ -30,22 +30,13 @@ from logs.mcap_records import (
     SEAL_TAG,
     Batch,
     Channel,
-    Fields,
-    RecordError,
     header_library,
-    unpacked,
     walk,
 )
 
-MAX_TOTAL = 4 << 30
-MAX_RATIO = 200
-RATIO_FREE = 64 << 20  # a standing arm compresses well: the ratio counts from here on
 MAX_MESSAGES = 10**8
-MAX_DEFINITIONS = 10_000
-MAX_ATTACHED = 128 << 20
 WINDOW = 4 << 20
 FOOTER = 37  # bytes of the footer record and the closing magic
-_CHUNK = struct.Struct("<QQQI")
 _SEAL = (8).to_bytes(8, "little") + SEAL_TAG
 
 
@@ -65,11 +56,13 @@ class McapStream:
     unsealed: int = 0
     seals: int = 0
     sealed_to: int = 0
-    _schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
-    _total: int = 0
     _messages: int = 0
     _crc: int = 0
     _seal: int = 0
+
+    def __post_init__(self) -> None:
+        self._definitions = Definitions(self.damage, self.channels, self.metadata, self.attachments)
+        self._chunks = Chunks(self.size, self.damage)
 
     def batches(self) -> Iterator[Batch]:
         """Every message of the file, in file order."""
@@ -121,7 +114,7 @@ class McapStream:
             ops, starts, _ = walk(summary)
             for kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                 keep = ops == kind
-                self._define(summary, ops[keep], starts[keep], f"byte {start}", repeated=True)
+                self._definitions.take(summary, ops[keep], starts[keep], f"byte {start}", repeated=True)
 
     def _oversize(self, data: bytes, at: int) -> int | None:
         """What to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
@@ -171,14 +164,14 @@ class McapStream:
             if op == Opcode.CHUNK:
                 yield from self._batch(data, ops[begin:k], starts[begin:k], where)
                 begin = k + 1
-                records = self._decompressed(content, place)
+                records = self._chunks.records(content, place)
                 if records is not None:
                     inner_ops, inner_starts, used = walk(records)
                     if used != len(records):
                         self.damage.report(
                             f"chunk at {place}", f"no whole record stands at byte {used} of the {len(records)} in it"
                         )
-                    self._define(records, inner_ops, inner_starts, f"chunk at {place}")
+                    self._definitions.take(records, inner_ops, inner_starts, f"chunk at {place}")
                     yield from self._batch(records, inner_ops, inner_starts, f"chunk at {place}")
             elif op == Opcode.DATA_END:
                 yield from self._batch(data, ops[begin:k], starts[begin:k], where)
@@ -186,62 +179,8 @@ class McapStream:
                 self._end(at + start, content)
                 return
             else:
-                self._definition(op, content, place)
+                self._definitions.take_one(op, content, place)
         yield from self._batch(data, ops[begin:], starts[begin:], where)
-
-    def _define(self, data: bytes, ops: np.ndarray, starts: np.ndarray, where: str, repeated: bool = False) -> None:
-        for k in np.flatnonzero(ops != Opcode.MESSAGE).tolist():
-            op, start = int(ops[k]), int(starts[k])
-            if op in (Opcode.SCHEMA, Opcode.CHANNEL):
-                content = data[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(data, start)[1]]
-                self._definition(op, content, f"{where}, byte {start} in it", repeated)
-            elif op < SEAL:
-                self.damage.report(f"{where}, byte {start} in it", f"a record with opcode {op:#x} cannot stand in a chunk")
-
-    def _definition(self, op: int, content: bytes, where: str, repeated: bool = False) -> None:
-        """Take a schema, channel or metadata record; a summary may repeat channels without their schemas, which then stand before."""
-        fields = Fields(content)
-        try:
-            if op == Opcode.SCHEMA:
-                number = fields.number(2)
-                name, encoding = fields.text(), fields.text()
-                text = fields.bytes(fields.number(4)).decode("utf-8", errors="replace")
-                self._once(self._schemas, number, (name, encoding, text), "schema")
-            elif op == Opcode.CHANNEL:
-                number, schema = fields.number(2), fields.number(2)
-                topic, encoding = fields.text(), fields.text()
-                if schema and schema not in self._schemas:
-                    if repeated:
-                        return
-                    raise RecordError(f"channel {number} ({topic}) names schema {schema}, which does not stand before it")
-                name, kind, text = self._schemas.get(schema, ("", "", ""))
-                self._once(self.channels, number, Channel(topic, encoding, name, kind, text, fields.map()), "channel")
-            elif op == Opcode.METADATA:
-                name = fields.text()
-                if len(self.metadata) >= MAX_DEFINITIONS:
-                    raise RecordError(f"more than {MAX_DEFINITIONS} metadata records")
-                self.metadata[name] = fields.map()
-            elif op == Opcode.ATTACHMENT and self.attachments is not None:
-                self._attach(fields, self.attachments)
-        except RecordError as error:
-            self.damage.report(where, str(error))
-
-    def _attach(self, fields: Fields, kept: dict[str, Attachment]) -> None:
-        log, created, name, media = fields.number(8), fields.number(8), fields.text(), fields.text()
-        data = fields.bytes(fields.number(8))
-        crc = zlib.crc32(memoryview(fields.data)[: fields.at])
-        if (stated := fields.number(4)) and stated != crc:
-            raise RecordError(f"the check sum of the attachment {name!r:.80} is wrong")
-        if sum(len(a.data) for a in kept.values()) + len(data) > MAX_ATTACHED or len(kept) >= MAX_DEFINITIONS:
-            raise RecordError(f"more than {MAX_ATTACHED} bytes or {MAX_DEFINITIONS} of attachments")
-        kept[name] = Attachment(create_time=created, log_time=log, name=name, media_type=media, data=data)
-
-    @staticmethod
-    def _once(known: dict, number: int, value: object, what: str) -> None:
-        if known.setdefault(number, value) != value:
-            raise RecordError(f"{what} {number} is defined twice, differently")
-        if len(known) > MAX_DEFINITIONS:
-            raise RecordError(f"more than {MAX_DEFINITIONS} definitions")
 
     def _batch(self, data: bytes, ops: np.ndarray, starts: np.ndarray, where: str) -> Iterator[Batch]:
         starts = starts[ops == Opcode.MESSAGE]
@@ -264,33 +203,6 @@ class McapStream:
                 self.damage.report(f"{where}, byte {first} in it", f"a message on channel {number}, which is not defined")
             self.counts[number] = self.counts.get(number, 0) + count
         yield batch
-
-    def _decompressed(self, content: bytes, where: str) -> bytes | None:
-        """The records of a chunk, or None where it is damaged."""
-        fault = None
-        try:
-            fields = Fields(content)
-            _, _, size, crc = _CHUNK.unpack(fields.bytes(_CHUNK.size))
-            compression = fields.text()
-            packed = fields.bytes(fields.number(8))
-            if size > MAX_RECORD:
-                raise RecordError(f"declares {size} bytes of content; at most {MAX_RECORD} are read")
-            self._total += size
-            if self._total > max(RATIO_FREE, MAX_RATIO * self.size) or self._total > MAX_TOTAL:
-                raise self.damage.refuse(
-                    f"chunk at {where}", f"the file unpacks to more than {self._total - size} bytes",
-                    f"at most {MAX_TOTAL} bytes and {MAX_RATIO} times the file are read; split the recording",
-                )  # fmt: skip
-            records = unpacked(compression, packed, size)
-            if len(records) != size:
-                raise RecordError(f"unpacks to {'more' if len(records) > size else 'less'} than the declared {size} bytes")
-            if crc and zlib.crc32(records) != crc:
-                raise RecordError("the check sum of the content is wrong")
-            return records
-        except (RecordError, zstandard.ZstdError, RuntimeError, EOFError) as error:
-            fault = str(error)
-        self.damage.report(f"chunk at {where}", fault)
-        return None
 
     def _end(self, at: int, content: bytes) -> None:
         """Data section ended: its CRC, the summary's CRC, the count of messages, footer and closing magic."""

@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from calib.main import COMMANDS, Commands, app
 from calib.report import catalogue
-from calib.terminal.console import arm_names, cell_names
+from calib.terminal.options import arm_names, cell_names
 from logs.prediction import MISSING, PREDICTED
 from logs.schemas import SCHEMAS, STATES, TOPICS
 from sim.effects import EFFECTS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.terminal import console
+from calib.terminal import console, options
 from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, TorqueAt, locked_joint, numbers_of
 from sim.errors import ConfigError
 
@@ -61,7 +61,7 @@ def new(
     torque_at: At = TorqueAt.MOTOR,
     root: Annotated[Path | None, typer.Option(help="Folder of the ROS package that package:// mesh paths mean.")] = None,
     out: Folder = None,
-    json: console.Json = False,
+    json: options.Json = False,
 ) -> None:
     """Make an arm folder from a model file, and ask for each limit that the model does not state.
 
@@ -115,7 +115,7 @@ def drive(
     limit: Limit = None,
     torque_at: At = TorqueAt.MOTOR,
     out: Folder = None,
-    json: console.Json = False,
+    json: options.Json = False,
 ) -> None:
     """Make an arm folder of one drive on a bench: a free shaft, or a load on a lever.
 
@@ -135,10 +135,10 @@ def drive(
 
 @app.command()
 def read(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     out: Folder = None,
-    json: console.Json = False,
-    configs: console.Configs = None,
+    json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Read the kinematics and limits that a UR controller holds of its own arm, and write them as an arm folder of that robot.
 

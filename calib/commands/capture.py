@@ -8,16 +8,16 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import ConfigError
 
 
 def command(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     seconds: Annotated[float, typer.Option(min=0.5, max=1800.0, help="How long to listen.")] = 10.0,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Record what a UR controller says, byte for byte, into a text file that you can look through and send.
 

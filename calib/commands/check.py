@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, lock_cell
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import AnswerIsNo
 
 _WORDS = {True: "ok", False: "NO", None: "noted"}
 
 
 def command(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     seconds: Annotated[float, typer.Option(min=0.1, max=60.0, help="How long to watch rate and clock.")] = 2.0,
     move: Annotated[
         bool,
@@ -25,8 +25,8 @@ def command(
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --move: do not ask; only for mock and emulated cells.")] = False,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Check the arm of a cell before motion: identity, state, firmware, program, limits, payload, mounting, clock, rate.
 

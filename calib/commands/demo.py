@@ -14,15 +14,15 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 
 def command(
     seed: Annotated[
         int | None, typer.Option(min=0, max=2**63 - 1, help="Draw this effect and this noise again; random if not given.")
     ] = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
+    out: options.Out = None,
+    as_json: options.Json = False,
 ) -> None:
     """Demonstrate everything on a simulated arm: an effect is hidden, and check, plan, record, identify and diagnose look for it.
 

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout", "--baseline")
 
 
 def command(
-    arm: console.ArmOrLogArgument,
-    log: console.LogsArgument = None,
+    arm: options.ArmOrLogArgument,
+    log: options.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None, typer.Option(metavar="LOG", help="Recordings of another motion, held out to show the residual.")
     ] = None,
@@ -26,11 +26,11 @@ def command(
             metavar="LOG", help="Three or more recordings of the same arm when it was healthy: name what has changed since."
         ),
     ] = None,
-    accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    accept_partial: options.AcceptPartial = False,
+    assume: options.Assume = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Compare an arm's model with recordings and identify the physical effects that it is missing.
 

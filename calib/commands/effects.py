@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.terminal import console
+from calib.terminal import console, options
 
 if TYPE_CHECKING:
     from sim.effects import Effect
@@ -20,7 +20,7 @@ def _names(incomplete: str) -> list[str]:
 
 def command(
     name: Annotated[str | None, typer.Argument(metavar="EFFECT", help="One effect in full.", autocompletion=_names)] = None,
-    as_json: console.Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """List the physical effects that a diagnosis can name: what they are, how they look, their parameters.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import ConfigError
 from sim.resources import nearest
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     fault: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME@SECONDS", help="Make something go wrong after the start; may be repeated."),
@@ -24,7 +24,7 @@ def command(
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this time; runs until Ctrl-C if not given.")
     ] = None,
-    configs: console.Configs = None,
+    configs: options.Configs = None,
 ) -> None:
     """Run the emulated controller of a cell, so that the real driver can be tried without an arm.
 

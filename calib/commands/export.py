@@ -9,7 +9,7 @@ import typer
 
 from calib.past_runs import LATEST
 from calib.run_folder import new_run
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import ConfigError
 
 
@@ -25,7 +25,7 @@ def command(
         typer.Argument(
             metavar="ARM",
             help="Name from configs/arms, arm folder, .xml/.urdf file, or `latest` calibrated arm.",
-            autocompletion=console.calibrated_names,
+            autocompletion=options.calibrated_names,
         ),
     ],
     only: Annotated[
@@ -37,9 +37,9 @@ def command(
             autocompletion=_formats,
         ),
     ] = None,
-    out: console.Out = None,
-    json: console.Json = False,
-    configs: console.Configs = None,
+    out: options.Out = None,
+    json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Write an arm, nominal or calibrated, for MuJoCo, ROS, Isaac Lab and controllers, and as a table of parameters.
 

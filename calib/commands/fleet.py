@@ -9,7 +9,7 @@ import typer
 
 from calib.past_runs import RUNS
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 
 def command(
@@ -28,10 +28,10 @@ def command(
         typer.Option(min=0.0, help="Days before an arm's newest recording that say what it is now; older ones say since when."),
     ] = 1.0,
     no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only.")] = False,
-    accept_partial: console.AcceptPartial = False,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    accept_partial: options.AcceptPartial = False,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
 

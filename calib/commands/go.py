@@ -16,7 +16,7 @@ import typer
 from calib.claims import capital
 from calib.past_runs import LATEST, newest
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 if TYPE_CHECKING:
     from calib.guided_session import GuidedSession, GuidedStep
@@ -25,14 +25,14 @@ LEFT = "left by the operator"
 
 
 def command(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     session: Annotated[
         Path | None,
         typer.Option(
             "--session",
             metavar="DIR",
             help="Continue this session, or `latest`; the newest open one of CELL if not given.",
-            autocompletion=console.run_folders("go"),
+            autocompletion=options.run_folders("go"),
         ),
     ] = None,
     new: Annotated[bool, typer.Option("--new", help="Begin a new session, whatever is open.")] = False,
@@ -41,8 +41,8 @@ def command(
         int, typer.Option(min=1, max=20, help="Recordings at most, to decide between effects that look alike.")
     ] = 2,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Guide through a whole session: check, plan, record, identify, validate, diagnose, and another round where the answer is open.
 

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout", "--loaded")
 
 
 def command(
-    arm: console.ArmOrLogArgument,
-    log: console.LogsArgument = None,
+    arm: options.ArmOrLogArgument,
+    log: options.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None, typer.Option("--holdout", metavar="LOG", help="Recordings the fit never sees, one or several.")
     ] = None,
@@ -37,12 +37,12 @@ def command(
     ] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
     no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
-    accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
-    max_error: console.MaxError = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    accept_partial: options.AcceptPartial = False,
+    assume: options.Assume = None,
+    max_error: options.MaxError = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Identify friction, base parameters and physically consistent inertias of an arm from recordings of it.
 

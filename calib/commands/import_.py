@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 MAP = "map.toml"
 
@@ -33,7 +33,7 @@ def command(
             "--arm",
             metavar="ARM",
             help="Also check that the readings are this arm's, and estimate the delay of the torque channel.",
-            autocompletion=console.arm_names,
+            autocompletion=options.arm_names,
         ),
     ] = None,
     map_file: Annotated[
@@ -65,9 +65,9 @@ def command(
         ),
     ] = None,
     report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Make a finished log of a recording: of another program's, or of one whose program was killed.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import AnswerIsNo, ConfigError
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ def command(
         list[str] | None, typer.Option(metavar="A.B.C.D/24", help="Ask every address of this network for a robot; repeatable.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the cell; my-ARM if not given.")] = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Find robots on the network, CAN adapters, and model files in this folder; write the first cell file.
 

@@ -11,11 +11,11 @@ import typer
 
 from calib.past_runs import LATEST, latest
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 
 def command(
-    arm: console.ArmArgument,
+    arm: options.ArmArgument,
     cell: Annotated[
         str | None, typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane and nothing else.")
     ] = None,
@@ -39,9 +39,9 @@ def command(
     viewer: Annotated[
         bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, where there is a display.")
     ] = False,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Plan friction sweeps, an informative excitation, a validation motion and probes for an arm.
 

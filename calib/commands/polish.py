@@ -9,23 +9,23 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout",)
 
 
 def command(
-    arm: console.ArmOrLogArgument,
-    log: console.LogsArgument = None,
+    arm: options.ArmOrLogArgument,
+    log: options.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None,
         typer.Option("--holdout", metavar="LOG", help="Recordings that decide whether the arm moves better, one or several."),
     ] = None,
-    accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    accept_partial: options.AcceptPartial = False,
+    assume: options.Assume = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Correct friction and torque offsets of an identified arm so that its simulated motion stays nearer to recordings.
 

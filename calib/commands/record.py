@@ -13,15 +13,15 @@ import typer
 
 from calib.past_runs import LATEST, RUNS, latest, list_runs
 from calib.run_folder import conclude, lock_cell, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 
 def command(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     plan: Annotated[
         Path,
         typer.Argument(
-            metavar="PLAN", help="Folder that `calib plan` wrote, or `latest`.", autocompletion=console.run_folders("plan")
+            metavar="PLAN", help="Folder that `calib plan` wrote, or `latest`.", autocompletion=options.run_folders("plan")
         ),
     ],
     approve_again: Annotated[
@@ -32,9 +32,9 @@ def command(
         bool, typer.Option("--hold-to-run", help="Move only while the space bar is held down; releasing it stops the arm.")
     ] = False,
     operator: Annotated[str | None, typer.Option(help="Name for the audit trail; the login name if not given.")] = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Drive the motions of a plan and record them, slowly first; every motion is verified again before anything moves.
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import ConfigError
 
 
@@ -16,11 +16,11 @@ def command(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP log, a rosbag2 folder or a ur_rtde CSV file.")],
     arm: Annotated[
         str | None,
-        typer.Option("--arm", help="The arm; the one that the log names if not given.", autocompletion=console.arm_names),
+        typer.Option("--arm", help="The arm; the one that the log names if not given.", autocompletion=options.arm_names),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Times as fast as it was.")] = 1.0,
-    configs: console.Configs = None,
-    as_json: console.Json = False,
+    configs: options.Configs = None,
+    as_json: options.Json = False,
 ) -> None:
     """Show a recorded run as it was seen while it was recorded; nothing moves.
 

@@ -9,7 +9,7 @@ import typer
 
 from calib.past_runs import RUNS, list_runs, read_run
 from calib.run_folder import new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 if TYPE_CHECKING:
     from calib.validation.comparison import Change
@@ -27,8 +27,8 @@ def command(
         str | None, typer.Argument(metavar="RUN", help="A later run to compare with the first.", autocompletion=_names)
     ] = None,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
-    out: console.Out = None,
-    as_json: console.Json = False,
+    out: options.Out = None,
+    as_json: options.Json = False,
 ) -> None:
     """Say what a run found and where its pages are, or compare two runs of identify or diagnose.
 

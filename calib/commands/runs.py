@@ -11,7 +11,7 @@ import typer
 
 from calib.past_runs import FILE, RUNS, Run, list_runs, read_run
 from calib.run_folder import free_folder
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import ConfigError
 
 
@@ -26,7 +26,7 @@ def command(
     ] = None,
     again: Annotated[bool, typer.Option("--again", help="Do RUN again: the same command line in the same directory.")] = False,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
-    as_json: console.Json = False,
+    as_json: options.Json = False,
 ) -> int:
     """List the runs, newest first; show one; or do one again, from the command line that its run.toml holds.
 

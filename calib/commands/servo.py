@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from calib.run_folder import lock_cell
-from calib.terminal import console
+from calib.terminal import console, options
 from calib.terminal.turned_by_hand import drives_of_joints
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
@@ -40,7 +40,7 @@ def command() -> None:
 
 @app.command()
 def look(
-    cell: console.CellArgument,
+    cell: options.CellArgument,
     joint: Annotated[str | None, typer.Argument(metavar="JOINT", help="one joint; all of them if not given")] = None,
     clear: Annotated[bool, typer.Option(help="clear the latched error of this joint's drive")] = False,
     zero: Annotated[
@@ -48,8 +48,8 @@ def look(
     ] = False,
     off: Annotated[bool, typer.Option(help="torque off for this joint")] = False,
     supported: Annotated[bool, typer.Option(help="the arm is carried: without brakes, torque off drops it")] = False,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Look at the drives of a servo arm: serial number, watchdog, position, temperature, error; or set one of them.
 
@@ -119,8 +119,8 @@ def scan(
         str | None, typer.Option(metavar="ARM", help="Arm whose joints are then turned by hand, one by one.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Cell file to write, with --arm.")] = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> None:
     """Find the drives on a bus: makers, identifiers, serial numbers, firmware, ranges, classical and CAN FD. No torque goes on.
 

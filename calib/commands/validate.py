@@ -9,22 +9,22 @@ from typing import Annotated
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console
+from calib.terminal import console, options
 
 
 def command(
-    arm: console.ArmOrLogArgument,
-    log: console.LogsArgument = None,
+    arm: options.ArmOrLogArgument,
+    log: options.LogsArgument = None,
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
     cutoff: Annotated[
         float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
     ] = None,
-    accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
-    max_error: console.MaxError = None,
-    out: console.Out = None,
-    as_json: console.Json = False,
-    configs: console.Configs = None,
+    accept_partial: options.AcceptPartial = False,
+    assume: options.Assume = None,
+    max_error: options.MaxError = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    configs: options.Configs = None,
 ) -> int:
     """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
 

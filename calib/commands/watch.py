@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calib.run_folder import new_run
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.errors import AnswerIsNo, ConfigError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def command(
         typer.Option(
             "--arm",
             help="The arm, best a calibrated folder; that of the cell or log if not given.",
-            autocompletion=console.arm_names,
+            autocompletion=options.arm_names,
         ),
     ] = None,
     seconds: Annotated[
@@ -43,13 +43,13 @@ def command(
     database: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Table of trends; runs/watch.sqlite if not given.")
     ] = None,
-    accept_partial: console.AcceptPartial = False,
-    assume: console.Assume = None,
-    out: console.Out = None,
+    accept_partial: options.AcceptPartial = False,
+    assume: options.Assume = None,
+    out: options.Out = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print each event as one JSON line as it comes, the result as the last.")
     ] = False,
-    configs: console.Configs = None,
+    configs: options.Configs = None,
 ) -> None:
     """Watch an arm at work: payload, contact, friction, and whether the model still holds. It never commands anything.
 

@@ -17,9 +17,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
@@ -27,101 +26,16 @@ from rich.text import Text
 from calib.claims import capital
 from calib.terminal import text_table
 from sim.files import printable
-from sim.resources import config_folders
 
 if TYPE_CHECKING:
     from drivers.driver import Driver
     from sim.cell import Cell
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; runs/<utc>-<arm>-<verb>/ if not given.")
-]
-AcceptPartial = Annotated[
-    bool,
-    typer.Option(
-        "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; says what is missing."
-    ),
-]
-MaxError = Annotated[
-    float | None,
-    typer.Option(
-        "--max-error",
-        min=0.0,
-        metavar="SHARE",
-        help="Exit code 1 if at some joint the residual RMS exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
-    ),
-]
-Assume = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--assume",
-        metavar="HOW",
-        help="Read the recordings that way: q=deg, t=ms, tau=current, sign:tau:JOINT, ...; a refusal names it.",
-    ),
-]
-Configs = Annotated[
-    Path | None,
-    typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
-]
 
 
 # of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
-
-
-def arm_names(incomplete: str = "") -> list[str]:
-    """Arms that the shell offers for completion."""
-    return _names("arms", "*/arm.toml", lambda p: p.parent.name, incomplete)
-
-
-def calibrated_names(incomplete: str = "") -> list[str]:
-    """The same with `latest`, where the arm of the newest run will do."""
-    from calib.past_runs import LATEST
-
-    return [name for name in (LATEST, *arm_names()) if name.startswith(incomplete)]
-
-
-def cell_names(incomplete: str = "") -> list[str]:
-    """Cells that the shell offers for completion."""
-    return _names("cells", "*.toml", lambda p: p.stem, incomplete)
-
-
-ArmArgument = Annotated[
-    str,
-    typer.Argument(metavar="ARM", help="Name from configs/arms, arm folder, or .xml/.urdf file.", autocompletion=arm_names),
-]
-ArmOrLogArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` calibrated arm, or a recording: its arm is inside.",
-        autocompletion=calibrated_names,
-    ),
-]  # fmt: skip
-LogsArgument = Annotated[
-    list[Path] | None, typer.Argument(metavar="LOG...", help="Recordings: .mcap, rosbag2 folders, ur_rtde .csv.")
-]
-CellArgument = Annotated[
-    str, typer.Argument(metavar="CELL", help="Name from configs/cells, or a .toml file.", autocompletion=cell_names)
-]
-
-
-def run_folders(verb: str) -> Callable[[str], list[str]]:
-    """Folders of the runs of one command that the shell offers for completion."""
-
-    def names(incomplete: str) -> list[str]:
-        from calib.past_runs import LATEST, list_runs
-
-        return [n for n in (LATEST, *(str(r.folder) for r in list_runs() if r.verb == verb)) if n.startswith(incomplete)]
-
-    return names
-
-
-def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
-    found = {name(p) for folder in config_folders(None, kind) for p in folder.glob(pattern)}
-    return sorted(n for n in found if n.startswith(incomplete))
 
 
 def conclusion(first: str, more: Iterable[str]) -> None:

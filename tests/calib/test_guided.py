@@ -17,7 +17,7 @@ from calib.guided_session import GuidedSession, read_session
 from calib.main import main
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import newest
-from calib.terminal import console
+from calib.terminal import options
 from sim.errors import ConfigError
 
 SETTLED = {
@@ -273,10 +273,10 @@ def test_latest_is_a_session_and_the_arm_of_a_complete_one(desk: Path, monkeypat
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
     with pytest.raises(ConfigError, match="has written an arm"):
         latest_arm()
-    assert console.run_folders("go")("") == ["latest", str(Path("runs") / session(desk).folder.name)]
+    assert options.run_folders("go")("") == ["latest", str(Path("runs") / session(desk).folder.name)]
     assert go(Commands([SETTLED]), monkeypatch, "--session", "latest", "--yes") == 0
     best = guided.best_arm(session(desk))
     best.mkdir(parents=True)
     assert latest_arm().resolve() == best
-    assert console.calibrated_names("lat") == ["latest"]
-    assert "ur10e" in console.calibrated_names("ur")
+    assert options.calibrated_names("lat") == ["latest"]
+    assert "ur10e" in options.calibrated_names("ur")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from calib.terminal import console
+from calib.terminal import console, options
 from sim.cell import load_cell
 
 
@@ -71,8 +71,8 @@ def test_progress_away_from_a_terminal_is_one_line(capsys: pytest.CaptureFixture
 
 
 def test_completion_offers_what_is_shipped() -> None:
-    assert "mock-ur10e" in console.cell_names("mock")
-    assert console.cell_names("no such") == []
+    assert "mock-ur10e" in options.cell_names("mock")
+    assert options.cell_names("no such") == []
 
 
 def test_a_terminal_gets_lines_between_words_and_whole_paths() -> None:
