@@ -21,7 +21,7 @@ import mujoco
 
 from sim.arm import load_arm
 from sim.errors import ConfigError
-from sim.exported import Exported, Reading, effects_table
+from sim.exported import ExportedArm, Reading, effects_table
 from sim.files import as_text, read_bytes
 from sim.model import MAX_MESH, compiled
 from sim.model import no_callback as paused
@@ -58,7 +58,7 @@ def install() -> None:
 
 def read(model: mujoco.MjModel, data: mujoco.MjData) -> Reading:
     """The state as encoders and drives would report it; torque as of the last evaluation, which mj_step made at the step's begin."""
-    arm = Exported.of(model)
+    arm = ExportedArm.of(model)
     if arm is None:
         raise ConfigError(
             f"this model has no <custom> text {TABLE}; write it with `calib export`, or load it with calib.mujoco.load"
@@ -75,6 +75,6 @@ class _Callback:
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if self.before is not None:
             self.before(model, data)
-        arm = Exported.of(model)
+        arm = ExportedArm.of(model)
         if arm is not None and arm.acts:
             arm.add_forces(model, data)

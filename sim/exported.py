@@ -39,13 +39,13 @@ class _Item:
     shapes: bool
 
 
-class Exported:
+class ExportedArm:
     """The effects of one exported model, with the indices of its elements."""
 
-    _known: dict[tuple[int, bytes], Exported | None] = {}
+    _known: dict[tuple[int, bytes], ExportedArm | None] = {}
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> Exported | None:
+    def of(cls, model: mujoco.MjModel) -> ExportedArm | None:
         """The effects of `model`, None where `calib export` did not write it."""
         key = (int(model.signature), model.text_data)
         if key not in cls._known:
