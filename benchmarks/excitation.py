@@ -49,11 +49,13 @@ def run() -> list[dict[str, Any]]:
     worth = information.worth(coarse(kept))
     share = float(np.linalg.norm(kept.x) / np.linalg.norm(found.ends[0].motion.x))
     rows = [
-        _row("eight starts, 2 processes, wall", wall, "s", "<= 40"),
+        _row("eight starts, 2 processes, wall", wall, "s", "<= 40", "beside whatever else the computer did; on two free cores half the processor time"),
         _row("eight starts, processor time of both processes", seconds, "s", "",
              "their start, short descents from eight, four further, two to their end and once more, the bound; one thread each"),
         _row("condition number (base, raw SI) after safety.clear", worth.condition, "", "<= 35", f"best of 100 random: {random.condition:.0f}"),
         _row("log det after safety.clear", worth.log_det, "nats", "", f"best of 100 random: {random.log_det:.1f}"),
+        _row("log det of all columns that the search maximises", found.ends[0].information, "nats", "",
+             "with those of candidate effects; before safety.clear"),
         _row("amplitude that safety.clear leaves", 100 * share, "%"),
         _row("any motion within the limits may have more by (estimate)", found.gap, "nats", "",
              f"standard deviations {found.smaller:.0%} smaller on average; duality gap of D-optimal design, its largest slope from ascents; the "
