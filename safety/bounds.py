@@ -83,7 +83,7 @@ class TorqueBounds:
             self._run(box, Stage.ENCODER)
             y = None
         fast = box.dq.magnitude
-        self._links(box, fast, steep or bool(np.any(box.q.hi > box.q.lo) or np.any(box.dq.hi > box.dq.lo)), y)
+        self._links(box, fast, steep, any(np.any(x.hi > x.lo) for x in (box.q, box.dq, box.ddq)), y)
         for stage in (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION):
             self._run(box, stage)
         box.dry[box.loose] = 0.0
@@ -104,18 +104,18 @@ class TorqueBounds:
         for group in self._groups[stage]:
             group.effect.bound(box, group.joints, group.known, group.unsure)
 
-    def _links(self, box: TorqueBox, fast: np.ndarray, wide: bool, y: np.ndarray | None) -> None:
-        """Stages RIGID and FORCE: the torque that links and outer forces put on the gears, and how steep it is."""
+    def _links(self, box: TorqueBox, fast: np.ndarray, steep: bool, wide: bool, y: np.ndarray | None) -> None:
+        """Stages RIGID and FORCE: the torque that links and outer forces put on the gears, and, of boxes or where asked, how steep it is."""
         q, dq, ddq = box.q.middle, box.dq.middle, box.ddq.middle
         y = self._body.regressor(q, dq, ddq) if y is None else y
         centre, half = y @ self._pi, np.abs(y) @ self._delta
-        w_q, by_angle = box.q.half, None
-        if wide:
-            w_v, w_a = box.dq.half, box.ddq.half
+        w_q, w_v, w_a = box.q.half, box.dq.half, box.ddq.half
+        if wide or steep:
             by_angle = self._slopes.by_angle(fast, np.abs(ddq) + w_a)
+            box.steep += by_angle @ box.stretch
+        if wide:
             half += np.einsum("cij,cj->ci", self._mass(q), w_a) + np.einsum("cik,ck->ci", by_angle, w_q)
             half += self._slopes.by_speed(fast, w_v)
-            box.steep += by_angle @ box.stretch
         box.load = Interval.around(centre, half)
         if self._groups[Stage.FORCE]:
             self._run(box, Stage.FORCE)

@@ -1,12 +1,15 @@
 """How fast torque can change with angle, speed and acceleration, in any posture and for every parameter set of the box.
 
-With R_il the farthest that the centre of mass of body l can be from joint i (links stretched out), m_l its largest mass and I_l its
-largest moment of inertia:
-  |M_ij|                       <= B_ij  = sum_l m_l R_il R_jl + I_l
-  |dM_ij / dq_k|               <= 2 B_ij
-  |c_i|                        <= sum_jk A_ijk |dq_j| |dq_k|,  A_ijk = sum_l m_l R_il R_max(j,k)l + 2 I_l,  |dc_i / dq_k| <= 3 of that
-  |dg_i / dq_k|                <= G_ik  = g sum_l m_l R_max(i,k)l
-since turning joint k moves what hangs on it by at most its distance, and turns what lies before it along with everything.
+With R_i (of body l) the farthest that the centre of mass of body l can be from joint i (links stretched out; 1 of a slide at least), which
+falls along the chain, m its largest mass and I its largest moment of inertia, sums over the bodies that all the joints named move:
+  |M_ij|          <= B_ij  = sum m R_i R_j + I
+  |dM_ij / dq_k|  <= D_ijk = 0 for k <= min(i,j): what it moves moves as one;
+                             sum m (R_min(i,j) + R_k) R_max(i,j) + I for k up to max(i,j), sum m R_k (R_i + R_j) + 2 I beyond
+  |c_i|           <= sum_jm A_ijm |dq_j| |dq_m|,  A_ijm = sum m R_i R_max(j,m) + 2 I
+  |dc_i / dq_k|   <= sum_jm E_ijmk |dq_j| |dq_m|,  E_ijmk = 0 for k <= min(i,j,m), else
+                     sum m (R_max(i,k) R_max(j,m) + [min(j,m) >= k] R_i R_max(j,m) + R_i R_max(j,m,k)) + 6 I
+  |dg_i / dq_k|   <= G_ik  = g sum m R_max(i,k), 0 where k turns nothing against gravity
+Turning joint k moves a body by R_k a rad and turns what it carries; what lies before it stays.
 """
 
 from __future__ import annotations
@@ -19,32 +22,41 @@ from sim.cell import Cell
 
 
 class Slopes:
-    """B (n, n), its part beyond the nominal masses `doubt` (n, n), A (n, n, n) and G (n, n), SI units."""
+    """B's part beyond the nominal masses `doubt` (n, n), D (n, n, n), A (n, n, n), E (n, n, n, n) and G (n, n), SI units."""
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
         n, prior = arm.n, arm.prior
-        self.inertia, self.doubt = np.zeros((n, n)), np.zeros((n, n))
-        self.coriolis, self.gravity = np.zeros((n, n, n)), np.zeros((n, n))
+        self.doubt, self.inertia = np.zeros((n, n)), np.zeros((n, n, n))
+        self.coriolis, self.moving, self.gravity = np.zeros((n, n, n)), np.zeros((n, n, n, n)), np.zeros((n, n))
         pull = float(np.linalg.norm(arm.tree.gravity))
-        later = np.maximum.outer(np.arange(n), np.arange(n))
+        i, j, m, k = np.ogrid[:n, :n, :n, :n]
+        last, first = np.maximum(j, m), np.minimum(j, m)
+        steady, one = (k <= np.minimum(i, first)), (k <= np.maximum(i, j))[:, :, 0]
         for link, mass, com, turning, spread, off in _bodies(arm, cell):
             r, chain = distances(arm, link, float(np.linalg.norm(com)) + off)
             heavy, both = mass * (1 + spread), np.outer(chain, chain)
             i_most = turning * (1 + SIGMAS * prior.inertia)
-            self.inertia += heavy * np.outer(r, r) + i_most * both
             shift = np.add.outer(r, r) * off * heavy
             self.doubt += mass * spread * np.outer(r, r) + shift + turning * SIGMAS * prior.inertia * both
-            self.gravity += heavy * pull * r[later] * both
-            all_three = chain[:, None, None] * both[None]
-            self.coriolis += (heavy * r[:, None, None] * r[later][None] + 2 * i_most) * all_three
-        upright = arm.tree.rotation[0] @ arm.tree.axis[0]
-        if not arm.tree.prismatic[0] and pull * np.linalg.norm(np.cross(upright, arm.tree.gravity)) < 1e-9 * pull**2:
-            self.gravity[0] = self.gravity[:, 0] = 0.0
+            all_three, all_four = (both[:, :, None] * chain, both[:, :, None, None] * both)
+            a, b, c = (x[:, :, 0] for x in (i, j, k))
+            within = heavy * (r[np.minimum(a, b)] + r[c]) * r[np.maximum(a, b)] + i_most
+            beyond = heavy * r[c] * (r[a] + r[b]) + 2 * i_most
+            self.inertia += np.where(c <= np.minimum(a, b), 0.0, np.where(one, within, beyond)) * all_three
+            self.coriolis += (heavy * r[a] * r[np.maximum(b, c)] + 2 * i_most) * all_three
+            moved = r[np.maximum(i, k)] * r[last] + (first >= k) * r[i] * r[last] + r[i] * r[np.maximum(last, k)]
+            self.moving += np.where(steady, 0.0, heavy * moved + 6 * i_most) * all_four
+            self.gravity += heavy * pull * r[np.maximum.outer(np.arange(n), np.arange(n))] * both
+        self.gravity *= _against_gravity(arm)
 
     def by_angle(self, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """(C, n, n): bound of |dtau_i / dq_k| for speeds up to dq (C, n) and accelerations up to ddq (C, n)."""
-        moving = 2 * ddq @ self.inertia + 3 * np.einsum("ijk,cj,ck->ci", self.coriolis, dq, dq, optimize=True)
-        return self.gravity[None] + moving[:, :, None]
+        count, n = dq.shape
+        pairs = (dq[:, :, None] * dq[:, None, :]).reshape(count, n * n)
+        turned = pairs @ self.moving.transpose(1, 2, 0, 3).reshape(n * n, n * n) + ddq @ self.inertia.transpose(
+            1, 0, 2
+        ).reshape(n, n * n)
+        return self.gravity[None] + turned.reshape(count, n, n)
 
     def by_speed(self, dq: np.ndarray, width: np.ndarray) -> np.ndarray:
         """(C, n): bound of the change of torque where speeds up to dq (C, n) change by up to width (C, n)."""
@@ -62,6 +74,31 @@ def _bodies(arm: Arm, cell: Cell) -> list[tuple[int, float, np.ndarray, float, f
     load = cell.table.payload
     if load is not None:
         out.append((arm.n - 1, load.mass, np.array(load.com), 0.0, PAYLOAD_DOUBT, 0.0))
+    return out
+
+
+def _against_gravity(arm: Arm) -> np.ndarray:
+    """(n, n) 0 or 1: whether joint k changes the weight's torque at joint i.
+
+    None does about an upright axis that nothing tilts, nor does that axis; a slide changes only where its weight pulls at joints before it,
+    and what hangs on a slide may be anywhere.
+    """
+    tree, n = arm.tree, arm.n
+    out, pull = np.ones((n, n)), float(np.linalg.norm(tree.gravity))
+    upright: dict[int, np.ndarray] = {
+        -1: np.eye(3)
+    }  # link that nothing tilts -> its rotation at zero, but for turns about gravity
+    for j in range(n):
+        before = upright.get(int(tree.parent[j]))
+        axis = None if before is None else before @ tree.rotation[j] @ tree.axis[j]
+        if tree.prismatic[j]:
+            out[j, j:], out[j + 1 :, j] = 0.0, 0.0
+        elif axis is not None and np.linalg.norm(np.cross(axis, tree.gravity)) < 1e-9 * pull:
+            out[j] = out[:, j] = 0.0
+        else:
+            continue
+        if before is not None:
+            upright[j] = before @ tree.rotation[j]
     return out
 
 

@@ -39,16 +39,23 @@ class Torque:
     limit: np.ndarray
 
 
-def torque_interval(motion: Trajectory, arm: Arm, cell: Cell, bounds: TorqueBounds | None = None) -> Torque:
-    """Expected torque of each sample and the half-width of its interval over the parameter box; `bounds` saves building it again."""
+def torque_interval(
+    motion: Trajectory, arm: Arm, cell: Cell, bounds: TorqueBounds | None = None, beside: float = 0.0
+) -> Torque:
+    """Expected torque of each sample and the half-width of its interval over the parameter box; `bounds` saves building it again.
+
+    `most` is that of joints which may be `beside` rad beside the motion.
+    """
     bounds = bounds or TorqueBounds(arm, cell)
     tau_hat, doubt, most = np.empty_like(motion.q), np.empty_like(motion.q), np.empty_like(motion.q)
     limit = arm.tau_max
     for start in range(0, max(len(motion), 1), CHUNK):
         part = slice(start, start + CHUNK)
         q, dq, ddq = (Interval(x[part], x[part]) for x in (motion.q, motion.dq, motion.ddq))
-        box = bounds.of(q, dq, ddq, motion.t[part])
-        tau_hat[part], doubt[part], most[part], limit = box.reading.middle, box.reading.half, box.most, box.limit
+        box = bounds.of(q, dq, ddq, motion.t[part], steep=beside > 0)
+        tau_hat[part], doubt[part], most[part], limit = (
+            box.reading.middle, box.reading.half, box.most + beside * box.steep, box.limit,
+        )  # fmt: skip
     return Torque(tau_hat, doubt, most, limit)
 
 

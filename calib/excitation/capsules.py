@@ -15,6 +15,20 @@ from sim.tree import Shape
 POINTS = 5  # along a capsule, for its distance from a box
 
 
+def beyond_capsules(shape: Shape) -> float:
+    """m by which the shape reaches beyond `capsules` of it at the most; 0 where these hold all of it.
+
+    Of a cylinder its rim, or the middle of a flat one's ends, farthest from the segments.
+    """
+    if shape.kind != "cylinder":
+        return 0.0
+    radius, half = shape.size[0], shape.size[1]
+    if half >= radius:
+        return float(np.hypot(radius, radius / 2) - radius)
+    within = np.cos(np.pi / 6) * (radius - half)  # m from the axis to the middle of a side of the ring
+    return float(np.hypot(max(within, radius - within), half) - half)
+
+
 def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
     """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
 

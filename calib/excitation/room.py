@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.excitation.capsules import capsules, from_box, rpy_matrix
+from calib.excitation.capsules import beyond_capsules, capsules, from_box, rpy_matrix
 from calib.excitation.distances import carried, joint_frames, least_distances, pair_distances, slopes_by_joints, too_near
-from calib.excitation.stops import stops_of
+from calib.excitation.stops import PREDICTED, stops_of
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
 from safety.clear import ClearedTrajectory, clear
@@ -67,6 +67,7 @@ class Room:
         self._ends = [(ends, radius) for _, ends, radius in pieces]
         self._links = [s.link for s, _, _ in pieces]
         self._names = [s.name for s, _, _ in pieces]
+        self._beyond = np.array([beyond_capsules(s) for s, _, _ in pieces])
         self._bounds = TorqueBounds(arm, cell)
         self.clearance = Clearance(arm, cell)
         needed = self.clearance.needed(cell.table.motion.following_error)
@@ -80,9 +81,9 @@ class Room:
         """The pairs of capsules that a descent can part: a capsule around a body that is none holds more than the body does."""
         if not self._all_pairs:
             return []
-        _, _, _, body = self._pair_arrays
+        a, b, _, body = self._pair_arrays
         q = postures(self.arm)
-        apart = self._by_capsules(self.segments(q)[0])
+        apart = self._by_capsules(self.segments(q)[0]) + self._beyond[a] + self._beyond[b]
         often = (apart < CLEARANCE_MARGIN).mean(axis=0) > IN_THE_WAY
         return [pair for pair, blocked in zip(self._all_pairs, often & (body >= 0), strict=True) if not blocked]
 
@@ -199,9 +200,12 @@ class Room:
         return [k for k, pair in enumerate(self._all_pairs) if pair in chosen]
 
     def _by_capsules(self, ends: np.ndarray, worst: bool = False) -> np.ndarray:
-        """(N, all pairs) m between capsules beyond what a proof asks for; with `worst` the least and what is too near, elsewhere a lower bound."""
+        """(N, all pairs) m between bodies, as their capsules have it, beyond what a proof asks for: never more than there is.
+
+        With `worst` the least and what is too near; elsewhere a lower bound of these.
+        """
         a, b, needed, _ = self._pair_arrays
-        less = self._radius[a] + self._radius[b] + needed
+        less = self._radius[a] + self._radius[b] + self._beyond[a] + self._beyond[b] + needed
         return np.asarray(least_distances(ends, a, b, less, CLEARANCE_MARGIN) if worst else pair_distances(ends, a, b) - less)
 
     def _apart(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> np.ndarray:
@@ -293,7 +297,7 @@ class Room:
         speed = np.linalg.norm(np.diff(ends[:, moving], axis=0), axis=-1) / step[:, :, None]
         rate = np.linalg.norm(omega, axis=-1)[:, [self._links[k] for k in moving]]
         speed += (radius[moving] * np.maximum(rate[1:], rate[:-1]))[:, :, None]
-        torque = torque_interval(motion, arm, self.cell, self._bounds)
+        torque = torque_interval(motion, arm, self.cell, self._bounds, self.cell.table.motion.following_error)
         shares = {
             "q": np.abs(motion.q - middle).max(axis=0) / half,
             "dq": np.abs(motion.dq).max(axis=0) / arm.dq_max,
@@ -309,7 +313,7 @@ class Room:
         """(N, n) of the torque limits, less what a plan leaves of them: the share that standing still at each posture q (N, n) may take."""
         twice = np.concatenate([q, q[-1:]])  # a motion has two instants at least
         still = Trajectory(np.arange(len(twice), dtype=float), twice, np.zeros_like(twice), np.zeros_like(twice))
-        torque = torque_interval(still, self.arm, self.cell, self._bounds)
+        torque = torque_interval(still, self.arm, self.cell, self._bounds, self.cell.table.motion.following_error)
         return np.asarray(torque.most / (MARGIN["torque"] * torque.limit))[:-1]
 
     def _stopped(self, motion: Trajectory, path: Use) -> Use:
@@ -319,7 +323,7 @@ class Room:
         middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2 - self.cell.table.motion.following_error
         reached = MARGIN["q"] * np.abs(q - middle).max(axis=0) / half
         shares = path.shares | {"q": np.maximum(path.shares["q"], reached)}
-        shares["torque"] = np.maximum(shares["torque"], MARGIN["torque"] * torque)
+        shares["torque"] = np.maximum(shares["torque"], MARGIN["torque"] / PREDICTED * torque)
         distance, pair = self.nearest(q, self.segments(q)[0])
         if distance >= path.clearance:
             return Use(shares, path.clearance, path.pair)

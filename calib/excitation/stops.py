@@ -34,7 +34,7 @@ def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds:
     for reaction, full in ((0.0, own), (stop.reaction, device)):
         for share in SHARES:
             slowing = Trajectory(motion.t, motion.q, motion.dq, -np.sign(motion.dq) * share * full)
-            torque = torque_interval(slowing, arm, cell, bounds)
+            torque = torque_interval(slowing, arm, cell, bounds, cell.table.motion.following_error)
             power = float(np.max(np.sum(torque.most * np.abs(motion.dq), axis=1))) / POWER_MAX
             use = np.maximum((torque.most / torque.limit).max(axis=0), power * PREDICTED / POWERED)
             if np.all(use <= PREDICTED):

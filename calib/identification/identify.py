@@ -110,7 +110,9 @@ def identify(
         if options.laws and not by_command
         else None
     )
-    with_laws = laws is not None and (bool(laws.effects) or arm.prior.numbers is not None)
+    with_laws = laws is not None and (
+        bool(laws.effects) or (arm.prior.numbers is not None and _leaves_less(model, sums, laws.theta, solution.theta))
+    )
     if laws and with_laws:
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
@@ -173,6 +175,12 @@ def identify(
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
+
+
+def _leaves_less(model: TorqueModel, sums: Sums, theta: np.ndarray, than: np.ndarray) -> bool:
+    """Whether parameters found beside friction with memory, of which there is none, leave less of the torque in motion: they hold rows at rest too."""
+    left, other = (gap(model, sums.plain, sums.apart, (), x).after for x in (theta, than))
+    return bool(np.nanmean(np.log(np.maximum(left, 1e-12) / np.maximum(other, 1e-12))) < 0)
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from calib import main as program
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Options, identify
+from calib.identification.law import Laws
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
 from sim.arm import Arm, load_arm
@@ -61,6 +63,23 @@ def test_the_exported_arm_can_exist_and_predicts_like_the_fit(ur5e: Arm, tmp_pat
     assert loaded.effect("viscous_friction", "elbow_joint").parameters == pytest.approx(
         found.arm.effect("viscous_friction", "elbow_joint").parameters, rel=1e-12
     )
+
+
+def test_where_no_joint_has_a_law_the_parameters_that_leave_less_are_kept(ur5e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those found beside laws hold rows at rest too: on a published arm they had half its dry friction."""
+    stated = replace(ur5e, prior=ur5e.prior.model_copy(update={"numbers": "cad"}))
+    truth = varied(stated, 1)
+    logs = [recorded(truth, fourier_motion(stated, seed), seed) for seed in (1, 2)]
+
+    def spoilt(model: TorqueModel, *rest: object) -> Laws:
+        theta = TorqueModel.of_arm(truth).nominal()
+        theta[model.friction_column("coulomb", 2)] *= 0.5
+        return Laws((), theta, np.eye(model.p) * 1e-9, np.zeros(6), np.zeros(6))
+
+    monkeypatch.setattr("calib.identification.identify.fitted_laws", spoilt)
+    fit = identify(stated, logs)
+    dry = fit.model.friction_column("coulomb", 2)
+    assert fit.solution.theta[dry] == pytest.approx(TorqueModel.of_arm(truth).nominal()[dry], rel=0.1)
 
 
 def test_a_joint_that_hardly_moves_is_named(ur5e: Arm) -> None:

@@ -102,7 +102,7 @@ def test_a_limit_just_below_what_a_state_takes_is_refused(arm: Arm, cell: Cell) 
 def test_a_heavy_load_makes_the_stop_softer_and_longer_and_it_is_still_proved(arm: Arm, cell: Cell) -> None:
     motion = sine(amplitude=0.12, duration=3.0)
     # the test arm brakes with up to 20 rad/s^2: with a load at its tip its shoulder cannot
-    strong, weak = arm, replace(arm, tau_max=np.array([330.0, 240.0, 135.0, 40.0, 40.0, 40.0]))
+    strong, weak = arm, replace(arm, tau_max=np.array([330.0, 215.0, 120.0, 36.0, 36.0, 36.0]))
     easy, hard = clear(motion, strong, heavy(cell, 0.1)), clear(motion, weak, heavy(cell, 6.0))
     assert easy.verdict.braking == 1.0
     assert hard.verdict.braking < 1.0
@@ -125,7 +125,7 @@ def test_a_tube_thinner_than_the_error_to_expect_is_refused(arm: Arm, cell: Cell
         return replace(cell, table=cell.table.model_copy(update={"motion": rules}))
 
     assert clear(motion, arm, expecting(0.9 * room)).verdict.room >= 0.9 * room
-    with pytest.raises(SafetyStop, match="following error"):
+    with pytest.raises(SafetyStop, match="following error|may move faster"):
         clear(motion, arm, expecting(0.4))
     upside_down = cell.table.motion.model_copy(update={"following_error": 0.2, "following_error_max": 0.1})
     with pytest.raises(SafetyStop, match="must be above 0 and at most following_error_max"):

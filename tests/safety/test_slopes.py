@@ -1,0 +1,54 @@
+"""No torque changes faster with an angle than its bound: hinges and slides, in any posture, at any speed and acceleration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safety.slopes import Slopes
+from sim.arm import Arm
+from sim.cell import Cell
+from sim.rigid_body import RigidBody
+
+STEP = 1e-6
+
+
+def sliding(arm: Arm, slides: tuple[int, ...]) -> Arm:
+    """The arm with some of its joints as slides of at most 0.4 m."""
+    at = np.isin(np.arange(arm.n), slides)
+    q_min, q_max = np.where(at, 0.0, arm.q_min), np.where(at, 0.4, arm.q_max)
+    return replace(arm, q_min=q_min, q_max=q_max, tree=replace(arm.tree, prismatic=at))
+
+
+@pytest.mark.parametrize("slides", [(), (0,), (2,), (0, 5)])
+@pytest.mark.parametrize("tilted", [False, True])
+def test_no_torque_changes_faster_than_its_bound(arm: Arm, cell: Cell, slides: tuple[int, ...], tilted: bool) -> None:
+    """Also of an arm on a tilted base, where no axis is upright; a slope that is near its bound shows that the test could fail."""
+    arm = sliding(arm, slides)
+    if tilted:
+        arm = replace(arm, tree=replace(arm.tree, gravity=np.array([3.0, 4.0, -8.4])))
+    slopes, body, rng, n = Slopes(arm, cell), RigidBody(arm), np.random.default_rng(0), arm.n
+    low, high = np.maximum(arm.q_min, -3.0), np.minimum(arm.q_max, 3.0)
+    nearest = 0.0
+    for _ in range(1500):
+        q = rng.uniform(low, high)
+        dq, ddq = rng.normal(size=(2, n)) * (rng.random((2, n)) < 0.4)
+        beside = np.concatenate([q + STEP * np.eye(n), q - STEP * np.eye(n)])
+        tau = body.inverse_dynamics(beside, np.tile(dq, (2 * n, 1)), np.tile(ddq, (2 * n, 1)))
+        found = np.abs(tau[:n] - tau[n:]).T / (2 * STEP)
+        bound = slopes.by_angle(np.abs(dq)[None], np.abs(ddq)[None])[0]
+        assert (found <= bound + 1e-5).all()
+        nearest = max(nearest, float(np.max(found / np.maximum(bound, 1e-3))))
+    assert nearest > 0.5
+
+
+def test_what_turns_the_whole_arm_about_gravity_changes_no_torque(arm: Arm, cell: Cell) -> None:
+    fast = np.ones((1, arm.n))
+    assert not Slopes(arm, cell).by_angle(fast, fast)[0, :, 0].any()
+    on_a_slide = Slopes(sliding(arm, (0,)), cell).by_angle(fast, fast)[0]
+    assert not on_a_slide[:, 0].any()
+    assert on_a_slide[1:, 1:].any()
+    tilted = replace(arm, tree=replace(arm.tree, gravity=np.array([3.0, 4.0, -8.4])))
+    assert Slopes(tilted, cell).by_angle(0 * fast, 0 * fast)[0, :, 0].any()
