@@ -125,7 +125,7 @@ def test_a_tube_thinner_than_the_error_to_expect_is_refused(arm: Arm, cell: Cell
         return replace(cell, table=cell.table.model_copy(update={"motion": rules}))
 
     assert clear(motion, arm, expecting(0.9 * room)).verdict.room >= 0.9 * room
-    with pytest.raises(SafetyStop, match="following error|may move faster"):
+    with pytest.raises(SafetyStop, match=r"following error|may move faster"):
         clear(motion, arm, expecting(0.4))
     upside_down = cell.table.motion.model_copy(update={"following_error": 0.2, "following_error_max": 0.1})
     with pytest.raises(SafetyStop, match="must be above 0 and at most following_error_max"):
