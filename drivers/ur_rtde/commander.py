@@ -76,10 +76,9 @@ class Commander:
             if late:
                 if not self.ahead and len(late) * self.period > self.patience:
                     raise Lost(f"a setpoint, {1e3 * len(late) * self.period:.0f} ms late,")
-                now = time.monotonic()
                 while self.ahead and late:
                     self.follow(late.popleft())
-                if late and now >= due:
+                if late and (now := time.monotonic()) >= due:
                     self.follow(late.popleft())
                     due = max(due, now - SLIP * self.period) + CATCH_UP * self.period
             elif not ready:

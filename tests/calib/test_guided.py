@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import io
-import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from calib import guided
-from calib import main as program
-from calib.guided_session import GuidedSession, read_session
 from calib.main import main
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import newest
 from calib.terminal import options
 from sim.errors import ConfigError
+from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 SETTLED = {
     "verdict": "effects_found",
@@ -31,61 +26,6 @@ OPEN = {
     "arm_out": "arm",
     "effects": [{"effect": "payload", "joint": None, "indistinguishable_from": RIVALS}],
 }
-NOTHING = {"verdict": "no_missing_effect", "arm_out": None, "effects": []}
-ROUND = ["check", "plan", "record", "identify", "validate", "diagnose"]
-
-
-class Commands:
-    """Stands in for the program: writes what each command would write, and counts; `fail` gives an exit code before."""
-
-    def __init__(self, answers: list[dict[str, Any]], fail: Callable[[int, str], int] = lambda count, verb: 0) -> None:
-        self.answers, self.fail, self.lines = answers, fail, list[list[str]]()
-
-    def __call__(self, arguments: list[str]) -> tuple[int, str]:
-        verb = arguments[0]
-        self.lines.append(arguments)
-        if code := self.fail(len(self.lines), verb):
-            return code, f"{verb} failed"
-        if "--out" not in arguments:
-            return 0, f"{verb} done"
-        folder = Path(arguments[arguments.index("--out") + 1])
-        folder.mkdir(parents=True)
-        if verb == "plan":
-            (folder / "plan.html").write_text("")
-        if verb == "record":
-            for name in ("friction", "excitation", "validation"):
-                (folder / f"{name}.mcap").write_bytes(b"")
-        if verb == "diagnose":
-            (folder / "diagnosis.json").write_text(json.dumps(self.answers.pop(0)))
-            return 1, "effects were identified"
-        return 0, f"{verb} done"
-
-    @property
-    def verbs(self) -> list[str]:
-        return [line[0] for line in self.lines]
-
-
-@pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    return tmp_path
-
-
-def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers: str = "") -> int:
-    """`calib go mock-ur10e`, its steps played by `commands`, its questions answered by `answers`."""
-    real = program.start
-    monkeypatch.setattr(program, "start", commands)
-    monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
-    try:
-        return real(["go", "mock-ur10e", *more])[0]
-    finally:
-        monkeypatch.setattr(program, "start", real)
-
-
-def session(desk: Path) -> GuidedSession:
-    (folder,) = (desk / "runs").iterdir()
-    return read_session(folder)
 
 
 def test_every_step_is_a_command_that_is_printed(
@@ -196,38 +136,6 @@ def test_a_refused_motion_is_planned_again_where_somebody_says_so(desk: Path, mo
     assert go(commands, monkeypatch, answers="p\n") == 0
     assert commands.verbs == ["check", "plan", "record", *ROUND[1:]]
     assert commands.lines[4][2].endswith("plan-try2")
-
-
-def changed(desk: Path) -> GuidedSession:
-    """The session, as if its cell file had been another one."""
-    file = session(desk).folder / "session.toml"
-    file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
-    return read_session(file.parent)
-
-
-def test_a_cell_file_that_changed_is_checked_and_planned_again(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes") == 3
-    changed(desk)
-    commands = Commands([NOTHING])
-    assert go(commands, monkeypatch, "--yes") == 0
-    assert commands.verbs == ROUND
-
-
-def test_recordings_of_another_cell_file_are_another_session(
-    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert go(Commands([], lambda count, verb: 4 if verb == "identify" else 0), monkeypatch, "--yes") == 4
-    changed(desk)
-    assert go(Commands([]), monkeypatch, "--yes") == 2
-    assert "has changed since its recordings were made" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])
-def test_a_damaged_session_is_refused(change: tuple[str, str], desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
-    file = session(desk).folder / "session.toml"
-    file.write_text(file.read_text().replace(*change))
-    assert go(Commands([]), monkeypatch, "--yes") == 2
 
 
 def test_a_real_arm_is_never_moved_without_a_person(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:

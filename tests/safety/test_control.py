@@ -8,12 +8,10 @@ stop, and so these tests stand in the slow lane.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,14 +20,11 @@ import numpy as np
 import pytest
 
 from logs import read_log
-from safety import audit, control
+from safety import audit
 from safety.approval import approve
-from safety.board import Board
 from safety.control import drive, is_simulated
 from safety.plan import Motion, write_plan
 from safety.run_progress import RunProgress
-from safety.signs import Signs
-from safety.stop_sources import StopSignals
 from safety.trip import MotionStopped
 from sim.arm import load_arm
 from sim.cell import load_cell
@@ -244,56 +239,3 @@ def test_an_arm_that_is_held_is_reported_and_let_go_by_ctrl_c_alone(place: Path)
         assert "a joint is silent" in process.communicate(timeout=60.0)[0]
     finally:
         process.kill()
-
-
-class Hung:
-    """A process that ends when it is killed, and never by itself."""
-
-    name = "calib control"
-
-    def __init__(self) -> None:
-        self.exitcode: int | None = None
-        self.joined: list[float] = []
-
-    def join(self, timeout: float) -> None:
-        self.joined.append(timeout)
-
-    def kill(self) -> None:
-        self.exitcode = -signal.SIGKILL
-
-
-def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control, "LEAVE_TIME", 0.1)
-    board, hung = Board(6, multiprocessing.get_context("spawn")), Hung()
-    said: list[str] = []
-
-    def held(sentence: str) -> None:
-        said.append(sentence)
-        os.kill(os.getpid(), signal.SIGTERM)
-        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-    with StopSignals():  # what comes before the wait begins ends nothing
-        control._let_go([hung], board, "completed", held)
-    assert said == ["completed; calib control did not end within 0.1 s and may hold the arm: support it, then press Ctrl-C"]
-    assert (hung.exitcode, hung.joined, board.may_let_go) == (-signal.SIGKILL, [control.LET_GO_TIME], True)
-
-
-def test_a_control_process_that_hangs_after_a_stop_was_requested_is_not_waited_for_without_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(control, "STOP_TIME", 0.1)
-    context = multiprocessing.get_context("spawn")
-    board, (answer, held_open) = Board(6, context), context.Pipe(duplex=False)
-    with pytest.raises(DeviceError, match=r"Ctrl-C, and the control process did not answer within 0\.1 s"):
-        control._watched(Hung(), answer, board, lambda: "Ctrl-C", lambda progress: None, Signs(6, context))
-    assert board.stop_requested() == "Ctrl-C"
-    held_open.close()
-
-
-def test_half_an_answer_of_a_control_process_that_was_killed_is_none() -> None:
-    context = multiprocessing.get_context("spawn")
-    answer, theirs = context.Pipe(duplex=False)
-    os.write(theirs.fileno(), b"\0\0\1\0half")
-    theirs.close()
-    with pytest.raises(DeviceError, match="no answer"):
-        control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, Signs(6, context))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -14,52 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.driver import DeviceInfo
-from safety import audit, realtime, watching
+from safety import audit, watching
 from safety.approval import approve
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
-from safety.monitor_link import MonitorLink, read, write
+from safety.monitor_link import read, write
 from safety.plan import Motion, Plan, write_plan
 from safety.signs import ENDED, HOLDS, Signs
 from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
-from sim.clock import MonotonicClock
 from sim.errors import DeviceError, SafetyStop
-from sim.joint_state import JointState
+from tests.safety.beside import RATE, Beside, Ear
 from tests.safety.conftest import CONTEXT, sine, state_at
-from tests.safety.perfect import PerfectDriver
-
-RATE = 50.0
-
-
-class Ear(PerfectDriver):
-    """Hears what the arm of another driver does, from the readings that it gave; None ends what is heard."""
-
-    def __init__(self, arm: Arm, cell: Cell, heard: Callable[[], JointState | None]) -> None:
-        super().__init__(arm, cell, RATE, MonotonicClock())
-        self.heard, self.listens, self.halts, self.closes = heard, 0, 0, 0
-
-    def beside(self) -> str:
-        return ""
-
-    def listen(self, patience: float | None = None) -> DeviceInfo:
-        self.listens += 1
-        self.patience = patience
-        return self.connect()
-
-    def read(self) -> JointState:
-        time.sleep(0.2 / RATE)
-        state = self.heard()
-        if state is None:
-            raise DeviceError("nothing is heard any more")
-        return state
-
-    def halt(self) -> None:
-        self.halts += 1
-
-    def close(self) -> None:
-        self.closes += 1
 
 
 @pytest.fixture
@@ -68,62 +33,6 @@ def place(tmp_path: Path, arm: Arm, cell: Cell) -> tuple[Plan, Arm, Cell]:
     plan = write_plan(tmp_path / "plan", slow, [Motion("friction", "friction", sine(duration=3.0))], cell)
     approve(plan, slow, cell, "operator", datetime.now(UTC))
     return plan, slow, load_cell(cell.path)
-
-
-class Beside:
-    """The monitor process in a thread of this one, its control process a child that sleeps."""
-
-    def __init__(
-        self, place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], folder: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(os, "setsid", lambda: None)
-        monkeypatch.setattr(realtime, "prepare", dict)
-        monkeypatch.setattr(watching, "GRACE", 0.3)
-        self.plan, self.arm, self.cell = place
-        self.signs = Signs(6, CONTEXT)
-        self.audit = folder / "audit.jsonl"
-        self.child = os.fork()
-        if self.child == 0:
-            for end in talk:
-                end.close()
-            time.sleep(60)
-            os._exit(0)
-        self.state: JointState | None = state_at(0, q=np.array(self.cell.table.home))
-        self.ear = Ear(self.arm, self.cell, self.heard)
-        self.link = MonitorLink(self.signs, talk[0])
-        task = watching.Task(
-            self.plan.folder, self.cell.path, self.arm.model_path.parent, lambda cell, arm: self.ear, self.audit, self.child
-        )
-        self.thread = threading.Thread(target=watching.watch, args=(task, self.signs, talk[1]))
-        self.thread.start()
-
-    def heard(self) -> JointState | None:
-        return (
-            None
-            if self.state is None
-            else JointState(
-                time.monotonic(),
-                time.monotonic(),
-                *(getattr(self.state, name) for name in ("q", "dq", "tau", "current", "temperature")),
-            )
-        )
-
-    def begin(self, cleared: ClearedTrajectory, folder: Path) -> None:
-        self.link.begin([cleared], RATE, 0.5, folder)
-        self.show(HOLDS, cleared.q[0])
-        while not self.link.sees:
-            self.show(HOLDS, cleared.q[0])
-            time.sleep(0.005)
-
-    def show(self, k: int, q: np.ndarray) -> None:
-        self.link.sent(k, q)
-
-    def ended(self) -> int | None:
-        """The signal that ended the control process, or None; waits a while for one."""
-        end = time.monotonic() + 0.5
-        while not (found := os.waitpid(self.child, os.WNOHANG))[0] and time.monotonic() < end:
-            time.sleep(0.01)
-        return os.WTERMSIG(found[1]) if found[0] else None
 
 
 @pytest.fixture

@@ -39,37 +39,10 @@ from sim.errors import CalibError
 from sim.joint_state import JointState
 from sim.trajectory import Trajectory
 from tests.safety.conftest import HOME, sine
+from tests.safety.spoilt_numbers import array, number
 
 REFUSALS = (CalibError, ValueError, TypeError)
-NUMBERS = (np.nan, np.inf, -np.inf)
 Mutant = Callable[[random.Random], Callable[[], Any]]
-
-
-def array(good: np.ndarray, rng: random.Random) -> Any:
-    """The array with one element that is not finite, or with another shape, or of another type."""
-    kind = rng.randrange(10)
-    if kind < 5:
-        bad = np.array(good, dtype=float)
-        bad.flat[rng.randrange(bad.size)] = rng.choice(NUMBERS)
-        return bad
-    others: list[Callable[[], Any]] = [
-        lambda: good[:-1] if good.ndim == 1 else good[:, :-1],
-        lambda: np.concatenate((good, good[-1:])),
-        lambda: good[None],
-        lambda: good.astype(complex) + 1j,
-        lambda: good.astype(str),
-        lambda: [None] * len(good),
-        lambda: None,
-        lambda: "0.1",
-        lambda: [object()] * len(good),
-        lambda: dict(enumerate(good.tolist())),
-        lambda: good.astype(bool),
-    ]
-    return rng.choice(others)()
-
-
-def number(rng: random.Random) -> Any:
-    return rng.choice([*NUMBERS, None, "1.0", [1.0, 2.0], 1j, object()])
 
 
 class Entries:

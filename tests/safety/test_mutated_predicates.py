@@ -53,7 +53,7 @@ TARGETS = {
     ),
     "looks": (("to_look_at", "nearest"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
-    "torque": (("check_torque", "suffices"), ("test_torque", "test_clear", "test_bounds")),
+    "torque": (("check_torque", "suffices"), ("test_torque", "test_clear", "test_bounds", "test_stated_bounds")),
     "parameters": (("_rows",), ("test_torque", "test_clear")),
     "clear": (("require_cleared", "clear"), ("test_clear",)),
     "sheets": (("check_range", "finite"), ("test_sheets", "test_clear", "test_certify")),

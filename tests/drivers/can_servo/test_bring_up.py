@@ -9,12 +9,9 @@ import pytest
 
 from drivers.can_servo.bring_up import make_drives
 from drivers.can_servo.bus_budget import bus_budget, frame_bits
-from drivers.can_servo.link import Link
-from drivers.can_servo.service import Service
 from drivers.can_servo.speed import Differentiator, window_for
 from drivers.driver import Check
 from sim.can_wiring import can_options
-from sim.emulated.can.stepped import SteppedBus
 from sim.errors import ConfigError, DeviceError
 
 
@@ -182,56 +179,6 @@ def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
     ):
         with pytest.raises(ConfigError, match=message):
             can_options(options(**changes), servo6)
-
-
-@pytest.fixture
-def service(bench):
-    b = bench()
-    return b, Service(b.driver.options, b.clock, lambda: Link(SteppedBus(b.bus, b.clock), b.clock, "stepped"))
-
-
-def test_one_drive_is_looked_at(service):
-    b, shop = service
-    with shop:
-        look = shop.look("elbow_joint")
-    assert (look.identity.serial, look.serial_problem, look.reading.on) == ("410003", "", False)
-    assert look.reading.q == pytest.approx(b.rest[2], abs=0.02)
-
-
-def test_an_error_is_cleared_and_an_error_with_a_cause_is_not(service):
-    b, shop = service
-    b.bus.servos[2].error = 0xD
-    with shop:
-        assert shop.do("elbow_joint", "clear").error == ""
-        b.bus.inject("over-temperature:wrist_1_joint")
-        with pytest.raises(DeviceError, match=r"cause is still there"):
-            shop.do("wrist_1_joint", "clear")
-
-
-def test_torque_off_needs_a_supported_arm(service):
-    b, shop = service
-    b.bus.servos[2].switch(True)
-    with shop:
-        with pytest.raises(DeviceError, match=r"--supported"):
-            shop.do("elbow_joint", "off")
-        assert b.bus.servos[2].on
-        assert shop.do("elbow_joint", "off", supported=True).on is False
-
-
-def test_a_zero_is_set_on_a_joint_that_is_off_and_still(service):
-    b, shop = service
-    with shop:
-        assert shop.do("wrist_3_joint", "zero").q == pytest.approx(0.0, abs=2e-3)
-        b.bus.servos[4].switch(True)
-        with pytest.raises(DeviceError, match=r"not moved while it is on"):
-            shop.do("wrist_2_joint", "zero", supported=True)
-
-
-def test_nothing_is_done_to_a_drive_that_is_another(service):
-    b, shop = service
-    b.bus.inject("swapped")
-    with shop, pytest.raises(DeviceError, match=r"nothing was done"):
-        shop.do("shoulder_pan_joint", "zero")
 
 
 def test_speed_is_differentiated_where_the_field_is_coarser():

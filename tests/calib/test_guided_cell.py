@@ -1,0 +1,42 @@
+"""A guided session whose cell file or own file was changed meanwhile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from calib.guided_session import GuidedSession, read_session
+from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
+
+
+def changed(desk: Path) -> GuidedSession:
+    """The session, as if its cell file had been another one."""
+    file = session(desk).folder / "session.toml"
+    file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
+    return read_session(file.parent)
+
+
+def test_a_cell_file_that_changed_is_checked_and_planned_again(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes") == 3
+    changed(desk)
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert commands.verbs == ROUND
+
+
+def test_recordings_of_another_cell_file_are_another_session(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4 if verb == "identify" else 0), monkeypatch, "--yes") == 4
+    changed(desk)
+    assert go(Commands([]), monkeypatch, "--yes") == 2
+    assert "has changed since its recordings were made" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])
+def test_a_damaged_session_is_refused(change: tuple[str, str], desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    file = session(desk).folder / "session.toml"
+    file.write_text(file.read_text().replace(*change))
+    assert go(Commands([]), monkeypatch, "--yes") == 2

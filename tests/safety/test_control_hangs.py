@@ -1,0 +1,69 @@
+"""A control process that does not end, hangs or dies in an answer: reported, and never waited for without end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+
+import pytest
+
+from safety import control
+from safety.board import Board
+from safety.signs import Signs
+from safety.stop_sources import StopSignals
+from sim.errors import DeviceError
+
+
+class Hung:
+    """A process that ends when it is killed, and never by itself."""
+
+    name = "calib control"
+
+    def __init__(self) -> None:
+        self.exitcode: int | None = None
+        self.joined: list[float] = []
+
+    def join(self, timeout: float) -> None:
+        self.joined.append(timeout)
+
+    def kill(self) -> None:
+        self.exitcode = -signal.SIGKILL
+
+
+def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "LEAVE_TIME", 0.1)
+    board, hung = Board(6, multiprocessing.get_context("spawn")), Hung()
+    said: list[str] = []
+
+    def held(sentence: str) -> None:
+        said.append(sentence)
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    with StopSignals():  # what comes before the wait begins ends nothing
+        control._let_go([hung], board, "completed", held)
+    assert said == ["completed; calib control did not end within 0.1 s and may hold the arm: support it, then press Ctrl-C"]
+    assert (hung.exitcode, hung.joined, board.may_let_go) == (-signal.SIGKILL, [control.LET_GO_TIME], True)
+
+
+def test_a_control_process_that_hangs_after_a_stop_was_requested_is_not_waited_for_without_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(control, "STOP_TIME", 0.1)
+    context = multiprocessing.get_context("spawn")
+    board, (answer, held_open) = Board(6, context), context.Pipe(duplex=False)
+    with pytest.raises(DeviceError, match=r"Ctrl-C, and the control process did not answer within 0\.1 s"):
+        control._watched(Hung(), answer, board, lambda: "Ctrl-C", lambda progress: None, Signs(6, context))
+    assert board.stop_requested() == "Ctrl-C"
+    held_open.close()
+
+
+def test_half_an_answer_of_a_control_process_that_was_killed_is_none() -> None:
+    context = multiprocessing.get_context("spawn")
+    answer, theirs = context.Pipe(duplex=False)
+    os.write(theirs.fileno(), b"\0\0\1\0half")
+    theirs.close()
+    with pytest.raises(DeviceError, match="no answer"):
+        control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, Signs(6, context))
