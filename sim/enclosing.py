@@ -12,11 +12,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from sim.first_use import listen
 from sim.tree import KinematicTree, Shape
 
+listen()
 MOST = 6
 # a capsule, which costs less to look at, stands for a hull that has this share of its volume
 ROUND = 0.85
@@ -174,37 +177,68 @@ def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:
 
 def _along(points: np.ndarray, axis: np.ndarray, rounds: int = 40) -> Capsule:
     """The smallest capsule of this direction: the smallest circle about the points seen along it, and ends as near as the radius allows."""
-    axis = axis / np.linalg.norm(axis)
-    side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    side /= np.linalg.norm(side)
-    plane = np.stack([side, np.cross(axis, side)], axis=1)
-    seen, along = points @ plane, points @ axis
-    middle, radius = _circle(seen, rounds)
-    away = np.sum((seen - middle) ** 2, axis=1)
-    found = []
-    for wide in WIDER:
-        room = np.sqrt(np.maximum((wide * radius) ** 2 - away, 0.0))
-        low, high = float((along + room).min()), float((along - room).max())
+    ends, radius = _fitted(points, axis / np.linalg.norm(axis), rounds, WIDER)
+    return Capsule(ends, radius)
+
+
+@njit(cache=True)
+def _fitted(points, axis, rounds, wider):  # type: ignore[no-untyped-def]
+    """Ends (2, 3) and radius of `_along` for a unit axis (3,)."""
+    least = int(np.argmin(np.abs(axis)))
+    other = np.zeros(3)
+    other[least] = 1.0
+    side = np.cross(axis, other)
+    side /= np.sqrt(np.sum(side**2))
+    up = np.cross(axis, side)
+    count = len(points)
+    seen, along, away = np.empty((count, 2)), np.empty(count), np.empty(count)
+    for i in range(count):
+        seen[i, 0] = seen[i, 1] = along[i] = 0.0
+        for c in range(3):
+            seen[i, 0] += points[i, c] * side[c]
+            seen[i, 1] += points[i, c] * up[c]
+            along[i] += points[i, c] * axis[c]
+    x, y, radius = _circle(seen, rounds)
+    for i in range(count):
+        away[i] = (seen[i, 0] - x) ** 2 + (seen[i, 1] - y) ** 2
+    smallest, ends, best = np.inf, np.zeros((2, 3)), 0.0
+    for wide in wider:
+        low, high, reach = np.inf, -np.inf, wide * radius
+        for i in range(count):
+            room = np.sqrt(max((wide * radius) ** 2 - away[i], 0.0))
+            low, high = min(low, along[i] + room), max(high, along[i] - room)
         if low > high:
             low = high = (low + high) / 2
-            reach = float(np.sqrt(np.max(away + (along - low) ** 2)))
-        else:
-            reach = wide * radius
-        found.append(Capsule(plane @ middle + np.array([[low], [high]]) * axis, max(reach, radius)))
-    return min(found, key=lambda c: c.volume)
+            reach = 0.0
+            for i in range(count):
+                reach = max(reach, away[i] + (along[i] - low) ** 2)
+            reach = np.sqrt(reach)
+        reach = max(reach, radius)
+        volume = reach**2 * (high - low + 4 / 3 * reach)
+        if volume < smallest:
+            smallest, best = volume, reach
+            for c in range(3):
+                ends[0, c] = side[c] * x + up[c] * y + low * axis[c]
+                ends[1, c] = side[c] * x + up[c] * y + high * axis[c]
+    return ends, best
 
 
-def _circle(points: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
-    """A circle about points (P, 2), nearly the smallest: the centre goes to the farthest point, by less each time.
+@njit(cache=True)
+def _circle(points, rounds):  # type: ignore[no-untyped-def]
+    """Centre x, y and radius of a circle about points (P, 2), nearly the smallest: the centre goes to the farthest point, by less each time.
 
     Badoiu and Clarkson 2003, "Smaller core-sets for balls".
     """
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    best, least = centre, np.inf
+    x, y = (points[:, 0].min() + points[:, 0].max()) / 2, (points[:, 1].min() + points[:, 1].max()) / 2
+    best_x, best_y, least = x, y, np.inf
     for k in range(rounds):
-        away = np.sum((points - centre) ** 2, axis=1)
-        far = int(np.argmax(away))
-        if away[far] < least:
-            best, least = centre, float(away[far])
-        centre = centre + (points[far] - centre) / (k + 2)
-    return best, float(np.sqrt(least))
+        far, most = 0, -1.0
+        for i in range(len(points)):
+            away = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
+            if away > most:
+                far, most = i, away
+        if most < least:
+            best_x, best_y, least = x, y, most
+        x += (points[far, 0] - x) / (k + 2)
+        y += (points[far, 1] - y) / (k + 2)
+    return best_x, best_y, np.sqrt(least)

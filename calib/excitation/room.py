@@ -5,6 +5,7 @@ Everything is a share: 1 is the limit. What is planned here is proved afterwards
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -188,11 +189,15 @@ class Room:
     def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of all pairs: indices of both capsules, the distance that a proof asks for, m, and the pair of bodies, -1 where these are the capsules."""
         a, b = np.array(self._all_pairs, dtype=int).T
-        names = [(self._names[i], self._names[j]) for i, j in self._all_pairs]
+        names = self._pair_names
         number = {pair: k for k, pair in enumerate(self.clearance.pairs)}
         exact = {s.name for s in self.arm.tree.shapes if s.kind in ("capsule", "sphere")}
         body = np.array([-1 if set(pair) <= exact else number[pair] for pair in names])
         return a, b, np.array([self._needed[pair] for pair in names]), body
+
+    @cached_property
+    def _pair_names(self) -> list[tuple[str, str]]:
+        return [(self._names[i], self._names[j]) for i, j in self._all_pairs]
 
     @property
     def _parted(self) -> list[int]:
@@ -215,8 +220,11 @@ class Room:
         """
         found = self._by_capsules(ends, worst)
         _, _, _, body = self._pair_arrays
-        unsure = (found < CLEARANCE_MARGIN) & (body >= 0)
-        if worst and (found[:, body < 0] < CLEARANCE_MARGIN).any():
+        near = found < CLEARANCE_MARGIN
+        if not near.any():
+            return found
+        unsure = near & (body >= 0)
+        if worst and near[:, body < 0].any():
             return np.where(unsure, np.inf, found)
         for pair in np.unique(body[unsure.any(axis=0)]).tolist():
             columns = np.flatnonzero(body == pair)
@@ -258,32 +266,38 @@ class Room:
 
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
         """(N, pairs) m between bodies beyond what a proof asks for, self and obstacles; boxes by the distance of points along the capsule."""
-        return self._clearances(q, self.segments(q)[0], worst=False)
+        found = list(self._clearances(q, self.segments(q)[0], worst=False))
+        columns = [np.full((len(q), 1), np.inf), *(part for part, _ in found)]
+        return np.concatenate(columns, axis=1), [("", ""), *(name for _, names in found for name in names)]
 
     def nearest(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, tuple[str, str]]:
         """The least of `clearances`, and its pair, where the ends of the capsules (N, shapes, 2, 3) are known: one that is too near, if any is."""
-        distance, names = self._clearances(q, ends, worst=True)
-        where = np.unravel_index(int(np.argmin(distance)), distance.shape)
-        return float(distance[where]), names[int(where[1])]
+        least, pair = np.inf, ("", "")
+        for part, names in self._clearances(q, ends, worst=True):
+            where = int(np.argmin(part))
+            if part.flat[where] < least:
+                least, pair = float(part.flat[where]), names[where % len(names)]
+            if least < CLEARANCE_MARGIN:
+                break
+        return least, pair
 
-    def _clearances(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> tuple[np.ndarray, list[tuple[str, str]]]:
-        columns, names = [np.full((len(ends), 1), np.inf)], [("", "")]
+    def _clearances(
+        self, q: np.ndarray, ends: np.ndarray, worst: bool
+    ) -> Iterator[tuple[np.ndarray, Sequence[tuple[str, str]]]]:
+        """The columns of each obstacle, then of the arm's own pairs, and what they are of."""
         for obstacle in self.cell.table.obstacles:
             position = np.array(obstacle.position)
             which, needed = self._near(obstacle.name)
+            if not which or obstacle.kind not in ("plane", "box"):
+                continue
             if obstacle.kind == "plane":
                 normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-                columns.append(((ends[:, which] - position) @ normal).min(axis=2) - needed)
-            elif obstacle.kind == "box":
-                distance, *_ = from_box(ends[:, which], rpy_matrix(obstacle.rpy), position, np.array(obstacle.size) / 2)
-                columns.append(distance - needed)
+                distance = (ends @ normal).min(axis=2)[:, which] - position @ normal
             else:
-                continue
-            names += [(self._names[k], obstacle.name) for k in which]
-        if self._all_pairs and not (worst and min(c.min(initial=np.inf) for c in columns) < CLEARANCE_MARGIN):
-            columns.append(self._apart(q, ends, worst))
-            names += [(self._names[i], self._names[j]) for i, j in self._all_pairs]
-        return np.concatenate(columns, axis=1), names
+                distance, *_ = from_box(ends[:, which], rpy_matrix(obstacle.rpy), position, np.array(obstacle.size) / 2)
+            yield distance - needed, [(self._names[k], obstacle.name) for k in which]
+        if self._all_pairs:
+            yield self._apart(q, ends, worst), self._pair_names
 
     def use(self, motion: Trajectory) -> Use:
         """What a motion uses, at its samples; jerk from differences of the acceleration."""
