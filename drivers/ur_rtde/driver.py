@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
 from collections.abc import Collection
 
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
-from drivers.preflight import STANDSTILL, lifted
-from drivers.ur_rtde import checks, family, halting, own_folder, primary, reading
+from drivers.ur_rtde import checks, examination, family, halting, reading, taking_control
 from drivers.ur_rtde.command_process import CommandProcess
-from drivers.ur_rtde.condition import FULL_SPEED, SCALING, condition, other_program
+from drivers.ur_rtde.condition import condition
 from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
+from drivers.ur_rtde.frames_in_order import PERIODS, FramesInOrder
 from drivers.ur_rtde.options import UrOptions
 from drivers.ur_rtde.reading import JOINTS
 from drivers.ur_rtde.receiver import Frame, LinkCount, Receiver
@@ -24,10 +22,6 @@ from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 from sim.strict import validated
 
-PERIODS = 3.0
-LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
-REASON_TIME = 0.3  # s of readings in which the controller's own reason is looked for when the command process fails
-START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
 REST_TIME = 0.2  # s over which the torque at rest is averaged
 SHOWN = "the pendant shows a running program until the end"
 
@@ -74,10 +68,8 @@ class UrDriver(Driver):
             )
         self._receiver = receiver or Receiver(options.host)
         self._commands: CommandProcess | None = None
-        self._commanding = self._moving = self._listening = False
-        self._last: Frame | None = None
-        self._again: deque[Frame] = deque()
-        self._reason: str | None = None
+        self._commanding = False
+        self._frames = FramesInOrder(self._receiver, options, self._running)
         self._controller = ControllerInfo("")
 
     @classmethod
@@ -95,18 +87,18 @@ class UrDriver(Driver):
         """Listen, ask whether the robot is ready, then upload the control program; DeviceError names everything that is not ready."""
         first = self._open()
         try:
-            pinned = self._own_arm()[-1:] if self.options.safety_checksum is not None else []
+            pinned = examination.own_arm(self.arm, self.options)[-1:] if self.options.safety_checksum is not None else []
             refused = [c for c in (*self._readiness(first), *pinned) if c.ok is False]
             if refused:
                 raise DeviceError(f"{self.options.host}: " + "; ".join(f"{c.detail}: {c.remedy}" for c in refused))
             self._commands = CommandProcess(self.options, self.rate, self._receiver.version)
             self._commands.start()
-            self._require_no_program()
+            taking_control.require_no_program(self._frames, self.options.host)
             try:
                 self._commands.take_control()
             except DeviceError as failure:
-                raise self._overtaken() or failure from failure
-            self._await_program()
+                raise taking_control.overtaken(self.options, self._receiver.version) or failure from failure
+            taking_control.await_program(self._frames, self.options.host, self.assumed, self._condition)
         except DeviceError:
             self.close()
             raise
@@ -115,7 +107,7 @@ class UrDriver(Driver):
     def listen(self, patience: float | None = None) -> DeviceInfo:
         """Only the receiving side of RTDE, beside whatever program runs: no script is uploaded, no input is written."""
         first = self._open()
-        self._listening = True
+        self._frames.listening = True
         return self._info(first)
 
     def beside(self) -> str:
@@ -132,47 +124,23 @@ class UrDriver(Driver):
 
     def _open(self) -> Frame:
         self.close()
-        self._receiver, self._last, self._reason = Receiver(self.options.host), None, None
-        self._again.clear()
+        self._receiver = Receiver(self.options.host)
+        self._frames = FramesInOrder(self._receiver, self.options, self._running)
         self._receiver.connect()
         try:
             self.rate = self._receiver.rate
             self._controller = controller_info(self.options.host, self._receiver.version, self.options.robot_api_port)
-            return self._next()
+            return self._frames.next()
         except DeviceError:
             self.close()
             raise
 
     def _readiness(self, frame: Frame) -> list[Check]:
-        version = self._receiver.version
-        found = [
-            family.model(self._controller.model, version[0], self.arm),
-            checks.serial(self._controller, self.options),
-            *checks.readiness(frame.values, self._controller, version, self.assumed),
-        ]
-        return lifted(found, self.assumed)
-
-    def _overtaken(self) -> DeviceError | None:
-        """That another client's program plays now, where one does: it ended ours before ours took a command."""
-        name = controller_info(self.options.host, self._receiver.version, self.options.robot_api_port).program
-        if not name:
-            return None
-        return DeviceError(
-            f"{self.options.host}: the program {name} began in the same moment, and plays; end it, then try again"
-        )
-
-    def _require_no_program(self) -> None:
-        """The last look before control is taken: a program that began meanwhile is left alone."""
-        frame = self._next()
-        while self._receiver.waiting:
-            frame = self._next()
-        status, sentence, remedy = other_program(int(frame.values["runtime_state"][0]))
-        if status is not Status.RUNNING:
-            raise DeviceError(f"{self.options.host}: {sentence}; it began just now; {remedy}")
+        return examination.readiness(frame, self._controller, self._receiver.version, self.arm, self.options, self.assumed)
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
         """The last set_payload: the controller reports it with every frame."""
-        values = {} if self._last is None else self._last.values
+        values = {} if self._frames.last is None else self._frames.last.values
         if "payload" not in values or "payload_cog" not in values:
             return None
         x, y, z = values["payload_cog"]
@@ -183,7 +151,7 @@ class UrDriver(Driver):
 
         The controller's own state comes first: where the command process has failed, the frame that says why is returned.
         """
-        frame = self._next()
+        frame = self._frames.next()
         status, detail = self._condition(frame)
         if status is Status.RUNNING and self._commands is not None and self._commanding:
             try:
@@ -195,24 +163,12 @@ class UrDriver(Driver):
     def _condition(self, frame: Frame) -> tuple[Status, str]:
         return condition(frame.values, self._commands is not None, self.assumed)
 
-    def _because(self, failure: DeviceError) -> tuple[Frame, Status, str]:
-        """The first frame in which the controller itself says what is wrong; `failure` where none does in REASON_TIME.
+    def _running(self, frame: Frame) -> bool:
+        return self._condition(frame)[0] is Status.RUNNING
 
-        The command process learns of a stop as early as this one does, and reports only that a command was not taken. Where it failed for
-        a reason of its own, a program that ended is the consequence, and only safety and power say more.
-        """
-        if self._reason is not None:
-            raise DeviceError(self._reason) from failure
+    def _because(self, failure: DeviceError) -> tuple[Frame, Status, str]:
         refused = self._commands is not None and self._commands.refused
-        end = time.monotonic() + REASON_TIME
-        while (frame := self._receiver.next(end)) is not None:
-            status, detail = condition(frame.values, refused, self.assumed)
-            if status is not Status.RUNNING:
-                self._again.append(frame)
-                self._reason = f"{self.options.host}: {status.value}: {detail}"
-                return frame, status, detail
-        self._reason = str(failure)
-        raise failure
+        return self._frames.because(failure, lambda frame: condition(frame.values, refused, self.assumed))
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """servoj to q; dq is where the driver's own stop would start from. A feed-forward torque is refused: servoj has none."""
@@ -229,23 +185,20 @@ class UrDriver(Driver):
             self._commands.send(q, dq)
         except DeviceError as failure:
             self._because(failure)
-            raise DeviceError(self._reason) from failure
+            raise DeviceError(self._frames.reason) from failure
         self._commanding = True
-        moving = bool(np.any(dq != 0.0))
-        if moving and not self._moving:
-            self._last = None
-        self._moving = moving
+        self._frames.move(bool(np.any(dq != 0.0)))
         return q
 
     def stop(self) -> None:
         """Decelerate the target at stop_deceleration in the command process, whatever happens to this one meanwhile."""
-        self._commanding = self._moving = False
+        self._commanding = self._frames.moving = False
         if self._commands is not None:
             self._commands.stop()
 
     def close(self) -> None:
         """Stop the arm, end the control program, close every connection."""
-        self._commanding = self._moving = self._listening = False
+        self._commanding = self._frames.moving = self._frames.listening = False
         if self._commands is not None:
             self._commands.end()
             self._commands = None
@@ -253,88 +206,23 @@ class UrDriver(Driver):
 
     def checks(self) -> list[Check]:
         """What the robot says of itself: version, identity, remote control, safety, power, program, slider, torque, and which arm it is."""
-        frames = [self._next() for _ in range(max(2, round(REST_TIME * self.rate)))]
+        frames = [self._frames.next() for _ in range(max(2, round(REST_TIME * self.rate)))]
         found = self._readiness(frames[-1])
         if self._commands is not None:
             found = [c for c in found if c.name != "program"]  # it is our own
         else:
-            found += self._own_arm()
+            found += examination.own_arm(self.arm, self.options)
         source = reading.torque_source(frames[-1].values)
         return [
             *found,
             checks.tcp(frames[-1].values),
             checks.torque(source, self.arm.torque_constant is not None),
-            self._arm_at_rest(frames),
+            examination.arm_at_rest(self.arm, self._payload, frames, self._running(frames[-1])),
         ]
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
         """Which arm of the family the poses say this is."""
         return [family.torque(self.arm, self._payload, q, tau, friction)]
-
-    def _own_arm(self) -> list[Check]:
-        try:
-            own = primary.own_arm(self.options.host)
-        except DeviceError as error:
-            return [Check("kinematics", None, str(error)), checks.safety_checksum(None, self.options)]
-        return [own_folder.kinematics(self.arm, own), checks.safety_checksum(own.safety, self.options)]
-
-    def _arm_at_rest(self, frames: list[Frame]) -> Check:
-        q, dq, tau, current = (
-            np.mean([f.values.get(name, (np.nan,) * JOINTS) for f in frames], axis=0)
-            for name in ("actual_q", "actual_qd", reading.TORQUE, "actual_current")
-        )
-        if self.arm.torque_constant is not None:
-            tau = np.where(np.isfinite(tau), tau, self.arm.torque_constant * current)
-        at_rest = self._condition(frames[-1])[0] is Status.RUNNING and bool(np.all(np.abs(dq) <= STANDSTILL))
-        return family.torque(self.arm, self._payload, q, tau if at_rest else np.full(JOINTS, np.nan))
-
-    def _next(self) -> Frame:
-        """The next frame in order. In motion an old one is an error; at rest those that waited for nobody are passed over."""
-        if self._again:
-            return self._again.popleft()
-        longest = self.options.frame_timeout
-        deadline = time.monotonic() + longest
-        while True:
-            frame = self._receiver.next(deadline)
-            if frame is None:
-                raise DeviceError(
-                    f"{self.options.host}: no new reading within {1e3 * longest:.0f} ms; see that the controller is on and the "
-                    "cable is in; on a busy computer raise frame_timeout in the cell's [options]"
-                )
-            waited = time.monotonic() - frame.t
-            if self._listening and waited <= LISTEN_PATIENCE:
-                self._last = frame
-                return frame
-            if not self._moving and waited > PERIODS / self.rate and self._receiver.waiting:
-                continue
-            gap = 0.0 if self._last is None else frame.t_device - self._last.t_device
-            self._last = frame
-            age = frame.age + waited
-            late = age > longest or (gap > longest and self._moving)
-            # what the controller reports of a stop is never too old to count
-            if not late or self._condition(frame)[0] is not Status.RUNNING:
-                return frame
-            if self._moving:
-                raise DeviceError(
-                    f"{self.options.host}: the reading of {frame.t_device:.3f} s is {1e3 * age:.0f} ms old, {1e3 * gap:.0f} ms after "
-                    f"the one before; at most {1e3 * longest:.0f} ms are allowed: use a wired connection of its own and stop "
-                    "other work on this computer"
-                )
-
-    def _await_program(self) -> None:
-        """The frames must show the running program, at full speed, before commands may be sent."""
-        end = time.monotonic() + START_TIME
-        while True:
-            values = self._next().values
-            runs = bool(int(values["robot_status_bits"][0]) >> 1 & 1)
-            if runs and (values["speed_scaling"][0] >= FULL_SPEED or SCALING in self.assumed):
-                return
-            if time.monotonic() > end:
-                status, detail = self._condition(self._next())
-                reason = (
-                    detail if status is not Status.RUNNING else "the control program does not run; see what the pendant says"
-                )
-                raise DeviceError(f"{self.options.host}: {reason}")
 
     def _info(self, frame: Frame) -> DeviceInfo:
         extra = {"lookahead": str(self.options.lookahead), "gain": str(self.options.gain)}
