@@ -98,7 +98,12 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "ur": ("drivers", "safety", "logs", "sim"),
     "can": ("drivers", "safety", "logs", "sim"),
     "servo_scan": ("drivers", "sim"),
-    "derivatives": ("calib/measurement/preprocessing.py", "calib/measurement/filtering.py"),
+    "derivatives": (
+        "calib/measurement/preprocessing.py",
+        "calib/measurement/exclusions.py",
+        "calib/measurement/joint_torque.py",
+        "calib/measurement/filtering.py",
+    ),
     "excitation": ("calib/excitation", "safety", "sim"),
     "peers": ("calib/identification", "calib/regression", "calib/measurement", "sim"),
 }

@@ -18,7 +18,7 @@ def compiled(key: str) -> Callable[..., Any]:
 
     @numba.njit(cache=True)
     def cycle(r, x, path, window, speeds, span, out):  # type: ignore[no-untyped-def]
-        """(rule, joint): the first rule that this reading breaks, by its place in `safety.monitor.RULES`; rule -1 where none is."""
+        """(rule, joint): the first rule that this reading breaks, by its place in `safety.monitor_rules.RULES`; rule -1 where none is."""
         key  # noqa: B018 - what it closes over is part of the cache's key
         if x[Of.ANY_CONSTANT] > 0:
             rules.take_torque(r)

@@ -15,6 +15,7 @@ from safety.collision import GJK, Clearance
 from safety.cycle import cycle
 from safety.lies import clear_swing
 from safety.looks import nearest, to_look_at
+from safety.monitor_rules import RULES, SPAN, SWING
 from safety.rows import ARM, NONE, NUMBERS, ROWS, WINDOW, Of, Row
 from safety.rules import take_torque
 from safety.sudden import LATE, blend
@@ -50,16 +51,11 @@ FROZEN = 10
 FROZEN_LEAST = 3
 # pairs whose distance is looked at in every cycle, whether or not they may be near by now
 LOOKS = 2
-# Do the readings agree with each other? A sensor that goes on talking but no longer measures is found by what it should agree with.
-# s over which a speed is compared with the position, and a torque may stay the same; found within that
-SPAN = 0.25
 # s by which a reported speed may lag behind (a drive's filter), and what it may be off by all the time, share of dq_max
 LAG = 0.02
 BIAS = 0.01
 # standard deviations of its noise by which the expected torque must have moved for a still one to be frozen
 CHANGED = 3.0
-# s over which a torque must follow the motion; found within twice that. Of the swing that must be seen, the share that is
-SWING = 1.0
 FOLLOWS = 0.25
 # s: of each, the earliest arrival of a reading, which no delay makes earlier; a rate that is off by 0.2 % is found within 4 s
 BLOCK = 1.0
@@ -70,40 +66,6 @@ JITTER = 3e-3
 
 # plain numbers: a member of an enumeration takes longer to find than its number takes to write
 ROOM_AT, COUNT_AT, LAST_T_AT, PAUSED_AT = (int(place) for place in (Of.ROOM, Of.COUNT, Of.LAST_T, Of.PAUSED))
-
-
-class Rule(NamedTuple):
-    """What is looked at, the unit, and what to look for where it is broken."""
-
-    quantity: str
-    unit: str
-    remedy: str
-
-
-# in the order of `safety.cycle.cycle`
-RULES = (
-    Rule("reading", "", "check the driver"),
-    Rule("device time between readings", "s", "readings are stale or lost: check cable, network and load of the computer"),
-    Rule("age of the reading", "s", "this computer is late: stop other work on it"),
-    Rule("temperature", "degC", "let the arm cool down"),
-    Rule("jump of the position between two readings", "rad", "check the encoder"),
-    Rule("position", "rad", "move the joint back by the device's own controls"),
-    Rule("speed", "rad/s", "plan a slower motion"),
-    Rule("following error", "rad", "look for contact, a wrong payload or a brake; plan a slower motion if there is none"),
-    Rule("readings with the same position at speed", "", "the encoder's value is frozen: check its cable"),
-    Rule("speed against change of position", "rad/s", "check sign, unit and gear ratio of the encoder"),
-    Rule("torque beside expectation", "N m", "look for contact or a wrong payload"),
-    Rule("sudden change of torque beside expectation", "N m", "look for contact or a lost payload"),
-    Rule(f"turned within {SPAN:g} s against the reported speed", "rad",
-         "the speed that the device reports is not that of its encoder: check sensor, unit and sign"),
-    Rule("readings with the very same torque in motion", "", "the torque is frozen: check the drive's current sensor"),
-    Rule(f"swing of the torque within {SWING:g} s, for one of {{:.4g}} N m that the motion takes,", "N m",
-         "the torque does not follow the motion: check the sensor"),
-    Rule("the device's clock against this computer's,", "s",
-         "one of the clocks runs at a wrong rate or jumped: check time synchronisation, and the rate that the device states"),
-    Rule("torque of an arm without its declared load, beside expectation", "N m",
-         "the load has fallen off or was never there: look at the tool, and declare what is mounted"),
-)  # fmt: skip
 
 
 class Expected(NamedTuple):

@@ -31,8 +31,9 @@ from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums, plain
+from calib.measurement.exclusions import Exclusion
 from calib.measurement.periods import averaged
-from calib.measurement.preprocessing import Exclusion, Measurement, motion_cutoff, prepare
+from calib.measurement.preprocessing import Measurement, motion_cutoff, prepare
 from calib.result import Conditioning, FitResult, Gap
 from logs import Log, Pieces
 from sim.arm import Arm

@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, summed
-from calib.measurement.preprocessing import Exclusion, Measurement
+from calib.measurement.exclusions import Exclusion
+from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm
 from sim.version import program_version

@@ -13,25 +13,22 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.measurement.exclusions import (
+    Exclusion,
+    clipped_samples,
+    ends_of_motion,
+    listed_exclusions,
+    standing_samples,
+)
 from calib.measurement.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
+from calib.measurement.joint_torque import joint_torque
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
 from sim.arm import Arm
-from sim.errors import BadLog, ConfigError
+from sim.errors import BadLog
 from sim.trajectory import Trajectory
 
-STANDING_SECONDS = 0.3
-FLAT_SAMPLES = 3
 CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
-
-
-@dataclass(frozen=True)
-class Exclusion:
-    """What was left out, and why: seconds of the log, of one joint or of all (None)."""
-
-    joint: str | None
-    reason: str
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -175,14 +172,14 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     usable = np.isfinite(tau)
     dq_noise = q_noise * np.linalg.norm(smooth.coefficients(1))
     fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))
-    standing = _standing(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
-    clipped = _clipped(tau, arm.tau_max)
+    standing = standing_samples(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
+    clipped = clipped_samples(tau, arm.tau_max)
     inside = np.ones(len(t), dtype=bool)
     for lo, hi in pairs:
         inside[lo : lo + smooth.reach] = inside[max(hi - smooth.reach, lo) : hi] = False
     usable &= inside[:, None]
-    ends = _ends(standing)
-    excluded += _exclusions(log.joint_names, rate, usable, ends, standing, clipped)
+    ends = ends_of_motion(standing)
+    excluded += listed_exclusions(log.joint_names, rate, usable, ends, standing, clipped)
     usable &= ~(ends[:, None] | standing | clipped)
     trajectory = Trajectory(t, q_s, dq, ddq)
     tau = np.where(np.isfinite(tau), tau, 0.0)
@@ -190,24 +187,6 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     return Measurement(
         name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt
     )
-
-
-def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
-    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint."""
-    tau = np.array(log.tau, dtype=float)
-    silent = ~np.isfinite(tau).any(axis=0)
-    if not silent.any():
-        return tau
-    dark = silent & ~np.isfinite(log.current).any(axis=0)
-    if dark.any():
-        raise BadLog(f"{name}: neither effort nor current of {_names(log, dark)}; a log needs one of them for every joint")
-    if arm.torque_constant is None:
-        raise ConfigError(
-            f"{name}: only the current of {_names(log, silent)} is recorded, and {arm.name} has no torque_constant; write it (N m/A at "
-            "the joint) and its source into arm.toml, or identify it with a known mass: `calib identify --known-mass`"
-        )
-    tau[:, silent] = log.current[:, silent] * arm.torque_constant[silent]
-    return tau
 
 
 def motion_cutoff(log: Log) -> float:
@@ -253,57 +232,3 @@ def _check(log: Log, arm: Arm, name: str) -> None:
             f"{name}: sample {k}: position of {log.joint_names[j]} is {log.q[k, j]:.4g} rad; no joint of {arm.name} reaches 1000 rad; "
             "the file is damaged: import it with `calib import` and use what survives"
         )
-
-
-def _standing(still: np.ndarray, starts: np.ndarray, rate: float) -> np.ndarray:
-    """(N, n) where a joint has been still for STANDING_SECONDS or longer: its torque may be anything within its dry friction."""
-    shortest = int(STANDING_SECONDS * rate)
-    out = np.zeros_like(still)
-    for j in range(still.shape[1]):
-        edge = np.flatnonzero(np.diff(still[:, j])) + 1
-        runs = np.unique(np.concatenate([[0], edge, starts[1:-1], [len(still)]]))
-        for lo, hi in itertools.pairwise(runs):
-            out[lo:hi, j] = still[lo, j] and hi - lo >= shortest
-    return out
-
-
-def _ends(standing: np.ndarray) -> np.ndarray:
-    """(N,) before the first and after the last motion of any joint."""
-    moving = np.flatnonzero(~standing.all(axis=1))
-    out = np.ones(len(standing), dtype=bool)
-    if len(moving):
-        out[moving[0] : moving[-1] + 1] = False
-    return out
-
-
-def _clipped(tau: np.ndarray, tau_max: np.ndarray) -> np.ndarray:
-    """(N, n) readings at the limit, and flat tops: FLAT_SAMPLES or more equal readings at a joint's largest value of either sign."""
-    out = np.abs(tau) >= 0.999 * np.where(np.isfinite(tau_max), tau_max, np.inf)
-    for j in range(tau.shape[1]):
-        x = np.where(np.isfinite(tau[:, j]), tau[:, j], 0.0)
-        for sign in (1.0, -1.0):
-            top = (sign * x).max()
-            at_top = (top > 0) & (sign * x >= top * (1 - 1e-9))
-            together = np.convolve(at_top, np.ones(FLAT_SAMPLES), mode="same") >= FLAT_SAMPLES
-            if together.any():
-                out[:, j] |= at_top
-    return out
-
-
-def _exclusions(
-    joints: tuple[str, ...], rate: float, usable: np.ndarray, ends: np.ndarray, standing: np.ndarray, clipped: np.ndarray
-) -> list[Exclusion]:
-    exclusions = [Exclusion(None, "standing ends", float(ends.sum()) / rate)] if ends.any() else []
-    for j, joint in enumerate(joints):
-        for mask, reason in (
-            (standing[:, j] & ~ends, "standing"),
-            (clipped[:, j] & ~ends, "torque at its limit"),
-            (~usable[:, j] & ~ends & ~clipped[:, j], "window reaches over an end, or no reading"),
-        ):
-            if mask.any():
-                exclusions.append(Exclusion(joint, reason, float(mask.sum()) / rate))
-    return exclusions
-
-
-def _names(log: Log, which: np.ndarray) -> str:
-    return ", ".join(j for j, w in zip(log.joint_names, which, strict=True) if w)

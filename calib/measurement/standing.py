@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.measurement.preprocessing import joint_torque
+from calib.measurement.joint_torque import joint_torque
 from logs.log import Log
 from sim.arm import Arm
 from sim.feedforward import dry_friction

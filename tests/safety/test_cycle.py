@@ -14,7 +14,7 @@ import pytest
 
 import safety
 from safety import cycle
-from safety.monitor import RULES
+from safety.monitor_rules import RULES
 
 AGED = """import numpy as np
 from safety.cycle import cycle

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safety import lies
-from safety import monitor as rules
+from safety import monitor_rules as rules
 from safety.collision import Clearance
 from safety.monitor import Monitor
 from safety.rows import NONE, Of, Row
