@@ -18,7 +18,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -29,74 +28,17 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
+from benchmarks.published_arms import ARMS, DRIVES, FACTS, SHEET, cell_text
 from benchmarks.results import CODE, digest, git
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
 from sim.stated_facts import LIMIT_UNITS
 
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
-# name -> file in the wheel, and what is the arm
-ARMS: dict[str, tuple[str, list[str]]] = {
-    "panda": ("panda_description/urdf/panda.urdf", ["--tool", "panda_hand"]),
-    "panda_capsules": ("panda_description/urdf/panda_collision.urdf", ["--tool", "panda_hand"]),
-    "so100": ("so_arm_description/urdf/so100.urdf", []),
-    "so101": ("so_arm_description/urdf/so101.urdf", []),
-    "z1": ("z1_description/urdf/z1.urdf", []),
-    "z1_on_b1": ("b1_description/urdf/b1-z1.urdf", ["--joints", "joint?"]),
-    "talos_left": ("talos_data/robots/talos_left_arm.urdf", []),
-    "talos_right": ("talos_data/robots/talos_reduced.urdf", ["--tool", "arm_right_7_link"]),
-    "tiago": ("tiago_description/robots/tiago.urdf", ["--tool", "arm_7_link"]),
-    "tiago_no_hand": ("tiago_description/robots/tiago_no_hand.urdf", ["--tool", "arm_tool_link"]),
-    "tiago_dual_left": ("tiago_description/robots/tiago_dual.urdf", ["--tool", "arm_left_7_link"]),
-    "tiago_pro_left": ("tiago_pro_description/robots/tiago_pro.urdf", ["--tool", "arm_left_7_link"]),
-    "baxter_left": ("baxter_description/urdf/baxter.urdf", ["--tool", "left_hand_link"]),
-    "baxter_right": ("baxter_description/urdf/baxter.urdf", ["--tool", "right_hand_link"]),
-    "centauro_left": ("centauro_description/urdf/centauro.urdf", ["--joints", "j_arm1_?"]),
-    "kinova_j2s6s200": ("kinova_description/robots/kinova.urdf", []),
-    "kinova_on_anymal": ("anymal_b_simple_description/robots/anymal-kinova.urdf", ["--joints", "j2s6s200_joint_?"]),
-    "ur3": ("ur_description/urdf/ur3_robot.urdf", []),
-    "ur3_gripper": ("ur_description/urdf/ur3_gripper.urdf", []),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", []),
-    "ur5_gripper": ("ur_description/urdf/ur5_gripper.urdf", []),
-    "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot.urdf", []),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", []),
-    "pr2_right": ("pr2_description/urdf/pr2.urdf", ["--tool", "r_wrist_roll_link", "--lock", "torso_lift_joint"]),
-    "romeo_right": ("romeo_description/urdf/romeo.urdf", ["--tool", "r_wrist"]),
-    "icub_right": ("icub_description/robots/icub.urdf", ["--tool", "r_hand", "--lock", "torso_*"]),
-    "alex_left": ("alex_description/urdf/alex_nub_hands.urdf", ["--tool", "LeftGripperYawLink"]),
-    "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand"]),
-    "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", []),
-}
-# name -> what a sentence asks for -> the answer, as an owner of the arm has it from its data sheet
-FACTS: dict[str, dict[str, list[str]]] = {
-    "kinova_j2s6s200": {
-        "missing: q_min, q_max": [
-            "--limit", "q_min=-6.28,0.8204,0.3317,-6.28,0.5236,-6.28", "--limit", "q_max=6.28,5.4628,5.9515,6.28,5.7595,6.28",
-        ],
-    },
-    "pr2_right": {
-        "--numbers guessed": ["--numbers", "guessed"],
-        # the fore-arm and the wrist turn without end
-        "missing: q_min, q_max": [
-            "--limit", "q_min=-2.285,-0.523,-3.9,-2.321,-6.28,-2.094,-6.28", "--limit", "q_max=0.714,1.396,0.8,0,6.28,0,6.28",
-        ],
-    },
-    "double_pendulum": {
-        "missing: q_min, q_max, dq_max, tau_max": [
-            "--limit", "q_min=-6.28", "--limit", "q_max=6.28", "--limit", "dq_max=6", "--limit", "tau_max=5",
-        ],
-    },
-}  # fmt: skip
-# what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
-DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": 0.03, "viscous": 0.03, "inertia": 0.1})
 # of a row and how it comes about; another one makes earlier rows worthless
 ROW = "arms/1"
 # s that a step may take, on a computer that is busy with other work too; longer is an end
 LONGEST = 3000.0
-# m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
-FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
-SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]
-CELL = 'schema = "cell/1"\nname = "{name}"\narm = "{arm}"\ndriver = "mock"\nhome = {home}\n'
 
 
 def robots() -> Path:
@@ -168,7 +110,7 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
                 row["ended"] = f"new: missing: {', '.join(made['missing'])}"
                 break
             try:
-                cell.write_text(_cell(name, arm), encoding="utf-8")
+                cell.write_text(cell_text(name, arm), encoding="utf-8")
             except AnswerIsNo as no:  # what `calib plan` would answer without a cell
                 row["ended"] = f"plan: {no}"
                 break
@@ -264,24 +206,6 @@ def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, An
         value = f"failed at {row['ended'].partition(':')[0]}" if row["ended"] else "through"
         out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:900] if row["ended"] else steps})
     return out
-
-
-def _cell(name: str, arm: Path) -> str:
-    """A mock cell of the arm, with the plane that `calib plan` assumes where there is no cell, and a home from which it can move."""
-    import numpy as np
-
-    from calib.excitation.home import home_of, open_cell
-    from calib.excitation.room import Room
-
-    model = load_arm(arm)
-    cell = open_cell(model)
-    plane = cell.table.obstacles[0]
-    if name in FLOOR:
-        plane = plane.model_copy(update={"position": (0.0, 0.0, FLOOR[name])})
-        cell = replace(cell, table=cell.table.model_copy(update={"obstacles": [plane]}))
-    home = home_of(Room(model, cell), cell, None, np.random.default_rng(0))
-    where = f'[[obstacles]]\nkind = "plane"\nname = "floor"\nposition = {list(plane.position)}\nnormal = [0.0, 0.0, 1.0]\n'
-    return CELL.format(name=name, arm=arm, home=[round(float(x), 6) for x in home]) + where
 
 
 def main() -> None:

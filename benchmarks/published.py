@@ -31,7 +31,8 @@ import safety
 import sim
 from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.real import SETS, score
+from benchmarks.real import score
+from benchmarks.real_sets import SETS
 from calib.main import main as program
 
 COMMANDS = ("identify", "validate", "diagnose")

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.real import ALL, EDGE, errors, moved, part
+from benchmarks.real import EDGE, errors, moved, part
+from benchmarks.real_sets import ALL
 
 RATE, SECONDS, CUTOFF = 200.0, 12.0, 8.0
 T = np.arange(0.0, SECONDS, 1 / RATE)
