@@ -18,7 +18,6 @@ LONGEST = 250  # lines of a Python file
 # files that hold more than one idea still; each leaves this list when it is split, and none comes to it
 LONGER = {
     "benchmarks/exam/effects.py",
-    "benchmarks/exam/plant.py",
     "calib/diagnosis/baseline.py",
     "calib/diagnosis/fit.py",
     "calib/diagnosis/model.py",

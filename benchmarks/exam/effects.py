@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.exam import plant
+from benchmarks.exam import plant, records
 from benchmarks.exam.dynamics import inertia_at, torque_along
 from benchmarks.exam.true_arm import TrueArm
 
@@ -98,7 +98,7 @@ def stribeck(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Genera
     """An exponent that is not two, or a hyperbola."""
     row, velocity = arm.joints[j : j + 1], rng.uniform(0.06, 0.22)
     row["stiction"], row["stribeck_velocity"] = dose, velocity
-    row["stribeck_shape"] = plant.HYPERBOLIC if form else plant.EXPONENTIAL
+    row["stribeck_shape"] = records.HYPERBOLIC if form else records.EXPONENTIAL
     row["stribeck_power"] = 2.2 if form else rng.choice([rng.uniform(0.9, 1.6), rng.uniform(2.4, 3.0)])
     return {"stiction_excess": dose, "stribeck_velocity": velocity}
 
@@ -107,8 +107,8 @@ def speed_law(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Gener
     """Grease (an inverse hyperbolic sine) or a polynomial; the answer is the power law nearest to it over the speeds driven."""
     row = arm.joints[j : j + 1]
     row["speed_torque"] = dose
-    row["speed_shape"] = plant.POLYNOMIAL if rng.uniform() < 0.5 else plant.GREASE
-    row["speed_knee"] = rng.uniform(0.05, 0.3) if row["speed_shape"][0] == plant.GREASE else 0.3 + 0.5 * form
+    row["speed_shape"] = records.POLYNOMIAL if rng.uniform() < 0.5 else records.GREASE
+    row["speed_knee"] = rng.uniform(0.05, 0.3) if row["speed_shape"][0] == records.GREASE else 0.3 + 0.5 * form
     joint = row.view(np.recarray)[0]
     speeds = np.linspace(0.05, 1.2, 60)
     torque = np.array([plant.speed_friction.py_func(joint, v) for v in speeds])
@@ -282,7 +282,7 @@ def contact(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
     """A half sine, a trapezoid or a triangle; in the excitation only (`cases` takes it out of the other motions)."""
     force, start, duration = dose * _direction(rng, 3), rng.uniform(5.0, 25.0), rng.uniform(0.6, 2.0)
     arm.force["touch"][0], arm.force["start"], arm.force["duration"] = force, start, duration
-    arm.force["shape"] = rng.choice([plant.TRAPEZOID, plant.TRIANGLE]) if form else plant.HALF_SINE
+    arm.force["shape"] = rng.choice([records.TRAPEZOID, records.TRIANGLE]) if form else records.HALF_SINE
     return {
         "start": start,
         "duration": duration,

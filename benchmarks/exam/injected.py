@@ -14,7 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from benchmarks.exam.dynamics import joint_torque, place
-from benchmarks.exam.plant import CROSS_DRAG, coupled_drag, delivered, dry_level, on_joint, pushed, reading, speed_friction
+from benchmarks.exam.plant import coupled_drag, delivered, dry_level, on_joint, pushed, reading, speed_friction
+from benchmarks.exam.records import CROSS_DRAG
 from benchmarks.exam.severity import BAND, RATE, Rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm
 

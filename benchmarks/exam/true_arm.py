@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.exam.arms import Hardware
 from benchmarks.exam.dynamics import inertia_at, torque_along
 from benchmarks.exam.motions import Reference
-from benchmarks.exam.plant import FORCE, JOINT, simulate
+from benchmarks.exam.plant import simulate
+from benchmarks.exam.records import FORCE, JOINT
 from sim.tree import KinematicTree
 
 AMBIENT = 25.0  # degC

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.exam.effects import ALL, ELBOW, LIFT, PAN, WRIST_1, WRIST_2, Answer, Hidden, _dry, _per_noise
-from benchmarks.exam.plant import Strange
+from benchmarks.exam.records import Strange
 from benchmarks.exam.true_arm import TrueArm
 
 
