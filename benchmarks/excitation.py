@@ -49,7 +49,7 @@ def run() -> list[dict[str, Any]]:
     worth = information.worth(coarse(kept))
     share = float(np.linalg.norm(kept.x) / np.linalg.norm(found.ends[0].motion.x))
     rows = [
-        _row("eight starts, 2 processes, wall", wall, "s", "<= 40", "beside whatever else the computer did; on two free cores half the processor time"),
+        _row("eight starts, 2 processes, wall", wall, "s", "<= 40", "beside whatever else the computer did"),
         _row("eight starts, processor time of both processes", seconds, "s", "",
              "their start, short descents from eight, four further, two to their end and once more, the bound; one thread each"),
         _row("condition number (base, raw SI) after safety.clear", worth.condition, "", "<= 35", f"best of 100 random: {random.condition:.0f}"),
