@@ -18,6 +18,8 @@ LEAST_REACH, LEAST_SHARE = (
     0.1,
     0.02,
 )  # rad, and of a joint's range: less than this stays within what dry friction and gears hide
+# of the amplitude at which each joint meets its own limits: a motion that fits with less is none
+LEAST_SCALE = 0.15
 # by which power of the period a motion at that limit grows
 GROWTH = {"dq": 1, "ddq": 2, "jerk": 3}
 # of a torque limit, from which on few postures are left to choose from
@@ -74,7 +76,7 @@ def noise_of(model: TorqueModel) -> np.ndarray:
 def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | None:
     """The motion with the largest amplitude that fits: each joint to its own limits, then all together to torque, speed and clearance.
 
-    Without `grow` no joint gets more amplitude than it has. None where a sixth of the amplitude does not fit either.
+    Without `grow` no joint gets more amplitude than it has. None where LEAST_SCALE of the amplitude does not fit either.
     """
     own = _own_scale(room, motion)
     motion = motion.scaled(own if grow else np.minimum(own, 1.0))
@@ -85,7 +87,9 @@ def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | 
     for _ in range(7):
         middle = (low + high) / 2
         low, high = (middle, high) if room.use(coarse(motion.scaled(middle))).fits else (low, middle)
-    return motion.scaled(low) if low > 0.15 else None
+        if high <= LEAST_SCALE:
+            return None
+    return motion.scaled(low) if low > LEAST_SCALE else None
 
 
 def random_start(
