@@ -41,6 +41,9 @@ from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
 SURVEY_SECONDS = 600.0
+# times the torque that the other fit leaves: 1.05 on a real servo (XL330), whose recordings kept apart they predict better (0.38 of the torque's
+# standard deviation, not 0.44), 1.16 on a published arm, of which they had half the dry friction
+MORE = 1.1
 LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset", "presliding_friction")
 
 
@@ -112,7 +115,7 @@ def identify(
         else None
     )
     with_laws = laws is not None and (
-        bool(laws.effects) or (arm.prior.numbers is not None and _leaves_less(model, sums, laws.theta, solution.theta))
+        bool(laws.effects) or (arm.prior.numbers is not None and _leaves_no_more(model, sums, laws.theta, solution.theta))
     )
     if laws and with_laws:
         solution = replace(
@@ -178,10 +181,11 @@ def identify(
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
 
 
-def _leaves_less(model: TorqueModel, sums: Sums, theta: np.ndarray, than: np.ndarray) -> bool:
-    """Whether parameters found beside friction with memory, of which there is none, leave less of the torque in motion: they hold rows at rest too."""
+def _leaves_no_more(model: TorqueModel, sums: Sums, theta: np.ndarray, than: np.ndarray) -> bool:
+    """Whether parameters found beside friction with memory, of which there is none, leave at most MORE times the torque in motion: they
+    hold rows at rest and about reversals too."""
     left, other = (gap(model, sums.plain, sums.apart, (), x).after for x in (theta, than))
-    return bool(np.nanmean(np.log(np.maximum(left, 1e-12) / np.maximum(other, 1e-12))) < 0)
+    return bool(np.nanmean(np.log(np.maximum(left, 1e-12) / np.maximum(other, 1e-12))) <= np.log(MORE))
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
