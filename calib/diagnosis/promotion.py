@@ -6,7 +6,7 @@
 - The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
   every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.validation.forward).
 
-Worse means significantly (calib.diagnosis.significance), or by more than RISEN on recordings that were held out.
+Worse means significantly (calib.diagnosis.significance), or by more than RISEN on recordings that were held out, over all joints of an effect.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.prediction import predict
 
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
-RISEN = 0.05  # of a joint's RMS torque error on recordings kept apart, whether significant or not: an effect that raises it does not help
+RISEN = 0.05  # of the RMS torque error of an effect's joints on recordings kept apart, whether significant or not: one that raises it does not help
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
 LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
@@ -123,7 +123,7 @@ def promoted(
             together = [list(x) for x in {tuple(joints_of(e, f.hypothesis.arm)) for e in own}]
             concerned = np.isin(np.arange(start.n), [j for joints in together for j in joints])
             least = np.where(concerned, 1 + WORSE, 1 + WORSE_ELSEWHERE)
-            than_bare = [way.worse(bare, least) | (way.rms > (1 + risen) * bare.rms) for way in ways]
+            than_bare = [way.worse(bare, least) | way.risen(bare, risen, together) for way in ways]
             worse = [x | way.worse(plain, good, together) for x, way in zip(than_bare, ways, strict=True)]
             fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
             for way in fit_for:
@@ -251,6 +251,17 @@ class _Written:
         out = np.zeros(n, dtype=bool)
         for joints in [[j] for j in range(n)] if together is None else together:
             out[joints] |= positive([share[:, joints].sum(axis=1)])
+        return out
+
+    def risen(self, other: _Written, most: float, together: Sequence[list[int]]) -> np.ndarray:
+        """(n,) joints whose RMS error is above that of `other` by more than the share `most`.
+
+        Groups of joints that an effect concerns are asked as one, by the mean of their squares, each over the other's; the rest one by one.
+        """
+        squares, out = np.square(self.rms / np.maximum(other.rms, 1e-12)), np.zeros(len(self.rms), dtype=bool)
+        alone = [[j] for j in range(len(out)) if not any(j in joints for joints in together)]
+        for joints in [*together, *alone]:
+            out[joints] |= bool(squares[joints].mean() > (1 + most) ** 2)
         return out
 
 

@@ -113,6 +113,16 @@ def test_joints_that_are_asked_together_balance() -> None:
     assert _written(mine).worse(_written(errors), one, [[0, 1]]).tolist() == [False, False]
 
 
+def test_a_rise_is_asked_over_all_joints_of_an_effect_and_elsewhere_one_by_one() -> None:
+    before = _written(np.ones((100, 3)))
+    after = _written(np.ones((100, 3)) * [0.8, 1.06, 1.0])
+    assert after.risen(before, 0.05, [[0, 1, 2]]).tolist() == [False, False, False]
+    assert after.risen(before, 0.05, [[1]]).tolist() == [False, True, False]
+    assert after.risen(before, 0.05, []).tolist() == [False, True, False]
+    assert after.risen(before, np.inf, [[1]]).tolist() == [False, False, False]
+    assert _written(np.full((100, 3), 1.1)).risen(before, 0.05, [[0, 1, 2]]).all()
+
+
 def test_neighbouring_rows_that_say_the_same_count_less() -> None:
     rng = np.random.default_rng(6)
     plain = np.ones((1200, 1))
