@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE, write_model
 from benchmarks.exam.effects import EFFECTS, Hidden
+from benchmarks.exam.gap import of_errors
 from benchmarks.exam.recording import sample, write
 from benchmarks.exam.severity import LEAST, TARGET, Balance, hide, rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run
@@ -110,7 +111,15 @@ def make(case: Case, folder: Path) -> None:
         warm = AMBIENT + (happened.temperature[-1] - AMBIENT) * np.exp(-PAUSE / arm.joints["heat_time"])
         session += round(reference.duration) + PAUSE
     severity = min((e["severity"] for e in effects), default=case.severity)
-    answer = {"arm": case.arm, "severity": severity, "hard": case.hard, "kind": case.kind, "effects": effects}
+    # what the arm that made the log would leave of it: nothing but noise
+    answer = {
+        "true_gap": of_errors(samples.noise),
+        "arm": case.arm,
+        "severity": severity,
+        "hard": case.hard,
+        "kind": case.kind,
+        "effects": effects,
+    }
     (folder / "truth.json").write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.exam.cases import Case, make
-from benchmarks.exam.gap import after_over_before
+from benchmarks.exam.gap import after_over_before, gap
 from benchmarks.exam.record import compare_or_write
 from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company
 
@@ -76,7 +76,10 @@ def examine(case: Case, exam: Exam) -> Row:
         for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", corrected)):
             if not (exam.keep and (answer / tag / "prediction.csv").exists()):
                 run_calib(exam, answer / "exam.log", "validate", arm, folder / "final.mcap", "--out", answer / tag)
-        row.ratio = after_over_before(answer / "nominal" / "prediction.csv", answer / "corrected" / "prediction.csv")
+        before, after = (answer / tag / "prediction.csv" for tag in ("nominal", "corrected"))
+        row.ratio = after_over_before(before, after)
+        if row.ratio is not None and truth.get("true_gap"):
+            row.over_true = gap(after) / truth["true_gap"]
     return row
 
 

@@ -34,6 +34,8 @@ class Row:
     errors: dict[str, float] = field(default_factory=dict)
     claimed: float | None = None
     ratio: float | None = None
+    over_true: float | None = None
+    chance: float | None = None
     seconds: float | None = None
     cpu: float | None = None
     exit: int | None = None
@@ -92,6 +94,7 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
         for found in named:
             if key(found) == key(hidden):
                 row.errors |= _errors(hidden, found)
+    row.chance = (answer.get("false_names") or {}).get("chance")
     gap = answer.get("gap") or {}
     if all(gap.get(k) for k in ("before", "after", "noise_floor")):
         before, after, floor = (sum(x * x for x in gap[k]) for k in ("before", "after", "noise_floor"))
@@ -156,6 +159,7 @@ def _middle(values: Iterable[float | None]) -> float | None:
 def figures(rows: list[Row]) -> list[Figure]:
     """The figures of the exam, those with a bar first."""
     clean = [r for r in rows if not r.truth]
+    asked = [r for r in clean if r.chance is not None]
     unknown = [r for r in rows if r.unknown]
     single = [r for r in rows if len(r.truth) == 1 and not r.unknown]
     pairs, triples = ([r for r in rows if len(r.truth) == n and not r.unknown] for n in (2, 3))
@@ -180,6 +184,16 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure(
             "gap on a log never seen, after/before, right singles, median", _middle(r.ratio for r in single if r.exact), "0.35"
         ),
+        Figure(
+            "error on a log never seen, corrected arm over true arm, right singles, median",
+            _middle(r.over_true for r in single if r.exact),
+            "1.10",
+        ),
+        Figure(
+            "nothing hidden: strongest candidate where noise alone brings it in 5 % (about 5 %)",
+            _share(asked, lambda r: (r.chance or 1.0) <= 0.05),
+        ),
+        Figure("nothing hidden: ... in 25 % (about 25 %)", _share(asked, lambda r: (r.chance or 1.0) <= 0.25)),
         Figure("seconds of wall clock, median", _middle(r.seconds for r in rows)),
         Figure("seconds of CPU, median", _middle(r.cpu for r in rows), "8"),
         Figure("single: name and joint right", _share(single, first)),

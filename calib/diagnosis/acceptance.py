@@ -72,7 +72,12 @@ class Assessed:
     @property
     def left(self) -> float:
         """Evidence of all recordings beyond the name's price."""
-        return self.lost + self.held_out - price(self.effect)
+        return self.over_price + self.held_out
+
+    @property
+    def over_price(self) -> float:
+        """Evidence of the recordings that were fitted beyond the name's price."""
+        return self.lost - price(self.effect)
 
     @property
     def refusal(self) -> str:
@@ -98,7 +103,7 @@ class Assessed:
     @property
     def confidence(self) -> float:
         """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
-        own = 1.0 / (1.0 + np.exp(-(self.lost - price(self.effect)) / 8.0))
+        own = 1.0 / (1.0 + np.exp(-self.over_price / 8.0))
         return float(min(own, MOST_SURE) / (1 + len(self.rivals)))
 
 

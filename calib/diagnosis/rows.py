@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -122,10 +123,12 @@ class Solved:
         return float(sum(e @ e for e in self.left()) + off @ off)
 
     def gain_of(
-        self, pieces: Mapping[int, Products], left: list[np.ndarray], spread: tuple[float, ...] | None = None
-    ) -> tuple[float, np.ndarray]:
-        """As `gain`, from products that were made before: fall of chi2 and coefficients (k,)."""
-        g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
+        self, pieces: Mapping[int, Products], g: np.ndarray, spread: tuple[float, ...] | None = None
+    ) -> tuple[Any, np.ndarray]:
+        """As `gain`, from products that were made before and their products g (k,) with the residual: fall of chi2 and coefficients (k,).
+
+        g (k, D) is of D residuals: (D,) and (k, D).
+        """
         ss, xs = (np.sum([getattr(x, of) for x in pieces.values()], axis=0) for of in ("ss", "xs"))
         return _gained(g, ss, xs, self.inverse, spread)[:2]
 
@@ -152,7 +155,7 @@ class Solved:
 
 def _gained(
     g: np.ndarray, ss: np.ndarray, xs: np.ndarray, inverse: np.ndarray, spread: tuple[float, ...] | None, ridge: float = 1e-6
-) -> tuple[float, np.ndarray, np.ndarray]:
+) -> tuple[Any, np.ndarray, np.ndarray]:
     own = ss - xs.T @ inverse @ xs
     own = 0.5 * (own + own.T)
     if spread is not None:
@@ -161,7 +164,7 @@ def _gained(
     own_n = own / np.outer(scale, scale) + ridge * np.eye(len(scale))
     covariance = np.linalg.inv(own_n) / np.outer(scale, scale)
     coefficients = covariance @ g
-    return float(g @ coefficients), coefficients, covariance
+    return np.sum(g * coefficients, axis=0), coefficients, covariance
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from calib.diagnosis.unstated import unstated_keys
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
-from sim.effects.effect import Stage
+from sim.effects.effect import Effect, Stage
 
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
@@ -87,10 +87,14 @@ class Bank:
         return found[0]
 
 
-def price(item: ArmEffect) -> float:
+def price_of(effect: Effect) -> float:
     """What a name costs on the scale of -2 log likelihood."""
-    effect = effect_named(item.effect)
     return THRESHOLD + effect.surcharge + PER_PARAMETER * (len(effect.parameters) - 1)
+
+
+def price(item: ArmEffect) -> float:
+    """What that name costs."""
+    return price_of(effect_named(item.effect))
 
 
 def penalty(accepted: Sequence[ArmEffect]) -> float:
@@ -103,25 +107,16 @@ def cost(f: Fit) -> float:
     return f.objective + penalty(f.accepted)
 
 
-def scored(
-    f: Fit, skip: Collection[tuple[str, str | None]] = (), bank: Bank | None = None, ask_contact: bool = True
-) -> list[Scored]:
+def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_contact: bool = True) -> list[Scored]:
     """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
 
     The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
     """
-    best: dict[tuple[str, str | None], Scored] = {}
-    solved, left, bank = f.solved, f.joint.left(), bank or Bank()
-    bank.turn()
-    accepted = [x[:, solved.rows.p :] for x in f.joint.xw]
-    numbers: dict[tuple[str, str | None], int] = {}
-    ordinary = unstated_keys(f.hypothesis.arm)
-    for c in candidates(f.models):
-        numbers[c.key] = numbers.get(c.key, 0) + 1
-        if c.key in skip or c.key in ordinary:
-            continue
-        pieces = {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j)) for j in c.columns[0]}
-        gain, coefficients = f.joint.gain_of(pieces, left, c.spread)
+    best: dict[Key, Scored] = {}
+    solved, left = f.solved, f.joint.left()
+    for c, pieces in beside_accepted(f, skip, bank or Bank()):
+        g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
+        gain, coefficients = f.joint.gain_of(pieces, g, c.spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
@@ -135,6 +130,18 @@ def scored(
         if felt(solved, solved.left(), push_columns(solved, item, log)):
             best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
     return _ranked(best)
+
+
+def beside_accepted(f: Fit, skip: Collection[Key], bank: Bank) -> Iterator[tuple[Candidate, dict[int, Products]]]:
+    """Every candidate beside the nuisance and the accepted effects of a fit, per joint that it touches; without `skip` and what is ordinary there."""
+    bank.turn()
+    accepted = [x[:, f.solved.rows.p :] for x in f.joint.xw]
+    numbers: dict[Key, int] = {}
+    ordinary = unstated_keys(f.hypothesis.arm)
+    for c in candidates(f.models):
+        numbers[c.key] = numbers.get(c.key, 0) + 1
+        if c.key not in skip and c.key not in ordinary:
+            yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j)) for j in c.columns[0]}
 
 
 def _beside(accepted: np.ndarray, c: Products) -> Products:

@@ -135,6 +135,9 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
     if effects:
         least = min(float(e["confidence"]) for e in effects)
         facts.append(("confidence in the effect" if len(effects) == 1 else "confidence, least certain effect", f"{least:.0%}"))
+        rates = [e["false_name_rate"] for e in effects if "false_name_rate" in e]
+        if rates:
+            facts.append(("as strong by noise alone, in simulated recordings", f"at most {max(rates):.2g} of them"))
     gap = diagnosis.get("gap") or {}
     noise = np.asarray(gap.get("noise_floor", []), float)
     if len(noise):

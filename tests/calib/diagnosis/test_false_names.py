@@ -1,0 +1,66 @@
+"""The null distribution of the likelihood ratio is that of recordings without an effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.known_truth import varied
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.selection import price, scored, started
+from sim.arm import Arm
+from tests.calib.diagnosis.conftest import recording
+
+OTHERS = range(11, 19)
+
+
+def begun(arm: Arm, seed: int) -> Fit:
+    """The fit of a recording of an arm whose masses, friction and reflected inertias are another draw about the nominal ones."""
+    logs = warmed([measured(recording(arm, seed, truth=varied(arm, seed, 0.04)), arm)])
+    return started(logs, Hypothesis.nominal(arm))
+
+
+@pytest.fixture(scope="module")
+def null(ur10e: Arm) -> NullDistribution:
+    return NullDistribution.of(begun(ur10e, 1))
+
+
+def test_one_linear_parameter_brings_a_chi_square_of_one(null: NullDistribution, ur10e: Arm) -> None:
+    """Its mean over draws is 1, although the fit has taken nearly all of what it could bring."""
+    for joint in ur10e.joint_names:
+        assert null.gains["viscous_friction", joint].mean() == pytest.approx(1.0, abs=0.15)
+
+
+def test_other_recordings_without_an_effect_fall_where_it_says(null: NullDistribution, ur10e: Arm) -> None:
+    """Of eight other motions and other noise: none beyond 1 in 100, and not all on one side of its middle."""
+    chances = []
+    for seed in OTHERS:
+        # these drives do not lead their reading by half a control period, which is ordinary elsewhere
+        ranked = scored(begun(ur10e, seed), {("time_delay", None)}, ask_contact=False)
+        chances.append(null.rate(max(s.gain - price(s.effect) for s in ranked)))
+    assert min(chances) > MOST_FALSE
+    assert min(chances) < 0.5 < max(chances)
+
+
+def test_the_rate_counts_the_draw_at_hand() -> None:
+    null = NullDistribution(np.arange(99.0), {})
+    assert null.rate(-1.0) == 1.0
+    assert null.rate(94.0) == pytest.approx(0.06)
+    assert null.rate(1e9) == pytest.approx(0.01)
+
+
+def test_a_name_states_the_rate_of_false_names(ur10e: Arm) -> None:
+    def springy(motion, tau):  # type: ignore[no-untyped-def]
+        out = np.zeros_like(tau)
+        out[:, 2] = 40.0 * (motion.q[:, 2] - motion.q[0, 2])
+        return out
+
+    answer = diagnose(ur10e, [recording(ur10e, 1, springy)], [recording(ur10e, 2, springy)]).answer
+    assert [e["effect"] for e in answer["effects"]] == ["joint_spring"]
+    assert answer["effects"][0]["false_name_rate"] <= MOST_FALSE
+    assert answer["false_names"]["simulated"] > 100
+    assert answer["false_names"]["chance"] > MOST_FALSE
