@@ -29,6 +29,8 @@ GJK = 1e-5
 LOOKS = 400
 # rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
 CALIBRATION = 1e-3
+# rad at the most that a pair must leave room for to be one that can part: a cell that expects more leaves out no more pairs
+FOLLOWING_ERROR = 0.01
 
 
 @dataclass(frozen=True)
@@ -98,13 +100,16 @@ class Clearance:
                 self._geometry.addCollisionPair(pin.CollisionPair(b, a))
                 pairs.append((names[b], names[a]))
         self._set(pairs, np.array(reach).reshape(len(pairs), arm.n), np.array(margin))
-        # a tool is described by hand: one that can never part from the arm is an error, and refused
-        own = [k for k in np.flatnonzero(self.of_self).tolist() if not any(name.startswith(TOOL) for name in pairs[k])]
-        stuck = never_part(arm, lambda q: self.distances(q, own), self.margin[own])
-        self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
-        self._leave_out({own[k] for k in stuck})
         # what the encoders and their zeros may be wrong by is kept free beside every path
         self.doubt = arm.sensors.encoder_resolution + CALIBRATION
+        # a tool is described by hand: one that can never part from the arm is an error, and refused
+        own = [k for k in np.flatnonzero(self.of_self).tolist() if not any(name.startswith(TOOL) for name in pairs[k])]
+        least = min(cell.table.motion.following_error, FOLLOWING_ERROR)
+        stuck = never_part(
+            arm, lambda q, of: self.distances(q, [own[k] for k in of]), self.margin[own], self.needed(least)[own]
+        )
+        self.excluded = {pairs[own[k]]: why for k, why in stuck.items()}
+        self._leave_out({own[k] for k in stuck})
         apart = {k: known for k in self._all if (known := self._known_apart(k)) is not None}
         self.always_apart = {self.pairs[k]: known for k, known in apart.items()}
         self._leave_out(set(apart))

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.arm import Arm
 
-POSTURES = 200
+POSTURES, MANY_POSTURES = 200, 2000
 # m beyond its margin that a pair must reach somewhere to count as one that can part: links two joints apart, and others
 KIN_EXTRA, EXTRA = 0.002, 0.006
 # distances that a proof for every posture may take
@@ -21,27 +21,40 @@ def adjacent(parent: np.ndarray, a: int, b: int) -> bool:
     return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
 
 
-def postures(arm: Arm) -> np.ndarray:
-    """(POSTURES, n) rad drawn over the whole range of the joints, at most a turn of it."""
+def postures(arm: Arm, count: int = POSTURES) -> np.ndarray:
+    """(count, n) rad drawn over the whole range of the joints, at most a turn of it."""
     low, high = np.where(np.isfinite(arm.q_min), arm.q_min, -np.pi), np.where(np.isfinite(arm.q_max), arm.q_max, np.pi)
     middle, half = (low + high) / 2, np.minimum((high - low) / 2, np.pi)
-    return np.asarray(middle + half * np.random.default_rng(0).uniform(-1, 1, (POSTURES, arm.n)))
+    return np.asarray(middle + half * np.random.default_rng(0).uniform(-1, 1, (count, arm.n)))
 
 
-def never_part(arm: Arm, distances: Callable[[np.ndarray], np.ndarray], margin: np.ndarray) -> dict[int, str]:
-    """Index of each pair that keeps its margin (P,) m in none of POSTURES postures -> the reason in words.
+def never_part(
+    arm: Arm, distances: Callable[[np.ndarray, list[int]], np.ndarray], margin: np.ndarray, asked: np.ndarray
+) -> dict[int, str]:
+    """Index of each pair that can never part -> the reason in words: with such shapes no posture of the arm would be free.
 
-    distances(q) gives (P,) m at one posture (n,). Such shapes hold more than the bodies do, or bodies that were built into each other:
-    with them no posture of the arm would be free.
+    That is a pair that keeps its margin (P,) m in none of POSTURES postures, and, of links two joints apart (whose margin is 0), one that
+    overlaps in most of many more and keeps in none what a proof asks for at a posture, `asked` (P,) m. Such shapes hold more than the bodies
+    do, or bodies that were built into each other. distances(q, pairs) gives (len(pairs),) m at one posture (n,).
     """
-    farthest = np.full(len(margin), -np.inf)
-    for posture in postures(arm):
-        farthest = np.maximum(farthest, distances(posture))
-    needed = margin + np.where(margin > 0, EXTRA, KIN_EXTRA)
-    return {
+    every = list(range(len(margin)))
+    found = np.array([distances(posture, every) for posture in postures(arm)])
+    farthest = found.max(axis=0)
+    stuck = farthest < margin + np.where(margin > 0, EXTRA, KIN_EXTRA)
+    out = {
         int(k): f"at most {farthest[k] * 1e3:.1f} mm apart in {POSTURES} postures over the whole range: they can never part"
-        for k in np.flatnonzero(farthest < needed)
+        for k in np.flatnonzero(stuck)
     }
+    close = np.flatnonzero(~stuck & (margin == 0) & (farthest < asked + KIN_EXTRA) & (np.median(found, axis=0) <= 0)).tolist()
+    if close:
+        found = np.array([distances(posture, close) for posture in postures(arm, MANY_POSTURES)])
+        for k, apart in zip(close, found.T, strict=True):
+            if apart.max() < asked[k] + KIN_EXTRA and np.median(apart) <= 0:
+                out[k] = (
+                    f"they overlap in {np.mean(apart <= 0):.0%} of {MANY_POSTURES} postures over the whole range and are at most "
+                    f"{apart.max() * 1e3:.1f} mm apart, and a motion needs {asked[k] * 1e3:.1f} mm: they can never part"
+                )
+    return out
 
 
 def always_apart(arm: Arm, reach: np.ndarray, needed: float, distance: Callable[[np.ndarray], float]) -> str | None:

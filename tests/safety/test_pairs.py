@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.pairs import adjacent
+from safety.pairs import MANY_POSTURES, POSTURES, adjacent, never_part, postures
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.tree import Shape
@@ -53,6 +53,48 @@ def test_the_same_distances_with_and_without_a_pair_that_is_left_out(arm):
     found = dict(zip(fat.pairs, fat.distances(q), strict=True))
     for pair, distance in zip(plain.pairs, plain.distances(q), strict=True):
         assert found[pair] == pytest.approx(distance, abs=1e-12)
+
+
+def _stuck(arm, distance, margin=0.0, asked=0.003):
+    """What is left out of one pair whose distance, m, is a function of the posture."""
+    return never_part(arm, lambda q, pairs: np.array([distance(q)])[pairs], np.array([margin]), np.array([asked]))
+
+
+def test_kin_that_overlap_in_most_postures_and_leave_no_room_for_a_motion_are_left_out(arm):
+    found = _stuck(arm, lambda q: 0.004 - 0.01 * abs(q[1]))
+    assert "2000 postures" in found[0]
+    assert "at most 4.0 mm apart, and a motion needs 3.0 mm" in found[0]
+
+
+@pytest.mark.parametrize(
+    ("distance", "margin", "asked"),
+    [
+        (lambda q: 0.004 - 0.01 * abs(q[1]), 0.0, 0.001),  # a motion needs less
+        (lambda q: 0.0045 - 0.0005 * abs(q[1]), 0.0, 0.003),  # always near, seldom in each other
+        (lambda q: 0.006 - 0.01 * abs(q[1]), 0.0, 0.003),  # apart somewhere
+        (lambda q: 0.017 - 0.01 * abs(q[1]), 0.01, 0.02),  # other links, which keep a margin
+    ],
+)
+def test_pairs_for_which_a_motion_has_room_somewhere_stay_checked(arm, distance, margin, asked):
+    assert _stuck(arm, distance, margin, asked) == {}
+
+
+def test_one_posture_of_many_in_which_kin_part_keeps_them_checked(arm):
+    """It is none of the few that are drawn first."""
+    rare = next(q for q in postures(arm, MANY_POSTURES) if np.abs(postures(arm, POSTURES) - q).max(axis=1).min() > 0.1)
+    assert _stuck(arm, lambda q: 0.02 if np.array_equal(q, rare) else 0.004 - 0.01 * abs(q[1])) == {}
+
+
+def test_a_cell_that_expects_larger_following_errors_leaves_out_no_more_pairs(arm, monkeypatch):
+    asked = []
+    monkeypatch.setattr("safety.collision.never_part", lambda *given: asked.append(given[3]) or {})
+    cell = load_cell("mock-ur10e")
+    for error in (0.005, 0.01, 0.08):
+        motion = cell.table.motion.model_copy(update={"following_error": error})
+        Clearance(arm, replace(cell, table=cell.table.model_copy(update={"motion": motion})))
+    assert np.all(asked[0] <= asked[1])
+    assert np.any(asked[0] < asked[1])
+    assert np.array_equal(asked[1], asked[2])
 
 
 def test_links_that_share_a_joint():
