@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.model import LogModel
-from calib.regression.noise import Noise, filtered
+from calib.regression.noise import Noise, filtered, neighbours
 
 HOLDS = 4
 # of the noise. Of low-passed readings AICC takes order 4, whose innovations are 0.85 of those of order 1. All prices and thresholds
@@ -52,11 +52,8 @@ class ResidualRows:
         for j in range(n):
             self.r.append(np.concatenate([m.residual[k, j] for m, k in zip(self.models, self.index[j], strict=True)]))
             self.x.append(np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)]))
-            joined = []
-            for m, k in zip(self.models, self.index[j], strict=True):
-                stretch = m.measurement.row_stretch[k]
-                joined.append(np.concatenate([[False], (np.diff(k) == 1) & (np.diff(stretch) == 0)])[: len(k)])
-            self.joined.append(np.concatenate(joined))
+            stretches = [m.measurement.row_stretch[k] for m, k in zip(self.models, self.index[j], strict=True)]
+            self.joined.append(np.concatenate([neighbours(*pair) for pair in zip(self.index[j], stretches, strict=True)]))
             self.doubt.append(self.take(j, [m.measurement.row_doubt[:, j] for m in self.models]))
         self.mean, self.least = np.zeros(self.p), self.models[0].least
 

@@ -22,7 +22,7 @@ from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Key, price
-from calib.regression.information import InformationMatrix
+from calib.regression.information import InformationMatrix, JointInformation
 from calib.regression.noise import Noise
 from logs.log import Log
 from sim.arm import ArmEffect
@@ -72,30 +72,8 @@ class Other:
     spread: tuple[float, ...] | None
 
 
-@dataclass(frozen=True)
-class Factors:
-    """What a piece, or several, said: per joint the factor of [X D r S]."""
-
-    factors: tuple[InformationMatrix, ...]
-
-    @staticmethod
-    def merged(parts: Sequence[Factors]) -> Factors:
-        """All pieces as one; they share no row."""
-        return Factors(tuple(InformationMatrix.merged(f) for f in zip(*(p.factors for p in parts), strict=True)))
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name, to be kept in a file."""
-        out = {f"factor_{j}": f.r for j, f in enumerate(self.factors)}
-        return out | {"rows": np.array([f.rows for f in self.factors])}
-
-    @staticmethod
-    def of_arrays(arrays: dict[str, np.ndarray]) -> Factors:
-        """The portion that `arrays` were made of."""
-        return Factors(tuple(InformationMatrix(arrays[f"factor_{j}"], int(rows)) for j, rows in enumerate(arrays["rows"])))
-
-
-def portion(point: Point, log: Log, others: bool = True) -> Factors:
-    """The factors of one piece; without `others` there are no columns S."""
+def portion(point: Point, log: Log, others: bool = True) -> JointInformation:
+    """Per joint the factor of [X D r S] of one piece; without `others` there are no columns S."""
     model = point.model(log)
     rows = ResidualRows([model])
     named = [per_log[0] for _, per_log in columns_of([model], point.hypothesis)]
@@ -105,7 +83,7 @@ def portion(point: Point, log: Log, others: bool = True) -> Factors:
         parts = [rows.x[j], *(rows.take(j, [c[:, j : j + 1]]) for c in named), rows.r[j][:, None]]
         parts += [rows.take(j, [columns[j]]) for _, columns in beside if j in columns]
         factors.append(InformationMatrix.of(rows.whiten(point.noise, j, np.concatenate(parts, axis=1))))
-    return Factors(tuple(factors))
+    return tuple(factors)
 
 
 def others_of(point: Point, log: Log) -> tuple[Other, ...]:
@@ -143,9 +121,9 @@ class SummedSolution:
 class Solver:
     """Least squares over a portion's rows; the prior of the nuisance stands in rows of its own."""
 
-    def __init__(self, whole: Factors, nuisance: int, named: int) -> None:
+    def __init__(self, whole: JointInformation, nuisance: int, named: int) -> None:
         self._p, self._k = nuisance, named
-        self._factors = [f.r for f in whole.factors]
+        self._factors = [f.r for f in whole]
         known = nuisance + named
         prior = np.eye(nuisance, known)
         self._a = np.concatenate([prior, *(r[:, :known] for r in self._factors)])
@@ -185,7 +163,7 @@ class Solver:
         return gain, ArmEffect(other.effect, other.joint, other.combine(c / scale))
 
 
-def best_other(part: Factors, others: Sequence[Other], nuisance: int, named: int) -> tuple[float, Key | None]:
+def best_other(part: JointInformation, others: Sequence[Other], nuisance: int, named: int) -> tuple[float, Key | None]:
     """What the likeliest candidate beside the names brings above its price, and which it is; 0 and None where none is worth its price."""
     solver = Solver(part, nuisance, named)
     best: tuple[float, Key | None] = (0.0, None)

@@ -19,8 +19,9 @@ from calib.diagnosis.fit import Fit, parameters_of
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.sums import Factors, Key, Other, Point, Solver, SummedSolution, best_other, others_of, portion
+from calib.diagnosis.sums import Key, Other, Point, Solver, SummedSolution, best_other, others_of, portion
 from calib.identification.portions import Kept, digest_of
+from calib.regression.information import JointInformation, merged_joints, of_arrays, to_arrays
 from logs.log import Log
 from logs.pieces import Pieces
 from sim.arm import Arm
@@ -109,25 +110,25 @@ class _Summed:
         return self.point, self.solution
 
     def _over(self, point: Point, others: bool) -> SummedSolution:
-        total: Factors | None = None
+        total: JointInformation | None = None
         for k, piece in enumerate(self.pieces):
             part = self._portion(point, piece, others)
             if others:
                 self._best.append(best_other(part, self._others, self._nuisance, self._named))
             if k != self._without:
-                total = part if total is None else Factors.merged([total, part])
+                total = part if total is None else merged_joints([total, part])
         assert total is not None
         return Solver(total, self._nuisance, self._named).solution()
 
-    def _portion(self, point: Point, piece: Log, others: bool) -> Factors:
+    def _portion(self, point: Point, piece: Log, others: bool) -> JointInformation:
         if self._kept is None:
             return portion(point, piece, others)
         context, name = f"diagnosis {point.digest} {others}", digest_of(piece)
         arrays = self._kept.arrays(context, name)
         if arrays is not None:
-            return Factors.of_arrays(arrays)
+            return of_arrays("factor", arrays)
         part = portion(point, piece, others)
-        self._kept.put_arrays(context, name, part.arrays())
+        self._kept.put_arrays(context, name, to_arrays("factor", part))
         return part
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.identification.model import TorqueModel
 from calib.measurement.preprocessing import Measurement
-from calib.regression.noise import depth
+from calib.regression.noise import depth, neighbours
 
 KEPT_BYTES = 300_000_000
 # Rows after a stop, a reversal or a gap that only serve to whiten the next ones: friction still builds up. Fitted as well, they raise the error on a
@@ -41,8 +41,7 @@ class Block:
     def of_joint(self, j: int) -> JointRows:
         """What of it joint j's fit takes; a block's first row has no neighbour."""
         index = np.flatnonzero(self.usable[:, j])
-        run = np.cumsum(~self.joined)[index]
-        joined = np.concatenate([[False], (np.diff(index) == 1) & (np.diff(run) == 0)])[: len(index)]
+        joined = neighbours(index, np.cumsum(~self.joined)[index])
         return JointRows(
             self.a[j][index], self.b[index, j], joined, self.doubt[index, j], index, depth(joined, SETTLED) == SETTLED
         )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification.rows import Block, RegressorRows
-from calib.regression.information import InformationMatrix
+from calib.regression.information import InformationMatrix, JointInformation, merged_joints, of_arrays, to_arrays
 from calib.regression.noise import Noise, filtered
 from calib.regression.robust import huber_weights
 
@@ -49,9 +49,9 @@ class Sums:
     touched  (n,) rows that get less weight as outliers; counts (n,) all whitened rows
     """
 
-    plain: tuple[InformationMatrix, ...]
-    apart: tuple[InformationMatrix, ...]
-    white: tuple[InformationMatrix, ...]
+    plain: JointInformation
+    apart: JointInformation
+    white: JointInformation
     scores: np.ndarray
     touched: np.ndarray
     counts: np.ndarray
@@ -59,37 +59,30 @@ class Sums:
     @staticmethod
     def merged(parts: Sequence[Sums]) -> Sums:
         """The sums over the rows of all parts, which share no row."""
-        each = range(len(parts[0].plain))
         return Sums(
-            tuple(InformationMatrix.merged([s.plain[j] for s in parts]) for j in each),
-            tuple(InformationMatrix.merged([s.apart[j] for s in parts]) for j in each),
-            tuple(InformationMatrix.merged([s.white[j] for s in parts]) for j in each),
+            merged_joints([s.plain for s in parts]),
+            merged_joints([s.apart for s in parts]),
+            merged_joints([s.white for s in parts]),
             np.sum([s.scores for s in parts], axis=0),
             np.sum([s.touched for s in parts], axis=0),
             np.sum([s.counts for s in parts], axis=0),
         )
 
     @property
-    def usable(self) -> tuple[InformationMatrix, ...]:
+    def usable(self) -> JointInformation:
         """Per joint every usable row, fitted or not."""
-        return tuple(InformationMatrix.merged(pair) for pair in zip(self.plain, self.apart, strict=True))
+        return merged_joints([self.plain, self.apart])
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
         out = {"scores": self.scores, "touched": self.touched, "counts": self.counts}
-        for name, items in (("plain", self.plain), ("apart", self.apart), ("white", self.white)):
-            out |= {f"{name}_{j}": item.r for j, item in enumerate(items)}
-            out[f"{name}_rows"] = np.array([item.rows for item in items])
-        return out
+        return out | to_arrays("plain", self.plain) | to_arrays("apart", self.apart) | to_arrays("white", self.white)
 
     @staticmethod
     def of_arrays(arrays: dict[str, np.ndarray]) -> Sums:
         """The sums that `arrays` were made of."""
-
-        def items(name: str) -> tuple[InformationMatrix, ...]:
-            return tuple(InformationMatrix(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
-
-        return Sums(items("plain"), items("apart"), items("white"), arrays["scores"], arrays["touched"], arrays["counts"])
+        plain, apart, white = (of_arrays(name, arrays) for name in ("plain", "apart", "white"))
+        return Sums(plain, apart, white, arrays["scores"], arrays["touched"], arrays["counts"])
 
 
 def summed(rows: RegressorRows, weights: Reference) -> Sums:
@@ -98,7 +91,7 @@ def summed(rows: RegressorRows, weights: Reference) -> Sums:
     return Sums(plain(rows), plain(rows, apart=True), white, scores, touched, counts)
 
 
-def plain(rows: RegressorRows, apart: bool = False) -> tuple[InformationMatrix, ...]:
+def plain(rows: RegressorRows, apart: bool = False) -> JointInformation:
     """Per joint the rows [A_j b_j] of the fit, or those usable ones that it leaves out."""
     out = [InformationMatrix.none(len(u) + 1) for u in rows.used]
     for block in rows:
@@ -109,9 +102,7 @@ def plain(rows: RegressorRows, apart: bool = False) -> tuple[InformationMatrix, 
     return tuple(out)
 
 
-def weighted(
-    rows: RegressorRows, weights: Reference
-) -> tuple[tuple[InformationMatrix, ...], np.ndarray, np.ndarray, np.ndarray]:
+def weighted(rows: RegressorRows, weights: Reference) -> tuple[JointInformation, np.ndarray, np.ndarray, np.ndarray]:
     """Whitened and weighted rows per joint, products of scores, rows touched and rows in all."""
     n, p = rows.model.arm.n, rows.model.p
     white, scores = [InformationMatrix.none(len(u) + 1) for u in rows.used], np.zeros((p, p))

@@ -7,7 +7,7 @@ the condition number (A. Bjorck, Numerical Methods for Least Squares Problems, 1
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +50,24 @@ class InformationMatrix:
     def squares(self, z: np.ndarray) -> float:
         """|X z|^2 for z (c,); with X = [A b] and z = [-theta, 1] the sum of squared residuals."""
         return float(np.sum((self.r @ z) ** 2))
+
+
+JointInformation = tuple[InformationMatrix, ...]
+
+
+def merged_joints(parts: Sequence[JointInformation]) -> JointInformation:
+    """Per joint the rows of all parts, which share none."""
+    return tuple(InformationMatrix.merged(of_joint) for of_joint in zip(*parts, strict=True))
+
+
+def to_arrays(name: str, joints: JointInformation) -> dict[str, np.ndarray]:
+    """Everything under names that begin with `name`, to be kept in a file."""
+    return {f"{name}_{j}": x.r for j, x in enumerate(joints)} | {f"{name}_rows": np.array([x.rows for x in joints])}
+
+
+def of_arrays(name: str, arrays: Mapping[str, np.ndarray]) -> JointInformation:
+    """What `to_arrays` was given."""
+    return tuple(InformationMatrix(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
 
 
 def _triangle(x: np.ndarray) -> np.ndarray:

@@ -92,6 +92,11 @@ class Noise:
         return np.asarray(lfilter([self.drive[j]], np.r_[1.0, -self.ar[j]], innovations, axis=0))[SETTLE:]
 
 
+def neighbours(index: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    """(R,) whether the one before is the neighbour in time, of rows `index` that lie in stretches (R,) without a gap."""
+    return np.concatenate([[False], (np.diff(index) == 1) & (np.diff(stretch) == 0)])[: len(index)]
+
+
 def depth(joined: np.ndarray, most: int) -> np.ndarray:
     """(R,) how many rows lie before each without a break, at most `most`; joined (R,): whether the row before is the neighbour in time."""
     out, near = np.zeros(len(joined), dtype=int), np.ones(len(joined), dtype=bool)

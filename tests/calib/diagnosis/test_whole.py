@@ -10,9 +10,10 @@ import pytest
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.model import Hypothesis
-from calib.diagnosis.sums import Factors, Point, Solver, others_of, portion
+from calib.diagnosis.sums import Point, Solver, others_of, portion
 from calib.diagnosis.whole import Whole, diagnose_pieces, spread
 from calib.identification.portions import Kept
+from calib.regression.information import merged_joints
 from calib.regression.noise import Noise
 from logs import Pieces
 from logs.log import Log
@@ -41,16 +42,16 @@ def test_sums_do_not_depend_on_order_or_grouping(ur10e: Arm, logs: list[Log]) ->
     point = Point(Hypothesis.nominal(ur10e).with_effects((spring,)), noise, None)
     parts = [portion(point, log) for log in logs]
     nuisance, named = len(point.model(logs[0]).names), len(parameters_of([spring]))
-    whole = Solver(Factors.merged(parts), nuisance, named)
+    whole = Solver(merged_joints(parts), nuisance, named)
     expected = whole.solution()
     assert expected.chi2 < expected.chi2_here
     others = [o for o in others_of(point, logs[3]) if o.effect in ("payload", "torque_gain", "base_tilt", "encoder_offset")]
     assert [o.columns for o in others] == [
         o.columns for o in others_of(point, logs[0]) if o in others or o.effect in {x.effect for x in others}
     ]
-    ways = [parts[::-1], [Factors.merged([parts[3], parts[1]]), Factors.merged([parts[0], parts[2]])]]
+    ways = [parts[::-1], [merged_joints([parts[3], parts[1]]), merged_joints([parts[0], parts[2]])]]
     for way in ways:
-        solver = Solver(Factors.merged(way), nuisance, named)
+        solver = Solver(merged_joints(way), nuisance, named)
         found = solver.solution()
         for mine, own in (
             (found.theta, expected.theta),
