@@ -35,10 +35,10 @@ ARMS: dict[str, tuple[str, list[str]]] = {
     "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot.urdf", []),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", []),
     "pr2_right": ("pr2_description/urdf/pr2.urdf", ["--tool", "r_wrist_roll_link", "--lock", "torso_lift_joint"]),
-    "romeo_right": ("romeo_description/urdf/romeo.urdf", ["--tool", "r_wrist"]),
+    "romeo_right": ("romeo_description/urdf/romeo.urdf", ["--tool", "r_wrist", "--lock", "TrunkYaw"]),
     "icub_right": ("icub_description/robots/icub.urdf", ["--tool", "r_hand", "--lock", "torso_*"]),
-    "alex_left": ("alex_description/urdf/alex_nub_hands.urdf", ["--tool", "LeftGripperYawLink"]),
-    "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand"]),
+    "alex_left": ("alex_description/urdf/alex_nub_hands.urdf", ["--tool", "LeftGripperYawLink", "--lock", "Spine*"]),
+    "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand", "--lock", "waist_*"]),
     "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", []),
 }
 # name -> what a sentence asks for -> the answer, as an owner of the arm has it from its data sheet

@@ -87,17 +87,8 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
     clearances, names = room.clearances(q)
     free, taken = clearances.min(axis=1), room.holding(q)
-    share = taken.max(axis=1)
-    held = share <= 1
-    if not held.any():
-        j = int(np.argmax(taken[np.argmin(share)]))
-        raise AnswerIsNo(
-            f"{arm.name}: in none of {POSTURES} postures do its torque limits hold it, with what nobody knows of its masses: {arm.joint_names[j]} may "
-            f"take {share.min():.0%} of its limit (less margin) where it is best. Correct tau_max ({np.round(arm.tau_max, 1).tolist()} N m) or the masses, "
-            f"say with --numbers how well they are known, or give a posture with --home{missing_facts(arm, j)}"
-        )
-    free = np.where(held, free, -np.inf)
-    if free.max() < CLEARANCE_MARGIN:
+    clear, share = free >= CLEARANCE_MARGIN, taken.max(axis=1)
+    if not clear.any():
         near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
         worst = int(np.argmax(near))
         raise AnswerIsNo(
@@ -109,6 +100,16 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
                 else ""
             )
         )
+    if not (clear & (share <= 1)).any():
+        best = int(np.argmin(np.where(clear, share, np.inf)))
+        j = int(np.argmax(taken[best]))
+        raise AnswerIsNo(
+            f"{arm.name}: in none of {clear.sum()} postures that are clear of itself and the cell do its torque limits hold it, with what nobody knows of "
+            f"its masses: {arm.joint_names[j]} may take {share[best]:.0%} of its limit (less margin) where it is best. Correct tau_max "
+            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with "
+            f"--home{missing_facts(arm, j)}"
+        )
+    free = np.where(share <= 1, free, -np.inf)
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     # where torque leaves no motion about any of the roomiest, the free postures that it takes least to hold

@@ -100,8 +100,27 @@ def test_a_home_that_the_torque_limits_cannot_hold_is_not_taken() -> None:
     outstretched = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
     assert (room.holding(outstretched) <= 1).all(axis=1).tolist() == [False, True]
     weaker = replace(arm, tau_max=np.full(6, 1e-3))
-    with pytest.raises(AnswerIsNo, match="in none of 1000 postures do its torque limits hold it"):
+    with pytest.raises(
+        AnswerIsNo, match=r"in none of \d+ postures that are clear of itself and the cell do its torque limits hold it"
+    ):
         home_of(Room(weaker, room.cell), room.cell, None, np.random.default_rng(0))
+
+
+def test_where_the_arm_can_be_held_only_where_it_is_not_clear_the_torque_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+
+    def holding(q: np.ndarray) -> np.ndarray:
+        clear = room.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN
+        share = np.full(q.shape, 0.2)
+        share[:, 1] = np.where(clear, 1.7, 0.5)
+        return share
+
+    monkeypatch.setattr(room, "holding", holding)
+    with pytest.raises(
+        AnswerIsNo, match=r"in none of \d{2,3} postures that are clear .* shoulder_lift_joint may take 170% of its limit"
+    ):
+        home_of(room, room.cell, None, np.random.default_rng(0))
 
 
 def silent(arm: Arm) -> Arm:
