@@ -1,6 +1,6 @@
 """tau = Y(q, dq, ddq) pi: rigid-body dynamics of an arm, and the base parameters that any motion can show.
 
-Pinocchio serves single configurations (mass matrix, forward dynamics, distances); long motions go through `sim._kernels`, which
+Pinocchio serves single configurations (mass matrix, forward dynamics, distances); long motions go through `sim.recursion_kernels`, which
 a test holds equal to Pinocchio. Beside it only `safety.collision` and `safety.shapes` call Pinocchio.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
-from sim import _frame_kernels, _kernels, _slopes
+from sim import frame_kernels, recursion_kernels, slope_kernels
 from sim.arm import Arm
 from sim.tree import KinematicTree
 
@@ -89,7 +89,7 @@ class RigidBody:
         """Y (N, n, 10 n) with tau = Y pi; q dq ddq (N, n)."""
         q, dq, ddq = self._motion(q, dq, ddq)
         out = np.zeros((len(q), self.n, 10 * self.n))
-        _kernels.regressor(*self._frame, self.tree.gravity, q, dq, ddq, out)
+        recursion_kernels.regressor(*self._frame, self.tree.gravity, q, dq, ddq, out)
         return out
 
     def slopes(
@@ -100,7 +100,7 @@ class RigidBody:
         g = self.tree.gravity if gravity is None else np.asarray(gravity, dtype=float)
         by_state = np.zeros((3, self.n, len(q)))
         own = np.ascontiguousarray(weights.reshape(len(q), -1).T).reshape(self.n, self.n, 10, len(q))
-        _slopes.slopes(*self._frame, g, q, dq, ddq, own, *by_state)
+        slope_kernels.slopes(*self._frame, g, q, dq, ddq, own, *by_state)
         return by_state[0].T, by_state[1].T, by_state[2].T
 
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray | None = None) -> np.ndarray:
@@ -108,7 +108,7 @@ class RigidBody:
         q, dq, ddq = self._motion(q, dq, ddq)
         out = np.zeros(q.shape)
         g = self.tree.gravity if gravity is None else np.asarray(gravity, dtype=float)
-        _kernels.torque(*self._frame, g, self.tree.mass, self.first, self._about_origin, q, dq, ddq, out)
+        recursion_kernels.torque(*self._frame, g, self.tree.mass, self.first, self._about_origin, q, dq, ddq, out)
         return out
 
     def gravity_torque(self, q: np.ndarray) -> np.ndarray:
@@ -116,12 +116,19 @@ class RigidBody:
         zero = np.zeros_like(np.atleast_2d(q), dtype=float)
         return self.inverse_dynamics(q, zero, zero)
 
+    def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation (N, n, 3, 3) and origin (N, n, 3) m of every joint frame in the base, q (N, n)."""
+        q = np.ascontiguousarray(np.atleast_2d(q), dtype=float)
+        rotation, origin = np.empty((len(q), self.n, 3, 3)), np.empty((len(q), self.n, 3))
+        frame_kernels.frames(*self._frame, q, rotation, origin)
+        return rotation, origin
+
     def jacobian(self, q: np.ndarray, link: int = -1, point: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """J (N, 3, n) linear and angular of `point` (3,) m fixed in `link` (its origin by default), in the base's axes."""
         q = np.ascontiguousarray(np.atleast_2d(q), dtype=float)
         linear, angular = np.zeros((len(q), 3, self.n)), np.zeros((len(q), 3, self.n))
         offset = np.zeros(3) if point is None else np.asarray(point, dtype=float)
-        _frame_kernels.jacobian(*self._frame, link % self.n, offset, q, linear, angular)
+        frame_kernels.jacobian(*self._frame, link % self.n, offset, q, linear, angular)
         return linear, angular
 
     def point_speeds(
@@ -134,7 +141,7 @@ class RigidBody:
         begins = np.cumsum([0, *map(len, points)])
         out = np.zeros(asked.shape)
         rows = (np.ascontiguousarray(x, dtype=float) for x in (q, dq, width))
-        _frame_kernels.point_speeds(*self._frame, links, begins, np.concatenate(points), radii, *rows, asked, out)
+        frame_kernels.point_speeds(*self._frame, links, begins, np.concatenate(points), radii, *rows, asked, out)
         return out
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.excitation.capsules import capsules
 from calib.excitation.distances import pair_distances
 from calib.excitation.room import Room
 from drivers.driver import DeviceStop
@@ -24,8 +23,8 @@ class Beside:
     def __init__(self, room: Room) -> None:
         self._clearance = clearance = room.clearance
         number = {frozenset(pair): k for k, pair in enumerate(clearance.pairs)}
-        names = [shape.name for shape in room.arm.tree.shapes for _ in capsules(shape)]
-        seen = {frozenset(pair) for pair in room.pairs}
+        names = room.capsules.names
+        seen = {frozenset(pair) for pair in room.nearness.pairs}
         unseen = [
             (a, b, number[pair])
             for a in range(len(names)) for b in range(a)
@@ -35,7 +34,7 @@ class Beside:
         self._capsules = [(a, b) for a, b, _ in unseen]
         self._belongs = np.array([self._unseen.index(k) for *_, k in unseen], dtype=int)
         self._least = clearance.needed(room.cell.table.motion.following_error)[self._unseen] + SLACK / 2
-        self._radius = np.array([radius for shape in room.arm.tree.shapes for _, radius in capsules(shape)])
+        self._radius = room.capsules.radius
 
     def exact(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, np.ndarray]:
         """Sum of squares (m^2) of what the pairs of shapes lack that the room's capsules do not hold, and its slopes (K, n) by q."""

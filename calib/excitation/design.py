@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room, Use
+from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.room import MARGIN, Room, Use
 from calib.identification.model import TorqueModel
 from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
@@ -78,7 +79,7 @@ def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | 
 
     Without `grow` no joint gets more amplitude than it has. None where LEAST_SCALE of the amplitude does not fit either.
     """
-    own = _own_scale(room, motion)
+    own = own_scale(room, motion)
     motion = motion.scaled(own if grow else np.minimum(own, 1.0))
     for slightly in (1.0, 0.99, 0.97, 0.94):
         if room.use(coarse(motion.scaled(slightly))).fits:
@@ -123,7 +124,7 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
             "start with --home, or correct the limit"
         )
     trial = random_fourier(basis, home, np.random.default_rng(0))
-    trial = trial.scaled(0.2 * _own_scale(room, trial))
+    trial = trial.scaled(0.2 * own_scale(room, trial))
     use = room.use(coarse(trial))
     name, share = use.worst
     if share <= 1:
@@ -196,7 +197,7 @@ def too_small(room: Room, motion: Fourier) -> str | None:
     )
 
 
-def _own_scale(room: Room, motion: Fourier) -> np.ndarray:
+def own_scale(room: Room, motion: Fourier) -> np.ndarray:
     """(n,) factor that brings every joint to its own limits of position, speed, acceleration and jerk, whichever binds."""
     return np.maximum(np.min(list(_own_factors(room, motion).values()), axis=0), 0.0)
 

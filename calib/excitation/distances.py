@@ -112,47 +112,6 @@ def too_near(ends: np.ndarray, a: np.ndarray, b: np.ndarray, least: np.ndarray, 
 
 
 @njit(cache=True)
-def joint_frames(
-    q: np.ndarray, parent: np.ndarray, fixed: np.ndarray, place: np.ndarray, axis: np.ndarray, prismatic: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base; fixed (n, 3, 3) and place (n, 3) in the frame before."""
-    count, n = q.shape
-    rotation, origin, own = np.empty((count, n, 3, 3)), np.empty((count, n, 3)), np.empty((3, 3))
-    for k in range(count):
-        for j in range(n):
-            x, y, z = axis[j]
-            if prismatic[j]:
-                c, s = 1.0, 0.0
-            else:
-                c, s = math.cos(q[k, j]), math.sin(q[k, j])
-            v = 1.0 - c
-            own[0, 0], own[0, 1], own[0, 2] = c + x * x * v, x * y * v - z * s, x * z * v + y * s
-            own[1, 0], own[1, 1], own[1, 2] = y * x * v + z * s, c + y * y * v, y * z * v - x * s
-            own[2, 0], own[2, 1], own[2, 2] = z * x * v - y * s, z * y * v + x * s, c + z * z * v
-            up = parent[j]
-            for a in range(3):
-                for b in range(3):
-                    total = 0.0
-                    for m in range(3):
-                        total += fixed[j, a, m] * own[m, b]
-                    rotation[k, j, a, b] = total
-                origin[k, j, a] = place[j, a]
-                if prismatic[j]:
-                    for m in range(3):
-                        origin[k, j, a] += q[k, j] * fixed[j, a, m] * axis[j, m]
-            if up < 0:
-                continue
-            own[:] = rotation[k, j]
-            x, y, z = origin[k, j]
-            for a in range(3):
-                r0, r1, r2 = rotation[k, up, a, 0], rotation[k, up, a, 1], rotation[k, up, a, 2]
-                origin[k, j, a] = origin[k, up, a] + r0 * x + r1 * y + r2 * z
-                for b in range(3):
-                    rotation[k, j, a, b] = r0 * own[0, b] + r1 * own[1, b] + r2 * own[2, b]
-    return rotation, origin
-
-
-@njit(cache=True)
 def slopes_by_joints(
     pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray, axis: np.ndarray, prismatic: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:  # fmt: skip

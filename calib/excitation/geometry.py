@@ -45,7 +45,7 @@ class Geometry:
         self, room: Room, stop: DeviceStop, start: Fourier, samples: int, weight: float, fine: bool = False, about: np.ndarray | None = None
     ) -> None:  # fmt: skip
         self.room, self.stop, self.home = room, stop, start.home
-        self._beside, (_, self._radius) = Beside(room), room.segments(start.home[None])
+        self._beside, self._radius = Beside(room), room.capsules.radius
         count = FINER * samples if fine else samples
         self._weight = weight * samples / count
         t = np.arange(count) * (start.basis.period / count)
@@ -76,10 +76,12 @@ class Geometry:
         at, way = stopping(q[rows], dq[rows], self.stop, np.concatenate((when, later)))
         speed, slower = slowed(dq[fast], self.stop, later)
         there = at[first:]
-        rotation, origin = room.frames(np.concatenate((at[:first], there + AROUND * speed, there - AROUND * speed, there)))
+        rotation, origin = room.capsules.frames(
+            np.concatenate((at[:first], there + AROUND * speed, there - AROUND * speed, there))
+        )
         last = first + 2 * count
-        ends, _ = room.segments_at(rotation, origin)
-        value, slope = room.nearness(ends[:first], SLACK)
+        ends = room.capsules.segments_at(rotation, origin)
+        value, slope = room.nearness.push(ends[:first], SLACK)
         more, exact = self._beside.exact(at[:first], ends[:first])
         value, share = PER_METRE * (value + more), PER_METRE * self._weight
         step = (ends[first : first + count] - ends[first + count : last]) / (2 * AROUND)
@@ -103,7 +105,7 @@ class Geometry:
         """Slopes (K, n) by the postures of slopes by the ends, of which most are zero."""
         out = np.zeros((len(pull), self.room.arm.n))
         some = np.flatnonzero(pull.any(axis=(1, 2, 3)))
-        out[some] = self.room.onto_joints(pull[some], ends[some], rotation[some], origin[some])
+        out[some] = self.room.capsules.onto_joints(pull[some], ends[some], rotation[some], origin[some])
         return out
 
     def _path(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -118,8 +120,8 @@ class Geometry:
         """
         room, radius = self.room, self._radius
         along = np.linalg.norm(step, axis=-1)
-        axes, omega = room.turning(rotation, dq)
-        points = along + (radius * (np.linalg.norm(omega, axis=-1) @ room.on_link))[..., None]
+        axes, omega = room.capsules.turning(rotation, dq)
+        points = along + (radius * (np.linalg.norm(omega, axis=-1) @ room.capsules.on_link))[..., None]
         proved = points + (self._sure * np.abs(dq) @ self._beyond.T)[..., None]
         limit, planned = PROVED_SPEED * self._limit, ROOM_SPEED * MARGIN["point speed"] * self._limit
         over = np.maximum(proved / limit - 1, 0.0)
@@ -129,7 +131,9 @@ class Geometry:
         weighted = by_proved + 2 * self._weight * own / planned
         pull, by_q, by_dq = np.zeros_like(step), np.zeros_like(dq), np.zeros_like(dq)
         k = np.flatnonzero(weighted.any(axis=(1, 2)))
-        by_q[k], by_dq[k] = room.onto_turning((weighted[k].sum(axis=-1) * radius) @ room.on_link.T, axes[k], omega[k], dq[k])
+        by_q[k], by_dq[k] = room.capsules.onto_turning(
+            (weighted[k].sum(axis=-1) * radius) @ room.capsules.on_link.T, axes[k], omega[k], dq[k]
+        )
         by_dq[k] += self._sure * np.sign(dq[k]) * (by_proved[k].sum(axis=-1) @ self._beyond)
         pull[k] = (weighted[k] / np.maximum(along[k], 1e-12))[..., None] * step[k] / (2 * AROUND)
         return float(np.sum(over**2) + np.sum(own**2)), pull, by_q, by_dq
@@ -140,8 +144,8 @@ class Geometry:
         near: Looks = []
         for t, rows in looks:
             at, _ = stopping(q, dq, self.stop, t)
-            ends, _ = room.segments(at)
-            spare = room.clearances(at)[0] - SLACK
+            ends = room.capsules.segments(at)
+            spare = room.nearness.clearances(at)[0] - SLACK
             # a pair that never parts by more than BAND is near where it is nearer than usual
             close = (spare < np.clip(np.median(spare, axis=0) / 2, 0.0, BAND)).any(axis=1)
             close |= self._beside.near(ends, BAND).any(axis=1)
@@ -152,10 +156,10 @@ class Geometry:
         for t, rows in faster:
             at, _ = stopping(q, dq, self.stop, t)
             v, _ = slowed(dq, self.stop, t)
-            there, back = (room.segments(at + side * AROUND * v)[0] for side in (1, -1))
-            _, omega = room.turning(room.frames(at)[0], v)
+            there, back = (room.capsules.segments(at + side * AROUND * v) for side in (1, -1))
+            _, omega = room.capsules.turning(room.capsules.frames(at)[0], v)
             points = np.linalg.norm((there - back) / (2 * AROUND), axis=-1).max(axis=2)
-            points += self._radius * (np.linalg.norm(omega, axis=-1) @ room.on_link)
+            points += self._radius * (np.linalg.norm(omega, axis=-1) @ room.capsules.on_link)
             points += self._sure * np.abs(v) @ self._beyond.T
             fast.append((t, rows[points.max(axis=1) > FAST * self._limit]))
         return near, fast

@@ -8,7 +8,8 @@ import numpy as np
 
 from calib.excitation.design import fitted_to_room
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.room import CLEARANCE_MARGIN, Room
+from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.room import Room
 from safety.collision import Clearance
 from safety.pairs import postures
 from safety.parameters import missing_facts
@@ -85,7 +86,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         return given
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
     q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
-    clearances, names = room.clearances(q)
+    clearances, names = room.nearness.clearances(q)
     free, taken = clearances.min(axis=1), room.holding(q)
     clear, share = free >= CLEARANCE_MARGIN, taken.max(axis=1)
     if not clear.any():
@@ -114,14 +115,14 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     # where torque leaves no motion about any of the roomiest, the free postures that it takes least to hold
     for order in (-free, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
-        chosen = _free(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
+        chosen = free_postures(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
         scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
         if max(scores) > 0:
             break
     return np.round(chosen[int(np.argmax(scores))], 3)
 
 
-def _free(room: Room, q: np.ndarray) -> np.ndarray:
+def free_postures(room: Room, q: np.ndarray) -> np.ndarray:
     """Of postures q, in order, the first LOOKED_AT at which the bodies themselves are free: a capsule holds less than a cylinder's rim.
 
     Where none is, the first ones.

@@ -20,8 +20,9 @@ from calib.excitation.design import Information, Worth, binding, coarse, fitted_
 from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import home_of
+from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.optimise import Site, optimised, preference
-from calib.excitation.room import CLEARANCE_MARGIN, Room
+from calib.excitation.room import Room
 from calib.excitation.sweeps import GENTLE, friction_sweeps, overlay
 from calib.identification.model import TorqueModel
 from drivers import open_driver
@@ -176,7 +177,7 @@ def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float
     low, high = home.copy(), home.copy()
     speeds = np.outer(arm.dq_max, session.speeds)
     for j in range(arm.n):
-        low[j], high[j], speeds[j] = _swept(room, home, j, speeds[j], rate)
+        low[j], high[j], speeds[j] = sweep_range(room, home, j, speeds[j], rate)
     size = 0.12 * arm.dq_max
     for k, share in enumerate(GENTLER):
         gentle = share * GENTLE
@@ -204,7 +205,8 @@ def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate:
     return chirp
 
 
-def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:
+def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:
+    """Low and high end, rad, of the widest sweep of joint j about home that the room has, and its speeds, slower where it must be."""
     arm = room.arm
     reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
     for reach in reaches.tolist():
@@ -212,7 +214,7 @@ def _swept(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float
         high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
         line = np.repeat(home[None], 80, axis=0)
         line[:, j] = np.linspace(low, high, 80)
-        if room.clearances(line)[0].min() < CLEARANCE_MARGIN:
+        if room.nearness.clearances(line)[0].min() < CLEARANCE_MARGIN:
             continue
         for slower in (1.0, 0.7, 0.5, 0.35):
             dq = np.zeros_like(line)

@@ -60,7 +60,7 @@ def looks_along(arm: Arm, motion: Trajectory, clearance: Distances | None) -> Lo
     dq = np.column_stack([np.interp(grid, t, motion.dq[:, j]) for j in range(motion.n)])
     linear, _ = body.jacobian(q)
     speed = np.linalg.norm(np.einsum("kcj,kj->kc", linear, dq), axis=1)
-    flange = np.array([_flange(arm, row) for row in q])
+    flange = body.frames(q)[1][:, -1]
     if clearance is None or not clearance.pairs:
         return Looks(grid, q, flange, speed)
     rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
@@ -73,23 +73,3 @@ def looks_along(arm: Arm, motion: Trajectory, clearance: Distances | None) -> Lo
             nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
             near[place] = Near(nearest, room, clearance.pairs[pair], float(distance[k, pair]), float(grid[rows[k]]))
     return Looks(grid, q, flange, speed, near)
-
-
-def _flange(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """Origin of the last link in the base frame, m (forward kinematics along the tree, Rodrigues' rotation)."""
-    tree, chain = arm.tree, []
-    link = tree.n - 1
-    while link >= 0:
-        chain.append(link)
-        link = int(tree.parent[link])
-    rotation, position = np.eye(3), np.zeros(3)
-    for link in reversed(chain):
-        position = position + rotation @ tree.position[link]
-        rotation = rotation @ tree.rotation[link]
-        axis = tree.axis[link]
-        if tree.prismatic[link]:
-            position = position + rotation @ (axis * q[link])
-            continue
-        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-        rotation = rotation @ (np.eye(3) + np.sin(q[link]) * skew + (1 - np.cos(q[link])) * skew @ skew)
-    return position

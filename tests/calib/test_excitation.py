@@ -50,7 +50,7 @@ def test_capsules_agree_with_the_geometry_that_decides() -> None:
     room, clearance = Room(ARM, CELL), Clearance(ARM, CELL)
     rng = np.random.default_rng(2)
     for q in HOME + 0.5 * rng.uniform(-1, 1, (20, 6)):
-        found, names = room.clearances(q[None])
+        found, names = room.nearness.clearances(q[None])
         exact = {frozenset(p): d - m for p, d, m in zip(clearance.pairs, clearance.distances(q), clearance.margin, strict=True)}
         nearest: dict[frozenset[str], float] = {}
         for distance, pair in zip(found[0], names, strict=True):

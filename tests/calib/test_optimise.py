@@ -122,19 +122,22 @@ def test_what_a_stop_leaves_of_a_speed_is_the_slope_of_its_way(proportional: boo
 def test_shapes_whose_capsules_never_part_push_too() -> None:
     room = Room(ARM, CELL)
     names = [shape.name for shape in room.arm.tree.shapes for _ in capsules(shape)]
-    room.pairs = [(a, b) for a, b in room.pairs if "wrist_1_0" not in (names[a], names[b])]
+    room.nearness.pairs = [(a, b) for a, b in room.nearness.pairs if "wrist_1_0" not in (names[a], names[b])]
     folded = HOME.copy()
     folded[2] = 2.85  # wrist 1 comes near the upper arm
     q = folded + 0.01 * np.random.default_rng(0).standard_normal((4, 6))
     beside = Beside(room)
-    value, slope = beside.exact(q, room.segments(q)[0])
+    value, slope = beside.exact(q, room.capsules.segments(q))
     assert value > 0
     for k in range(4):
         along = np.zeros_like(q)
         along[k, 2] = 1e-4
-        rise = beside.exact(q + along, room.segments(q + along)[0])[0] - beside.exact(q - along, room.segments(q - along)[0])[0]
+        rise = (
+            beside.exact(q + along, room.capsules.segments(q + along))[0]
+            - beside.exact(q - along, room.capsules.segments(q - along))[0]
+        )
         assert slope[k, 2] == pytest.approx(rise / 2e-4, rel=0.05, abs=1e-6)
-    assert beside.exact(HOME[None], room.segments(HOME[None])[0])[0] == 0
+    assert beside.exact(HOME[None], room.capsules.segments(HOME[None]))[0] == 0
 
 
 def test_the_gap_of_a_mixture_bounds_every_member_and_closes_at_the_optimum() -> None:

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.excitation.design import SLOWER, _own_scale, binding, coarse
+from calib.excitation.design import SLOWER, binding, coarse, own_scale
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.home import _free, home_of, open_cell
-from calib.excitation.room import CLEARANCE_MARGIN, MARGIN, Room
-from calib.excitation.session import QUICK, _swept, cleared_friction
+from calib.excitation.home import free_postures, home_of, open_cell
+from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.room import MARGIN, Room
+from calib.excitation.session import QUICK, cleared_friction, sweep_range
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo, SafetyStop
 from sim.trajectory import Trajectory
@@ -39,8 +40,8 @@ def room() -> Room:
 
 def test_bodies_are_measured_where_their_capsules_are_too_near(room: Room) -> None:
     q = HOME + np.random.default_rng(1).uniform(-1, 1, (60, 6))
-    found, names = room.clearances(q)
-    capsules = room._by_capsules(room.segments(q)[0])
+    found, names = room.nearness.clearances(q)
+    capsules = room.nearness.by_capsules(room.capsules.segments(q))
     exact = np.array([room.clearance.distances(x) for x in q]) - room.clearance.needed(room.cell.table.motion.following_error)
     column = {pair: k for k, pair in enumerate(room.clearance.pairs)}
     seen = 0
@@ -60,8 +61,8 @@ def test_the_nearest_agrees_with_all_clearances_whether_a_way_is_free(room: Room
     for scale in np.repeat((0.1, 0.3, 0.9), 20):
         start = HOME + scale * rng.uniform(-1, 1, 6)
         q = start + np.linspace(0, 0.4, 50)[:, None] * rng.uniform(-1, 1, 6)
-        least = float(room.clearances(q)[0].min())
-        nearest, _ = room.nearest(q, room.segments(q)[0])
+        least = float(room.nearness.clearances(q)[0].min())
+        nearest, _ = room.nearness.nearest(q, room.capsules.segments(q))
         assert (nearest >= CLEARANCE_MARGIN) == (least >= CLEARANCE_MARGIN)
         if least >= CLEARANCE_MARGIN:
             assert nearest <= least + 1e-12
@@ -80,7 +81,7 @@ def test_no_clearance_of_cylinders_is_larger_than_that_of_the_bodies() -> None:
     arm = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, *cylinders)))
     room = Room(arm, open_cell(arm))
     q = HOME + np.random.default_rng(1).uniform(-1, 1, (200, 6))
-    found, names = room.clearances(q)
+    found, names = room.nearness.clearances(q)
     exact = np.array([room.clearance.distances(x) for x in q]) - room.clearance.needed(room.cell.table.motion.following_error)
     seen = 0
     for k, pair in enumerate(room.clearance.pairs):
@@ -163,7 +164,7 @@ def test_a_longer_period_is_advised_only_where_the_path_then_fits(name: str, hel
     advised = re.search(r"--period \(about (\S+) s", sentence)
     assert (advised is not None) is helps
     trial = random_fourier(basis, home, np.random.default_rng(0))
-    trial = trial.scaled(0.2 * _own_scale(room, trial))
+    trial = trial.scaled(0.2 * own_scale(room, trial))
     for times in SLOWER:
         slower = Fourier(Basis(6, 20.0 * times), home, trial.x / times)
         fits = float(room.use(coarse(slower)).shares[name].max()) <= MARGIN[name]
@@ -215,8 +216,8 @@ def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
     by_bodies = np.array([bool(np.all(room.clearance.distances(x) >= needed)) for x in q])
     near, free = q[~by_bodies][:20], q[by_bodies][:5]
     assert len(near) == 20
-    np.testing.assert_array_equal(_free(room, np.concatenate([near, free])), free)
-    np.testing.assert_array_equal(_free(room, near), near[:15])
+    np.testing.assert_array_equal(free_postures(room, np.concatenate([near, free])), free)
+    np.testing.assert_array_equal(free_postures(room, near), near[:15])
 
 
 def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,9 +228,9 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     narrow = replace(arm, q_min=q_min, q_max=q_max)
     room = Room(narrow, open_cell(narrow))
     monkeypatch.setattr(room, "clearances", lambda q: (np.where(np.abs(q[:, 5:] - HOME[5]) > 0.05, -1.0, 1.0), []))
-    low, high, _ = _swept(room, HOME, 5, np.array([0.1]), 100.0)
+    low, high, _ = sweep_range(room, HOME, 5, np.array([0.1]), 100.0)
     assert 0.02 < HOME[5] - low <= 0.05
     assert 0.02 < high - HOME[5] <= 0.05
     monkeypatch.setattr(room, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
     with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
-        _swept(room, HOME, 5, np.array([0.1]), 100.0)
+        sweep_range(room, HOME, 5, np.array([0.1]), 100.0)

@@ -58,6 +58,19 @@ def branched() -> KinematicTree:
 
 
 @pytest.mark.parametrize("tree", [load_arm("servo6").tree, branched()], ids=["hinges", "slides and a branch"])
+def test_frames_equal_pinocchio(tree: KinematicTree) -> None:
+    bodies = RigidBody(tree)
+    q, _, _ = states(bodies.n)
+    rotation, origin = bodies.frames(q)
+    data = bodies.pinocchio.createData()
+    for k, posture in enumerate(q):
+        pin.forwardKinematics(bodies.pinocchio, data, posture)
+        placed = list(data.oMi)[1:]
+        np.testing.assert_allclose(rotation[k], [x.rotation for x in placed], atol=1e-12)
+        np.testing.assert_allclose(origin[k], [x.translation for x in placed], atol=1e-12)
+
+
+@pytest.mark.parametrize("tree", [load_arm("servo6").tree, branched()], ids=["hinges", "slides and a branch"])
 def test_slopes_are_those_of_the_sum_over_the_regressor(tree: KinematicTree) -> None:
     bodies, step, samples = (
         RigidBody(tree, gravity=np.array([1.0, -2.0, -9.0])),

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from calib.report import plan
-from calib.report.along_motion import _flange
 from calib.report.scene import scene
-from sim.arm import Arm, load_arm
+from sim.arm import load_arm
 from sim.cell import load_cell
-from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 from tests.calib.report.browser import Visit
 
@@ -117,17 +115,6 @@ def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     assert "2 of 3 parameters" in html
     assert "<script>alert(1)" not in html
     assert len(html) < 1_500_000
-
-
-@pytest.mark.parametrize("name", ["ur10e", "servo6"])
-def test_the_flange_stands_where_rigid_body_kinematics_has_it(name: str) -> None:
-    arm: Arm = load_arm(name)
-    rng = np.random.default_rng(3)
-    for q in rng.uniform(-2, 2, (5, arm.n)):
-        step = 1e-6
-        moved = np.array([(_flange(arm, q + step * e) - _flange(arm, q - step * e)) / (2 * step) for e in np.eye(arm.n)])
-        linear, _ = RigidBody(arm).jacobian(q)
-        assert np.allclose(moved.T, linear[0], atol=1e-8)
 
 
 def test_every_shape_of_an_arm_is_drawn() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim import _kernels
+from sim import recursion_kernels
 from sim.joint_state import Status
 
 PROTOCOLS = ("damiao", "cubemars", "robstride", "odrive")
@@ -42,7 +42,7 @@ def test_nothing_is_compiled_while_the_drives_wait_for_a_command(bench):
     """A kernel compiled for read-only arrays took 1.5 s, in which the drives let go."""
     b = bench()
     b.driver.connect()
-    compiled = list(_kernels.torque.signatures)
+    compiled = list(recursion_kernels.torque.signatures)
     assert compiled
     b.driver.engage()
     q, still = b.driver.read().q.copy(), np.zeros(6)
@@ -51,4 +51,4 @@ def test_nothing_is_compiled_while_the_drives_wait_for_a_command(bench):
     for _ in range(3):
         b.driver.send(q, still, still)
         b.driver.read()
-    assert _kernels.torque.signatures == compiled
+    assert recursion_kernels.torque.signatures == compiled

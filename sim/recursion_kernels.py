@@ -21,7 +21,7 @@ LANES = 32
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
-def _turns(rotation, axis):  # type: ignore[no-untyped-def]
+def joint_turns(rotation, axis):  # type: ignore[no-untyped-def]
     """A, B, C (n, 3, 3, 3) with rotation R(axis, angle) = A + cos(angle) B + sin(angle) C: Rodrigues' formula, what is constant in it."""
     n = len(axis)
     out = np.zeros((n, 3, 3, 3))
@@ -41,8 +41,8 @@ def _turns(rotation, axis):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
-def _workspace(axis, prismatic, gravity):  # type: ignore[no-untyped-def]
-    """What `_forward` writes to: motion (n + 1, 9, LANES) with the base as its last row, unit twists (n, n, 6, LANES), and two scratches."""
+def workspace(axis, prismatic, gravity):  # type: ignore[no-untyped-def]
+    """What `forward` writes to: motion (n + 1, 9, LANES) with the base as its last row, unit twists (n, n, 6, LANES), and two scratches."""
     n = len(axis)
     motion, twist = np.zeros((n + 1, 9, LANES)), np.zeros((n, n, 6, LANES))
     for c in range(3):
@@ -53,7 +53,7 @@ def _workspace(axis, prismatic, gravity):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
-def _forward(parent, rotation, turns, position, axis, prismatic, chain, q, dq, ddq, work):  # type: ignore[no-untyped-def]
+def forward(parent, rotation, turns, position, axis, prismatic, chain, q, dq, ddq, work):  # type: ignore[no-untyped-def]
     """Up to LANES samples, q dq ddq (count, n): motion[i] has angular velocity, its rate and the acceleration of link i's origin less
     gravity; twist[i, j] what a unit rate of joint j, which moves link i, does to it, angular then linear. chain[i, j] marks such a joint."""
     motion, twist, joint, local = work
@@ -138,11 +138,11 @@ def _columns(motion, twist, count, out):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, fastmath=CONTRACT)
 def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, out):  # type: ignore[no-untyped-def]
     """out (N, n, 10 n), zeroed by the caller: tau = out @ pi."""
-    turns = _turns(rotation, axis)
-    work, columns = _workspace(axis, prismatic, gravity), np.empty((10, LANES))
+    turns = joint_turns(rotation, axis)
+    work, columns = workspace(axis, prismatic, gravity), np.empty((10, LANES))
     for first in range(0, len(q), LANES):
         part = slice(first, first + LANES)
-        _forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
+        forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
         count = min(LANES, len(q) - first)
         for i in range(len(parent)):
             for j in range(i + 1):
@@ -156,11 +156,11 @@ def regressor(parent, rotation, position, axis, prismatic, chain, gravity, q, dq
 @numba.njit(cache=True, fastmath=CONTRACT)
 def torque(parent, rotation, position, axis, prismatic, chain, gravity, mass, first, inertia, q, dq, ddq, out):  # type: ignore[no-untyped-def]
     """out (N, n), zeroed by the caller: inverse dynamics; first (n, 3) = m c, inertia (n, 3, 3) about the frame's origin; gravity (3,)."""
-    turns = _turns(rotation, axis)
-    work, wrench = _workspace(axis, prismatic, gravity), np.empty((6, LANES))
+    turns = joint_turns(rotation, axis)
+    work, wrench = workspace(axis, prismatic, gravity), np.empty((6, LANES))
     for begin in range(0, len(q), LANES):
         part = slice(begin, begin + LANES)
-        _forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
+        forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
         count = min(LANES, len(q) - begin)
         tau = out[part]
         for i in range(len(parent)):

@@ -36,22 +36,27 @@ def _placed(parent, rotation, position, axis, prismatic, q, turned, world_r, wor
                 at += (world_r[up, c, d] if up >= 0 else (1.0 if c == d else 0.0)) * position[i, d]
             world_p[i, c] = at
         for c in range(3):
+            x, y, z = rotation[i, c, 0], rotation[i, c, 1], rotation[i, c, 2]
+            if up >= 0:
+                u, v, w = world_r[up, c, 0], world_r[up, c, 1], world_r[up, c, 2]
+                x = u * rotation[i, 0, 0] + v * rotation[i, 1, 0] + w * rotation[i, 2, 0]
+                y = u * rotation[i, 0, 1] + v * rotation[i, 1, 1] + w * rotation[i, 2, 1]
+                z = u * rotation[i, 0, 2] + v * rotation[i, 1, 2] + w * rotation[i, 2, 2]
             for d in range(3):
-                total = 0.0
-                for e in range(3):
-                    fixed = 0.0
-                    if up >= 0:
-                        for f in range(3):
-                            fixed += world_r[up, c, f] * rotation[i, f, e]
-                    else:
-                        fixed = rotation[i, c, e]
-                    total += fixed * turned[e, d]
-                world_r[i, c, d] = total
+                world_r[i, c, d] = x * turned[0, d] + y * turned[1, d] + z * turned[2, d]
         for c in range(3):
             axes[i, c] = world_r[i, c, 0] * axis[i, 0] + world_r[i, c, 1] * axis[i, 1] + world_r[i, c, 2] * axis[i, 2]
         if prismatic[i]:
             for c in range(3):
                 world_p[i, c] += axes[i, c] * q[i]
+
+
+@numba.njit(cache=True)
+def frames(parent, rotation, position, axis, prismatic, chain, q, world_r, world_p):  # type: ignore[no-untyped-def]
+    """Rotation world_r (N, n, 3, 3) and origin world_p (N, n, 3) of every joint frame, in the base's axes."""
+    axes, turned = np.empty((len(parent), 3)), np.empty((3, 3))
+    for k in range(len(q)):
+        _placed(parent, rotation, position, axis, prismatic, q[k], turned, world_r[k], world_p[k], axes)
 
 
 @numba.njit(cache=True)

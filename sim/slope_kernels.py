@@ -2,7 +2,7 @@
 
   f = sum_jp Y_jp w_jp = sum_ij u_ij . wrench(w_j of link i, motion of link i), u_ij the unit twist of joint j at link i,
 
-so its slopes are one sweep out over the recursion of `sim._kernels` and one back (reverse accumulation: A. Griewank, A. Walther,
+so its slopes are one sweep out over the recursion of `sim.recursion_kernels` and one back (reverse accumulation: A. Griewank, A. Walther,
 Evaluating Derivatives, 2008, chapter 3), exact. Each link's quantities stand in its own frame, and a turn of the joint by dq changes
 what came from the link before by -axis x that, dq times.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from sim._kernels import CONTRACT, LANES, _forward, _turns, _workspace
+from sim.recursion_kernels import CONTRACT, LANES, forward, joint_turns, workspace
 
 
 @numba.njit(cache=True, fastmath=CONTRACT)
@@ -156,15 +156,15 @@ def _twist_onto_before(axis, slide, local, count, now, before, by_now, by_before
 @numba.njit(cache=True, fastmath=CONTRACT)
 def slopes(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, weights, by_q, by_dq, by_ddq):  # type: ignore[no-untyped-def]
     """Slopes (n, N), zeroed by the caller, of the sum over the regressor of q dq ddq (N, n) times weights (n, n, 10, N), joint and link first."""
-    n, turns = len(parent), _turns(rotation, axis)
-    work, local = _workspace(axis, prismatic, gravity), np.empty((12, LANES))
+    n, turns = len(parent), joint_turns(rotation, axis)
+    work, local = workspace(axis, prismatic, gravity), np.empty((12, LANES))
     motion, twist = work[0], work[1]
     by_motion, by_twist, by_place = np.empty(motion.shape), np.empty(twist.shape), np.empty((3, LANES))
     place, rate = np.empty(LANES), np.empty(LANES)
     for first in range(0, len(q), LANES):
         count = min(LANES, len(q) - first)
         part = slice(first, first + count)
-        _forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
+        forward(parent, rotation, turns, position, axis, prismatic, chain, q[part], dq[part], ddq[part], work)
         by_motion[:], by_twist[:] = 0.0, 0.0
         for i in range(n - 1, -1, -1):
             for j in range(i + 1):
