@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import Arm
 from sim.effects import Stage, effect_named
-from sim.effects.effect import PathState
+from sim.effects.torque_path import PathState
 from sim.mjcf import joint_size
 from sim.mjcf_edit import full_inertia, mounted
 from sim.model import compiled

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from sim.arm import ArmEffect
-from sim.effects.effect import Effect, PathState
+from sim.effects.effect import Effect
+from sim.effects.torque_path import PathState
 from sim.slip import SLIP_WIDTH
 
 

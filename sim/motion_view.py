@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from sim.effects.effect import Effect, PathState
+    from sim.effects.effect import Effect
+    from sim.effects.torque_path import PathState
     from sim.rigid_body import RigidBody
     from sim.tree import KinematicTree
 

@@ -17,7 +17,7 @@ from sim.arm import Arm
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.drive_loop import DriveLoop
 from sim.effects import Stage
-from sim.effects.effect import PathState
+from sim.effects.torque_path import PathState
 from sim.encoders import Encoders
 from sim.instant import apply_all, instant
 from sim.joint_state import JointState

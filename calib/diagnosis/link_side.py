@@ -10,8 +10,9 @@ import numpy as np
 from calib.diagnosis.array_cache import ArrayCache
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
-from sim.effects.effect import PathState, Values
+from sim.effects.effect import Values
 from sim.effects.friction_law import FrictionLaw
+from sim.effects.torque_path import PathState
 from sim.prediction import Stages, link_side
 from sim.rigid_body import RigidBody, link_parameters
 

@@ -13,7 +13,7 @@ from calib.diagnosis.link_side import LinkSide
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named, with_effect
-from sim.effects.effect import PathState
+from sim.effects.torque_path import PathState
 from sim.prediction import Stages, by_stage, motor_side
 from sim.prior import spread
 from sim.rigid_body import RigidBody

@@ -18,7 +18,8 @@ from calib.diagnosis.unstated import unstated_keys
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
-from sim.effects.effect import Effect, Stage
+from sim.effects.effect import Effect
+from sim.effects.torque_path import Stage
 
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.effects import effect_named
-from sim.effects.effect import Stage
+from sim.effects.torque_path import Stage
 from sim.plant import Plant
 from sim.prediction import predict
 from sim.rigid_body import RigidBody

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.watch.kernels import slip_on
 from sim.arm import Arm
-from sim.effects.effect import PathState, Stage
+from sim.effects.torque_path import PathState, Stage
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 

@@ -10,7 +10,7 @@ from sim.effects.asymmetric_friction import AsymmetricFriction
 from sim.effects.backlash import Backlash
 from sim.effects.base_tilt import BaseTilt
 from sim.effects.coulomb_friction import CoulombFriction
-from sim.effects.effect import Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage
+from sim.effects.effect import Effect, Parameter
 from sim.effects.encoder_eccentricity import EncoderEccentricity
 from sim.effects.encoder_offset import EncoderOffset
 from sim.effects.external_contact import ExternalContact
@@ -19,6 +19,7 @@ from sim.effects.joint_elasticity import JointElasticity
 from sim.effects.joint_spring import JointSpring
 from sim.effects.link_inertia import LinkInertia
 from sim.effects.load_dependent_friction import LoadDependentFriction
+from sim.effects.mjcf_form import Exported, JointSize, Mjcf
 from sim.effects.nonlinear_viscous_friction import NonlinearViscousFriction
 from sim.effects.payload import Payload
 from sim.effects.presliding_friction import PreslidingFriction
@@ -29,6 +30,7 @@ from sim.effects.time_delay import TimeDelay
 from sim.effects.tool_force import ToolForce
 from sim.effects.torque_gain import TorqueGain
 from sim.effects.torque_offset import TorqueOffset
+from sim.effects.torque_path import PathState, Stage
 from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
 from sim.effects.transmission_coupling import TransmissionCoupling

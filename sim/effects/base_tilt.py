@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, of_the_links
 from sim.tree import KinematicTree
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import SOFT_FRICTION, Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.mjcf_form import SOFT_FRICTION, Exported, JointSize, Mjcf
+from sim.effects.torque_path import PathState, Stage
 from sim.torque_box import Known, TorqueBox
 
 

@@ -1,30 +1,16 @@
-"""What an effect of the catalogue is: its parameters, the stage of the torque path at which it acts, and its MJCF form.
-
-The torque that a drive reports follows from a motion stage by stage; each effect is one function at one stage:
-
-    ENCODER       reading of the joint angle -> angle
-    RIGID         masses, centres of mass, gravity                 tau_link = Y(q, dq, ddq) pi
-    FORCE         a force on the last link                         load = tau_link - J^T f
-    JOINT         torque on the joint beside the gear              load -= torque on the joint
-    TRANSMISSION  the gear between motor and link                  q_motor = q + twist(load)
-    FRICTION      level of dry friction, its width, its warmth     dry = warmth level slip
-    MOTOR         torque at the motor: speed, acceleration         tau = load + dry + ...
-    DRIVE         what the drive can deliver                       clip
-    SENSOR        what the reading makes of the torque             gain tau + offset
-    CHANNEL       when the reading arrives                         tau(t - delay)
-"""
+"""What an effect of the catalogue is: its parameters, the stage of the torque path at which it acts, its bounds and its trials."""
 
 from __future__ import annotations
 
-import enum
 import itertools
-import math
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
 
+from sim.effects.mjcf_form import Exported, JointSize, Mjcf
+from sim.effects.torque_path import PathState, Stage
 from sim.errors import ConfigError
 from sim.motion_view import CandidateColumns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
@@ -32,21 +18,6 @@ from sim.tree import KinematicTree
 from sim.turns import BEFORE_THE_GEAR
 
 Values = Mapping[str, float]
-
-
-class Stage(enum.IntEnum):
-    """Where on the torque path an effect acts; effects apply in this order."""
-
-    ENCODER = 0
-    RIGID = 1
-    FORCE = 2
-    JOINT = 3
-    TRANSMISSION = 4
-    FRICTION = 5
-    MOTOR = 6
-    DRIVE = 7
-    SENSOR = 8
-    CHANNEL = 9
 
 
 @dataclass(frozen=True)
@@ -74,72 +45,6 @@ class Parameter:
         return self.turns and value < BEFORE_THE_GEAR and float(value).is_integer()
 
 
-# dry friction of MuJoCo as stiff as its soft constraint allows: slip below about 1 mrad/s is viscous
-SOFT_FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001"}
-
-
-@dataclass(frozen=True)
-class Mjcf:
-    """How MJCF expresses an effect: attributes added to the joint's element, and (section, tag, attributes) elements.
-
-    tendon: (ratio, attributes) of a fixed tendon as long as the joint's angle and `ratio` times that of the joint right before it.
-    """
-
-    joint: dict[str, str] = field(default_factory=dict)
-    elements: tuple[tuple[str, str, dict[str, str]], ...] = ()
-    tendon: tuple[float, dict[str, str]] | None = None
-
-
-def passive(
-    name: str, amplitude: float = 0.0, cycles: float = 0.0, phase: float = 0.5 * math.pi, **attributes: str
-) -> dict[str, str]:
-    """Attributes of a dcmotor without input, so that it takes no place in ctrl: force amplitude sin(cycles length + phase).
-
-    By default the force is constant. `attributes` say on what it acts: a joint, or a site.
-    """
-    motor = {"name": name, "input": "none", "resistance": "1", "motorconst": "0"}
-    return motor | ({"cogging": f"{amplitude!r} {cycles!r} {phase!r}"} if amplitude else {}) | attributes
-
-
-Form = Literal["native", "callback", "sensor"]
-
-
-@dataclass(frozen=True)
-class Exported:
-    """How an exported MuJoCo model has an effect: its form, the element or function that has it, and the error of that in words.
-
-    form     native: plain MuJoCo simulates it. callback: `calib.mujoco` adds its torque each step. sensor: it leaves the motion as
-             it is and changes a reading, which `calib.mujoco.read` returns
-    error    "" where the form is exact
-    mjcf     elements and joint attributes that stand by themselves
-    damping  (a, b, c): torque a v + b v |v| + c v^3 beside the joint's own damping
-    dry      share of the joint's dry friction, together one element: level N m, excess N m, velocity rad/s, stiffness N m/rad
-    twist    attributes of a second hinge between motor and link
-    limit    N m that the joint's motors deliver at most
-    force    (x, y, z) N in the world on the origin of the last link
-    delay    s by which the reading of the motors' torque is late
-    """
-
-    form: Form
-    how: str
-    error: str = ""
-    mjcf: Mjcf | None = None
-    damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    dry: Mapping[str, float] = field(default_factory=dict)
-    twist: Mapping[str, str] = field(default_factory=dict)
-    limit: float | None = None
-    force: tuple[float, float, float] | None = None
-    delay: float = 0.0
-
-
-@dataclass(frozen=True)
-class JointSize:
-    """What an exported form may depend on: speed rad/s that the joint reaches, inertia kg m^2 of its rotor at the joint."""
-
-    speed: float = 1.0
-    rotor: float = 0.0
-
-
 @dataclass(frozen=True)
 class Probe:
     """Parameter values at which an effect is tried: torque changes linearly between `base` and each of `points`.
@@ -154,35 +59,6 @@ class Probe:
 
 class Unbounded(Exception):
     """Nobody can say how much torque an effect adds at most."""
-
-
-@dataclass
-class PathState:
-    """The torque path along N instants, filled stage by stage; arrays (N, n) on the joint side of the gear.
-
-    t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor;
-    level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
-    tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
-    warm, where a recording has temperatures. memory: what a law needs of the samples before, kept by whoever
-    walks along a path in parts; None for a path that is whole.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    load: np.ndarray
-    q_motor: np.ndarray
-    dq_motor: np.ndarray
-    ddq_motor: np.ndarray
-    level: np.ndarray
-    width: np.ndarray
-    warmth: np.ndarray
-    slip: np.ndarray
-    tau: np.ndarray
-    force: np.ndarray
-    warming: np.ndarray | None = None
-    memory: dict[Hashable, np.ndarray] | None = None
 
 
 class Effect:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numba
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Parameter, Probe, Values
+from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
 from sim.slip import slip_along
 from sim.slip_bounds import slip_amplitude

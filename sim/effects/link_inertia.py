@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, by_joint
 from sim.tree import KinematicTree
 

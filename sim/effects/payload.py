@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, by_joint
 from sim.tree import KinematicTree, with_point_mass
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sim.arm import ArmEffect
-from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Probe, Stage, Values
+from sim.effects.effect import Effect, Parameter, Probe, Values
+from sim.effects.mjcf_form import Exported, JointSize
+from sim.effects.torque_path import PathState, Stage
 from sim.torque_box import Known, TorqueBox
 
 STIFFEST = 1e6  # N m/rad

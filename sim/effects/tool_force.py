@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.mjcf_form import Exported, JointSize
+from sim.effects.torque_path import PathState, Stage
 from sim.motion_view import CandidateColumns, MotionView, by_joint, force_rows
 from sim.torque_box import Known, TorqueBox
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.effects.effect import Effect, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.torque_path import PathState, Stage
 from sim.torque_box import Known, TorqueBox
 
 

@@ -7,7 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from sim.effects.effect import Effect, Mjcf, Parameter, PathState, Probe, Stage, Values, passive
+from sim.effects.effect import Effect, Parameter, Probe, Values
+from sim.effects.mjcf_form import Mjcf, passive
+from sim.effects.torque_path import PathState, Stage
 from sim.interval import sine
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox

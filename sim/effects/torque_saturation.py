@@ -7,7 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from sim.effects.effect import Effect, Exported, JointSize, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.mjcf_form import Exported, JointSize
+from sim.effects.torque_path import PathState, Stage
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 

@@ -13,7 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from sim.effects.effect import SOFT_FRICTION, Effect, Exported, JointSize, Mjcf, Parameter, PathState, Stage, Values
+from sim.effects.effect import Effect, Parameter, Values
+from sim.effects.mjcf_form import SOFT_FRICTION, Exported, JointSize, Mjcf
+from sim.effects.torque_path import PathState, Stage
 from sim.motion_view import CandidateColumns, MotionView
 from sim.slip import SLIP_WIDTH, slip_along
 from sim.slip_bounds import one_slip, way_in_one_direction

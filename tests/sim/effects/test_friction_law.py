@@ -14,8 +14,9 @@ from benchmarks.known_truth import fourier_motion
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
-from sim.effects.effect import PathState, Values
+from sim.effects.effect import Values
 from sim.effects.friction_law import FAMILIES, TERMS, TURNING, WIDTHS, FrictionLaw, formula
+from sim.effects.torque_path import PathState
 from sim.plant import Plant
 from sim.prediction import by_stage, link_side, motor_side, predict, torque_of_laws
 

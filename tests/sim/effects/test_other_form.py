@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE, write_model
 from benchmarks.exam.effects import EFFECTS as HIDDEN
-from benchmarks.exam.effects import Hidden
+from benchmarks.exam.hidden import Hidden
 from benchmarks.exam.recording import encoder, torque_reading
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run
 from sim.arm import Arm, ArmEffect
