@@ -10,8 +10,9 @@ import numpy as np
 
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE, write_model
-from benchmarks.exam.effects import EFFECTS, Hidden
+from benchmarks.exam.effects import EFFECTS
 from benchmarks.exam.gap import of_errors
+from benchmarks.exam.hidden import Hidden
 from benchmarks.exam.recording import sample, write
 from benchmarks.exam.severity import LEAST, TARGET, Balance, hide, rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE
-from benchmarks.exam.effects import EFFECTS, Hidden
+from benchmarks.exam.effects import EFFECTS
+from benchmarks.exam.hidden import Hidden
 from benchmarks.exam.injected import Recorded, recorded, rows, with_hidden, write
 from benchmarks.exam.run import Exam, effects_text, run_calib
 from benchmarks.exam.scoring import Key, Row, Share, compared

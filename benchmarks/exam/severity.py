@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.exam.dynamics import torque_along
-from benchmarks.exam.effects import Answer, Hidden
+from benchmarks.exam.hidden import Answer, Hidden
 from benchmarks.exam.motions import SETTLE, Reference
 from benchmarks.exam.recording import encoder, torque_reading
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, run

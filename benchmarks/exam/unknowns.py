@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.exam.effects import ALL, ELBOW, LIFT, PAN, WRIST_1, WRIST_2, Answer, Hidden, _dry, _per_noise
+from benchmarks.exam.hidden import ALL, ELBOW, LIFT, PAN, WRIST_1, WRIST_2, Answer, Hidden, dry, per_noise
 from benchmarks.exam.records import Strange
 from benchmarks.exam.true_arm import TrueArm
 
@@ -66,17 +66,17 @@ def hum(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) 
 
 
 def _full(arm: TrueArm, j: int) -> float:
-    return 1.5 * _dry(arm, j)
+    return 1.5 * dry(arm, j)
 
 
 UNKNOWNS = (
-    Hidden("hose", hose, ALL, _per_noise(2.0), _full),
+    Hidden("hose", hose, ALL, per_noise(2.0), _full),
     Hidden("slosh", slosh, ALL, lambda a, j: 0.5, lambda a, j: 4.0),
-    Hidden("creep", creep, ALL, _per_noise(3.0), lambda a, j: 3.0 * _full(a, j)),
-    Hidden("cross_drag", cross_drag, ALL, _per_noise(1.5), _full),
-    Hidden("dent", dent, ALL, _per_noise(3.0), _full),
+    Hidden("creep", creep, ALL, per_noise(3.0), lambda a, j: 3.0 * _full(a, j)),
+    Hidden("cross_drag", cross_drag, ALL, per_noise(1.5), _full),
+    Hidden("dent", dent, ALL, per_noise(3.0), _full),
     Hidden("base_mode", base_mode, (PAN, LIFT, ELBOW), lambda a, j: 0.2, lambda a, j: 1.5),
-    Hidden("angle_drag", angle_drag, (PAN, LIFT, ELBOW, WRIST_1, WRIST_2), _per_noise(3.0), lambda a, j: 2 * _full(a, j)),
-    Hidden("lagged_drag", lagged_drag, ALL, _per_noise(4.0), lambda a, j: 2 * _full(a, j)),
-    Hidden("hum", hum, ALL, _per_noise(1.5), _full),
+    Hidden("angle_drag", angle_drag, (PAN, LIFT, ELBOW, WRIST_1, WRIST_2), per_noise(3.0), lambda a, j: 2 * _full(a, j)),
+    Hidden("lagged_drag", lagged_drag, ALL, per_noise(4.0), lambda a, j: 2 * _full(a, j)),
+    Hidden("hum", hum, ALL, per_noise(1.5), _full),
 )
