@@ -50,7 +50,7 @@ def cycles(transport: str, seconds: float) -> list[dict[str, Any]]:
     """Time from the first frame of a cycle to the last answer, six drives, and what was lost on the way."""
     with _wired(transport) as driver:
         took, late = _stream(driver, seconds)
-        retries, link = driver.joints.lost, driver._link
+        retries, link = driver.joints.lost, driver.link
         assert link is not None
         sent, received = link.sent, link.received
     load = f"{len(took)} cycles at {RATE:g} Hz, load {os.getloadavg()[0]:.1f}"
@@ -189,7 +189,7 @@ def _reaction(cell: Cell, arm: Arm, fault: str, seed: int) -> tuple[float, float
         stands = np.max(np.abs(state.dq[held])) < STANDSTILL
         if not bus.body.live.any() or (stands and fault not in UNREACHABLE):
             break
-        driver._keep()  # what the driver does in the background outside simulated time
+        driver.keep()  # what the driver does in the background outside simulated time
         clock.sleep_until(clock.now() + 1.0 / RATE)
         bus.advance(clock.now())
     took = clock.now() - start

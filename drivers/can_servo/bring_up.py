@@ -149,3 +149,10 @@ def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOpt
             )
         values.append(value)
     return values
+
+
+def bring_up(link: Link, clock: Clock, drives: Sequence[Drive], options: CanOptions) -> tuple[list[Identity], list[float]]:
+    """Who is on the bus, and the silence timeouts of its drives, s: nobody else talks, every drive is known and has a watchdog."""
+    enquiry = Enquiry(link, clock)
+    listen(link, clock, drives, options.ignore)
+    return identify(enquiry, drives, options), guard_by_watchdog(enquiry, drives, options)

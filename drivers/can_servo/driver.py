@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable
 
 import numpy as np
 
-from drivers.can_servo.bring_up import Enquiry, guard_by_watchdog, identify, listen, make_drives
+from drivers.can_servo.bring_up import bring_up, make_drives
 from drivers.can_servo.bus_budget import require_budget
-from drivers.can_servo.drive import Drive, Identity
+from drivers.can_servo.drive import Drive
 from drivers.can_servo.feedforward import Feedforward
 from drivers.can_servo.holder import Holder
-from drivers.can_servo.joints import PERIODS_MAX, Joints
 from drivers.can_servo.link import Link
-from drivers.can_servo.listener import PATIENCE, Listener, require_audible
-from drivers.can_servo.report import preflight_checks
-from drivers.can_servo.speed import Speeds
-from drivers.can_servo.switching import switch_off, switch_on
-from drivers.can_servo.target import Target
+from drivers.can_servo.listener import PATIENCE, Listener, inaudible, require_audible
+from drivers.can_servo.report import device_info, preflight_checks
+from drivers.can_servo.stream import BRAKING, Stream
+from drivers.can_servo.switching import switch_off
 from drivers.can_servo.turns import require_turns
 from drivers.driver import Check, DeviceInfo, DeviceStop, Driver
 from sim.arm import Arm
@@ -29,8 +26,6 @@ from sim.clock import Clock, MonotonicClock
 from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
-BRAKING = 4.0  # rad/s^2 of the fastest joint, the others keep their share: what every arm of this kind can brake with
-STANDSTILL = 0.05  # rad/s
 SETTLE_TIME = 3.0  # s that an arm gets to stand still before its drives are switched off
 
 
@@ -55,11 +50,10 @@ class CanServo(Driver):
         self.device_stop = DeviceStop(reaction=options.watchdog, deceleration=BRAKING, proportional=True)
         self._feedforward = Feedforward(arm, options.feedforward, 1.0 / options.rate)
         self._lock = threading.RLock()
-        self._link: Link | None = None
+        self._stream: Stream | None = None
         self._listener: Listener | None = None
         self._fault: DeviceError | None = None
-        self._on = self._requested = False
-        self._holder = Holder(self._keep, min(1.0 / options.rate, options.watchdog / 4))
+        self._holder = Holder(self.keep, min(1.0 / options.rate, options.watchdog / 4))
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> CanServo:
@@ -73,34 +67,18 @@ class CanServo(Driver):
         with self._lock:
             self.drives: list[Drive] = make_drives(self.options)
             self.budget = require_budget(self.drives, self.rate, self.options, f"{self.arm.name} on {self.options.channel}")
-            self._link, self._fault = self._open_link(), None
-            self._on = self._requested = False
+            link, self._stream, self._fault = self._open_link(), None, None
             try:
-                enquiry = Enquiry(self._link, self.clock)
-                listen(self._link, self.clock, self.drives, self.options.ignore)
-                self.identities: list[Identity] = identify(enquiry, self.drives, self.options)
-                self.watchdogs = guard_by_watchdog(enquiry, self.drives, self.options)
-                self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
-                steps = [(d.q_step, d.dq_step) for d in self.drives]
-                self._speeds = Speeds(steps, self.rate)
-                # A drive that sends by its own clock is waited for; one that answers gets another request at the next instant.
-                self._patience = PERIODS_MAX / self.rate
-                self._next = self.clock.now()
-                self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
+                self.identities, self.watchdogs = bring_up(link, self.clock, self.drives, self.options)
+                self._begin(link)
                 stands = self.read().q
                 if "turns-as-read" not in self.options.assume:
                     require_turns(self.drives, self.arm, stands, self._rest, self.options.rest_tolerance)
             except DeviceError:
-                self._link.close()
-                self._link = self._fault = None
+                link.close()
+                self._stream = self._fault = None
                 raise
-        return DeviceInfo(
-            model=f"{self.arm.n} {self.options.protocols} drives",
-            serial=", ".join(i.serial for i in self.identities if i.serial),
-            firmware=", ".join(sorted({i.firmware for i in self.identities})),
-            rate=self.rate,
-            extra={"bus": self._link.where, "speed": self._speeds.source, "watchdog": f"{max(self.watchdogs):g} s"},
-        )
+        return device_info(self, link, self._require().speeds)
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
         """Hear what the drives answer to the program that commands them; no frame is put on the bus, so serial numbers stay unknown."""
@@ -118,13 +96,7 @@ class CanServo(Driver):
 
     def beside(self) -> str:
         """A bus that several programs can be on at once, with drives whose frames need no question."""
-        if self.options.interface == "virtual":
-            return "a virtual bus is within one process"
-        try:
-            require_audible(self.options)
-        except ConfigError as error:
-            return str(error)
-        return ""
+        return "a virtual bus is within one process" if self.options.interface == "virtual" else inaudible(self.options)
 
     def halt(self) -> None:
         """Brake from what the drives answered last, then hold there until `release`: in place of the program that commanded them."""
@@ -132,11 +104,8 @@ class CanServo(Driver):
         if listener is None or listener.last is None:
             raise DeviceError(f"{self.arm.name}: nobody has listened to the drives, so where they stand is not known")
         with self._lock:
-            self.drives, self._link, self._listener, self._fault = list(listener.drives), listener.link, None, None
-            self.joints = Joints(self.drives, self._link, self.clock, self.rate, self.options.ignore)
-            self._target = Target(self.drives, self._feedforward, BRAKING, PERIODS_MAX / self.rate)
-            self._target.follow(listener.last.q, listener.last.dq, np.zeros(self.arm.n), self.clock.now())
-            self._on, self._requested = True, False
+            self.drives, self._listener, self._fault = list(listener.drives), None, None
+            self._begin(listener.link).take_over(listener.last)
         self.stop()
         if self._background:
             self._holder.hold()
@@ -149,54 +118,31 @@ class CanServo(Driver):
         if self._listener is not None:
             return self._listener.read()
         with self._lock:
-            self._require()
+            stream = self._require()
             try:
-                if not self._requested:
-                    self._transmit(range(self.arm.n))
-                while True:
-                    self.joints.collect(self._next)
-                    missing = self.joints.missing()
-                    if missing and all(self.drives[j].pushes for j in missing):
-                        self.joints.collect(self._next + self._patience)
-                        missing = self.joints.missing()
-                    if not missing:
-                        break
-                    self.joints.lost += len(missing)
-                    self._transmit(missing)
-                self._requested = False
-                return self._state()
+                return stream.read()
             except DeviceError as error:
                 raise self._latch(error) from None
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Stream one target; the first switches the drives on. Returns the positions after quantisation, rad."""
-        # copies that can be written to: compiled dynamics would be compiled again, a second and more, for arrays that cannot
-        arrays = [np.array(x, dtype=float) for x in (q, dq, tau)]
-        if not all(x.shape == (self.arm.n,) and bool(np.all(np.isfinite(x))) for x in arrays):
-            raise DeviceError(
-                f"{self.arm.name}: a command needs {self.arm.n} finite numbers each for q, dq, tau; nothing was sent"
-            )
         with self._lock:
-            self._require()
-            target, speed, extra = arrays
-            self._require_no_jump(target)
+            stream = self._require()
+            command = stream.admitted(q, dq, tau)
             try:
-                if not self._on:
-                    self._switch_on()
-                sent = self._target.follow(target, speed, extra, self.clock.now())
-                self._transmit(range(self.arm.n))
+                self._switch_on(stream)
+                return stream.send(*command)
             except DeviceError as error:
                 raise self._latch(error) from None
-            return sent
 
     def engage(self) -> str:
         """Switch the drives on, one joint after the other, each holding where it stands."""
         with self._lock:
-            self._require()
-            if self._on:
+            stream = self._require()
+            if stream.on:
                 return ""
             try:
-                self._switch_on()
+                self._switch_on(stream)
             except DeviceError as error:
                 raise self._latch(error) from None
         return f"{self.arm.n} drives switched on, holding where the arm stands"
@@ -204,22 +150,21 @@ class CanServo(Driver):
     def stop(self) -> None:
         """Brake along the path with BRAKING, then hold there until `send` or `close`."""
         with self._lock:
-            if self._link is not None and self._on and not self._link.failed:
-                self._target.brake(self.clock.now())
-                self._feed()
+            if self._stream is not None and self._stream.holding:
+                self._hold(self._stream)
 
     def close(self) -> None:
         """Torque off and bus released, if the arm then stays where it is; otherwise a DeviceError, and the arm is held on."""
         if self._listener is not None:
             self._listener.link.close()
             self._listener = None
-        if self._link is None:
+        if self._stream is None:
             return
-        if self._on and not self._link.failed:
+        if self._stream.holding:
             self.stop()
-            self._settle()
+            self._settle(self._stream)
             where = self.away_from_rest()
-            if where and not self._link.failed:
+            if where and self._stream.holding:
                 raise DeviceError(
                     f"{self.arm.name}: torque off would drop the arm, because it has no brakes and {where}; it is held: support it "
                     "and press Ctrl-C, or move it to its rest pose first"
@@ -230,121 +175,76 @@ class CanServo(Driver):
         """Torque off wherever the arm stands: somebody supports it. DeviceError where a drive does not say that it is off."""
         self._holder.release()
         with self._lock:
-            if self._link is None:
+            if self._stream is None:
                 return
-            link, was_on = self._link, self._on
+            stream, self._stream = self._stream, None
             try:
-                still_on = switch_off(link, self.joints, self.clock) if was_on and not link.failed else []
+                if stream.holding:
+                    switch_off(stream.link, stream.joints, self.clock)
             finally:
-                link.close()
-                self._link, self._on = None, False
-        if still_on:
-            raise DeviceError(
-                f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "
-                "out, or use the emergency stop"
-            )
+                stream.link.close()
+
+    def keep(self) -> bool:
+        """Brake and hold where nobody has commanded for half the watchdog's time; False once there is nothing to hold."""
+        with self._lock:
+            stream = self._stream
+            if stream is None or not stream.holding:
+                return False
+            if stream.neglected():
+                self._hold(stream)
+            return stream.holding
 
     def checks(self) -> list[Check]:
         """Bus load, watchdogs, serial numbers, temperatures, and where the arm stands."""
         return preflight_checks(self)
-
-    def _require(self) -> None:
-        if self._fault is not None:
-            raise DeviceError(f"{self._fault} (latched; connect again)")
-        if self._link is None:
-            raise DeviceError(f"{self.arm.name}: {Status.DISCONNECTED.value}; connect first")
-
-    def _latch(self, error: DeviceError) -> DeviceError:
-        if self._fault is None:
-            self._fault = error
-        return error
-
-    def _transmit(self, joints: range | list[int]) -> None:
-        """The present target to these joints, or only a question while the drives are off, at the next instant of the schedule."""
-        assert self._link is not None
-        self.clock.sleep_until(self._next)
-        now, period = self.clock.now(), 1.0 / self.rate
-        # The next instant keeps the phase and leaves at least half a period for the answers: lateness is not caught up.
-        self._next += period * max(1, math.ceil((now - self._next) / period + 0.5))
-        self._sent_at = now
-        if self._target.braking:
-            self._target.brake(now)
-        messages = (
-            [self._target.frames[j] for j in joints] if self._on else [m for j in joints for m in self.drives[j].refresh()]
-        )
-        self.joints.drain()
-        self.joints.expect(joints)
-        self._link.send(messages)
-        self._requested = True
-
-    def _state(self) -> JointState:
-        readings = [r for r in self.joints.readings if r is not None]
-        self.joints.require_health(self._on, self.options.temperature_max)
-        nan = np.full(self.arm.n, np.nan)
-        columns = {k: np.array([getattr(r, k) for r in readings]) for k in ("q", "dq", "tau", "temperature")}
-        speeds = self._speeds(self._sent_at, columns["q"], columns["dq"])
-        status = Status.RUNNING if self._on else Status.IDLE
-        return JointState(
-            self.clock.now(), self._sent_at, columns["q"], speeds, columns["tau"], nan, columns["temperature"], status,
-            "holding" if self._on and self._target.braking else "",
-        )  # fmt: skip
-
-    def _require_no_jump(self, target: np.ndarray) -> None:
-        """The first target after a pause must be where the arm is held, or where it stands while the drives are off."""
-        if self._on and not self._target.braking:
-            return
-        stands = self._target.q if self._on else np.array([r.q for r in self.joints.readings if r is not None])
-        away = np.abs(target - stands)
-        if not np.all(away <= self.options.start_tolerance):
-            j = int(np.argmax(away))
-            raise DeviceError(
-                f"{self.drives[j].name}: the first command is {target[j]:.4f} rad and the joint stands at {stands[j]:.4f} rad; more than "
-                f"{self.options.start_tolerance:g} rad apart would be a jump: begin where the arm stands"
-            )
-
-    def _switch_on(self) -> None:
-        assert self._link is not None
-        self._requested = False
-        self._target.stand(self.read().q, self.clock.now())
-        switch_on(self._link, self.joints, self.clock, self._target.frames)
-        self._on, self._requested, self._sent_at = True, False, self.clock.now()
-        self._next = self._sent_at + 1.0 / self.rate
-        if self._background:
-            self._holder.hold()
-
-    def _keep(self) -> bool:
-        """Brake and hold where nobody has commanded for half the watchdog's time; False once there is nothing to hold."""
-        with self._lock:
-            if self._link is None or not self._on or self._link.failed:
-                return False
-            if self._target.braking or self.clock.now() - self._sent_at > self.options.watchdog / 2:
-                self._feed()
-            return not self._link.failed
-
-    def _feed(self) -> None:
-        """One braking or holding frame to each drive, answers sorted in. A fault of one joint does not end it."""
-        assert self._link is not None
-        self._sent_at = self.clock.now()
-        try:
-            self._target.brake(self._sent_at)
-            self.joints.drain()
-            self.joints.expect(range(self.arm.n))
-            self._link.send(self._target.frames)
-            self.joints.collect(self.clock.now() + 0.5 / self.rate)
-        except DeviceError as error:
-            self._latch(error)
-
-    def _settle(self) -> None:
-        end = self.clock.now() + SETTLE_TIME
-        while self.clock.now() < end and self._link is not None and not self._link.failed:
-            with self._lock:
-                self._feed()
-            if all(r is not None and abs(r.dq) < STANDSTILL for r in self.joints.readings):
-                return
-            self.clock.sleep_until(self.clock.now() + 1.0 / self.rate)
 
     def away_from_rest(self) -> str:
         """Which joint is not where it may be switched off, as part of a sentence; empty where every joint is."""
         if self.options.brakes or self._rest is None:
             return ""
         return self.joints.away_from(self._rest, self.options.rest_tolerance)
+
+    @property
+    def link(self) -> Link | None:
+        """The bus while it is open for commands."""
+        return None if self._stream is None else self._stream.link
+
+    def _begin(self, link: Link) -> Stream:
+        self._stream = Stream(self.arm.name, self.drives, link, self.clock, self.options, self._feedforward)
+        self.joints = self._stream.joints
+        return self._stream
+
+    def _require(self) -> Stream:
+        if self._fault is not None:
+            raise DeviceError(f"{self._fault} (latched; connect again)")
+        if self._stream is None:
+            raise DeviceError(f"{self.arm.name}: {Status.DISCONNECTED.value}; connect first")
+        return self._stream
+
+    def _latch(self, error: DeviceError) -> DeviceError:
+        if self._fault is None:
+            self._fault = error
+        return error
+
+    def _switch_on(self, stream: Stream) -> None:
+        if stream.on:
+            return
+        stream.switch_on()
+        if self._background:
+            self._holder.hold()
+
+    def _hold(self, stream: Stream) -> None:
+        """One braking or holding frame to each drive. A fault of one joint does not end it."""
+        try:
+            stream.hold()
+        except DeviceError as error:
+            self._latch(error)
+
+    def _settle(self, stream: Stream) -> None:
+        end = self.clock.now() + SETTLE_TIME
+        while self.clock.now() < end and stream.holding:
+            with self._lock:
+                self._hold(stream)
+            if stream.stands():
+                return
+            self.clock.sleep_until(self.clock.now() + 1.0 / self.rate)

@@ -77,16 +77,23 @@ class Listener:
         return self.last
 
 
-def require_audible(options: CanOptions) -> None:
-    """ConfigError where the bus is one program's alone, or where frames cannot be read without asking a drive for its ranges."""
+def inaudible(options: CanOptions) -> str:
+    """Why nobody can listen: a bus that is one program's alone, frames that cannot be read without asking a drive for its ranges; else empty."""
     if options.interface not in SHARED:
-        raise ConfigError(
+        return (
             f"{options.interface} {options.channel}: this adapter belongs to the program that opened it, nobody can listen beside it; reach "
             "the bus through socketcan or socketcand (a serial adapter through slcand), or record a log and watch the log"
         )
     silent = [s.joint for s in options.servos if s.ranges is None and s.protocol != "odrive"]
     if silent:
-        raise ConfigError(
+        return (
             f"{', '.join(silent)}: who only listens cannot ask a drive for its ranges; state them in its servo, as `calib servo "
             "CELL --json` reports them while nobody commands the drives"
         )
+    return ""
+
+
+def require_audible(options: CanOptions) -> None:
+    """ConfigError where the bus is `inaudible`."""
+    if reason := inaudible(options):
+        raise ConfigError(reason)

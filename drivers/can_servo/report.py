@@ -6,12 +6,25 @@ import math
 from typing import TYPE_CHECKING
 
 from drivers.can_servo.bus_budget import bit_rates
-from drivers.driver import Check
+from drivers.driver import Check, DeviceInfo
 
 if TYPE_CHECKING:
     from drivers.can_servo.driver import CanServo
+    from drivers.can_servo.link import Link
+    from drivers.can_servo.speed import Speeds
 
 LATE_MAX = 0.01  # of all answers
+
+
+def device_info(driver: CanServo, link: Link, speeds: Speeds) -> DeviceInfo:
+    """What stands on this bus, how speeds are known, and how soon its drives notice that nobody commands them."""
+    return DeviceInfo(
+        model=f"{driver.arm.n} {driver.options.protocols} drives",
+        serial=", ".join(i.serial for i in driver.identities if i.serial),
+        firmware=", ".join(sorted({i.firmware for i in driver.identities})),
+        rate=driver.rate,
+        extra={"bus": link.where, "speed": speeds.source, "watchdog": f"{max(driver.watchdogs):g} s"},
+    )
 
 
 def preflight_checks(driver: CanServo) -> list[Check]:
@@ -53,7 +66,7 @@ def _temperatures(driver: CanServo) -> Check:
 
 
 def _losses(driver: CanServo) -> Check:
-    link, joints = driver._link, driver.joints
+    link, joints = driver.link, driver.joints
     assert link is not None
     # drives that answer, answer each frame once; from those that send by their own clock only what was missed is known
     lost = joints.lost if any(d.pushes for d in driver.drives) else max(0, link.sent - link.received)

@@ -50,8 +50,8 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
             )
 
 
-def switch_off(link: Link, joints: Joints, clock: Clock) -> list[str]:
-    """Torque off, sent again until every drive that can report it reports that it is off; the names of those that do not."""
+def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
+    """Torque off, sent again until every drive that can report it reports that it is off; DeviceError names those that do not."""
     drives, end, again = joints.drives, clock.now() + SWITCH_TIME, -math.inf
     while clock.now() < end and not link.failed:
         try:
@@ -65,5 +65,10 @@ def switch_off(link: Link, joints: Joints, clock: Clock) -> list[str]:
         except DeviceError:
             continue  # a fault is no reason to stop switching off; a dead link ends the loop
         if all(r is not None and r.on is not True and fresh for r, fresh in zip(joints.readings, joints.fresh, strict=True)):
-            return []
-    return [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or r.on]
+            return
+    still_on = [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or r.on]
+    if still_on:
+        raise DeviceError(
+            f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "
+            "out, or use the emergency stop"
+        )

@@ -39,7 +39,7 @@ def test_swapped_drives_are_found_by_their_serial_numbers(bench, protocol):
         DeviceError, match=r"shoulder_pan_joint \(node 1\) answers with serial number .*belongs to shoulder_lift_joint"
     ):
         b.driver.connect()
-    assert b.driver._link is None
+    assert b.driver.link is None
 
 
 def test_a_missing_serial_number_is_reported_and_requested(bench):

@@ -101,7 +101,7 @@ def test_fd_over_the_wire(interface, tmp_path, servo6):
     rest = np.array(cell.table.rest)
     try:
         driver.connect()
-        assert driver._link.bus.protocol is can.CanProtocol.CAN_FD
+        assert driver.link.bus.protocol is can.CanProtocol.CAN_FD
         swing(driver, rest, 51)
         assert all(m.is_fd for _, m in emulator.bus.received)
     finally:

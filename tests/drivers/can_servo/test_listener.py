@@ -192,8 +192,8 @@ def test_who_listened_brakes_and_holds_the_arm_in_place_of_a_program_that_is_gon
             last = listening.read()
         # the program is gone, and so is what held the arm for it; its drives would let go after WATCHDOG
         commanding._holder.release()
-        assert commanding._link is not None
-        commanding._link.close()
+        assert commanding.link is not None
+        commanding.link.close()
         listening.halt()
         time.sleep(3 * WATCHDOG)
         assert emulator.bus.body.live.all()
