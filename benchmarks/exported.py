@@ -150,12 +150,15 @@ def compared(effect: Effect, parameters: dict[str, float], nominal: Arm) -> Comp
         (r for r in rows if r["effect"] == effect.name and r["joint"] == item.joint), {"form": "native", "how": "bodies"}
     )
     real = ran(Plant(truth, nominal))
-    model, without = (_difference(real, ran(ExportedPlant(arm, nominal))) for arm in (truth, nominal))
+    model, without = (difference(real, ran(ExportedPlant(arm, nominal))) for arm in (truth, nominal))
     return Compared(effect, parameters, row["form"], row["how"], *model, *without)
 
 
-def _difference(real: Run, model: Run) -> tuple[float, float]:
-    """Without the first 0.05 s: a delayed sensor of MuJoCo reads zero until its history is full."""
+def difference(real: Run, model: Run) -> tuple[float, float]:
+    """Largest share of a joint's own motion, and of its own torque, by which a model differs from the arm, both as RMS.
+
+    Without the first 0.05 s: a delayed sensor of MuJoCo reads zero until its history is full.
+    """
     first = round(0.05 / PERIOD)
     real, model = (Run(r.q[first:], r.reading[first:], r.tau[first:]) for r in (real, model))
     moved = np.sqrt(np.mean((real.reading - real.reading.mean(axis=0)) ** 2, axis=0))

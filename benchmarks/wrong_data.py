@@ -62,7 +62,8 @@ def within(of: Arm, motion: Trajectory) -> Trajectory:
 BASES = ("servo6 sample", "ur10e sample", "ur5e 1", "servo6 2", "ur10e 3")
 
 
-def _scaled(log: Log, names: Sequence[str], factor: float, joint: int | None = None) -> Log:
+def scaled(log: Log, names: Sequence[str], factor: float, joint: int | None = None) -> Log:
+    """A recording with these arrays multiplied by a factor, at one joint or at all."""
     by = np.ones(log.n)
     by[slice(None) if joint is None else joint] = factor
     return replace(log, **{name: getattr(log, name) * by for name in names})
@@ -89,7 +90,7 @@ def _as_current(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, froze
 
 def _thousand(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozenset[str]]:
     current = not np.isfinite(log.tau).any()
-    return _scaled(log, LOAD, 1000.0), frozenset({"current=mA" if current else "tau=mNm"})
+    return scaled(log, LOAD, 1000.0), frozenset({"current=mA" if current else "tau=mNm"})
 
 
 def _shifted(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozenset[str]]:
@@ -106,10 +107,10 @@ def changes(of: Arm) -> dict[str, Change]:
     """Every corruption of a recording of an arm, at every joint."""
     names = of.joint_names
     out: dict[str, Change] = {
-        "degrees": lambda log, *_: (_scaled(log, MOTION, DEG), frozenset({"q=deg"})),
-        "positions in degrees": lambda log, *_: (_scaled(log, ("q",), DEG), frozenset({"q=deg"})),
-        "speeds in deg/s": lambda log, *_: (_scaled(log, ("dq",), DEG), frozenset({"dq=deg/s"})),
-        "speeds in rpm": lambda log, *_: (_scaled(log, ("dq",), 30 / np.pi), frozenset({"dq=rpm"})),
+        "degrees": lambda log, *_: (scaled(log, MOTION, DEG), frozenset({"q=deg"})),
+        "positions in degrees": lambda log, *_: (scaled(log, ("q",), DEG), frozenset({"q=deg"})),
+        "speeds in deg/s": lambda log, *_: (scaled(log, ("dq",), DEG), frozenset({"dq=deg/s"})),
+        "speeds in rpm": lambda log, *_: (scaled(log, ("dq",), 30 / np.pi), frozenset({"dq=rpm"})),
         "ms": lambda log, *_: (replace(log, t=log.t * 1e3), frozenset({"t=ms"})),
         "us": lambda log, *_: (replace(log, t=log.t * 1e6), frozenset({"t=us"})),
         "thousandths": _thousand,
@@ -131,7 +132,7 @@ def changes(of: Arm) -> dict[str, Change]:
                     words | {w.replace(":motion:", ":tau:") for w in words} | {w.replace(":tau:", ":motion:") for w in words}
                 )
                 words |= {w.replace(":q:", ":dq:") for w in words} | {w.replace(":dq:", ":q:") for w in words}
-            out[f"{what}, {joint}"] = lambda log, *_, a=arrays, f=factor, w=words, j=j: (_scaled(log, a, f, j), frozenset(w))  # type: ignore[misc]
+            out[f"{what}, {joint}"] = lambda log, *_, a=arrays, f=factor, w=words, j=j: (scaled(log, a, f, j), frozenset(w))  # type: ignore[misc]
     for i, j in itertools.combinations(range(of.n), 2):
         both = f"{names[i]},{names[j]}"
         for what, arrays, words in (

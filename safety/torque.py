@@ -77,7 +77,7 @@ def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, floa
         raise SafetyStop(
             f"{arm.name}: mechanical power up to {power[k]:.4g} W exceeds {POWER_MAX:g} W at t={motion.t[k]:.4f} s; plan a slower motion"
         )
-    rms, rated = _largest_rms(motion.t, worst), arm.tau_max if arm.torque_continuous is None else arm.torque_continuous
+    rms, rated = largest_rms(motion.t, worst), arm.tau_max if arm.torque_continuous is None else arm.torque_continuous
     inside = np.isfinite(rms) & (rms <= rated)
     if not inside.all():
         j = int(np.argmin(inside))
@@ -97,7 +97,7 @@ def suffices(motion: Trajectory, arm: Arm, cell: Cell) -> bool:
     return bool(np.all(torque.most <= torque.limit))
 
 
-def _largest_rms(t: np.ndarray, torque: np.ndarray) -> np.ndarray:
+def largest_rms(t: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """(n,) the largest RMS over any WARMING s of torque (N, n) at t (N,), or over all of it where it is shorter."""
     energy = np.vstack(
         (np.zeros((1, torque.shape[1])), np.cumsum(np.diff(t)[:, None] * np.maximum(torque[1:], torque[:-1]) ** 2, axis=0))

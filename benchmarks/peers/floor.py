@@ -32,7 +32,7 @@ OWN = "floor, with the prior of calib identify"
 def floors(nominal: Arm, truth: Arm, motion: Trajectory, new: list[Trajectory]) -> dict[str, list[np.ndarray]]:
     """Standard deviation (N, n) N m of the torque on each new motion, by kind of floor; `truth` was drawn about `nominal`."""
     model = TorqueModel.of_arm(nominal)
-    general, special = (lambda m: model.columns(m.q, m.dq, m.ddq)), (lambda m: _scaled(truth, m))
+    general, special = (lambda m: model.columns(m.q, m.dq, m.ddq)), (lambda m: by_relative_change(truth, m))
     noise = np.array(truth.sensors.torque_noise) * np.sqrt(1 - NOISE_MEMORY**2)
     rows, scaled = _fresh(general(motion), noise), _fresh(special(motion), noise)
     form = np.linalg.lstsq(rows, scaled, rcond=None)[0]  # the truth's form in the columns of the general one
@@ -61,7 +61,7 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
-def _scaled(arm: Arm, motion: Trajectory) -> np.ndarray:
+def by_relative_change(arm: Arm, motion: Trajectory) -> np.ndarray:
     """(N, n, 4 n): torque by a relative change of each link's mass, each friction and each reflected inertia."""
     links = RigidBody(arm).regressor(motion.q, motion.dq, motion.ddq) * RigidBody(arm).parameters()
     masses = links.reshape(*links.shape[:2], arm.n, 10).sum(axis=3)

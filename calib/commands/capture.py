@@ -38,9 +38,9 @@ def command(
     if table.table.driver != "ur_rtde":
         raise ConfigError(f"{table.path}: driver = {table.table.driver!r}: only a session with a UR (ur_rtde) can be captured")
     arm = load_arm(table.table.arm, configs)
-    options = validated(UrOptions, table.table.options, table.path)
+    device = validated(UrOptions, table.table.options, table.path)
     with console.progress(f"listening to {table.name}") as show:
-        head, messages = captured(options, seconds, lambda share: show(share, f"listening to {table.name}"))
+        head, messages = captured(device, seconds, lambda share: show(share, f"listening to {table.name}"))
     folder: Path = new_run(arm, "capture", out, table)
     file = folder / "capture.jsonl.gz"
     write_capture(file, head | {"arm": arm.name}, messages)

@@ -71,18 +71,18 @@ def command(
     with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, nominal, Path(scratch), accept_partial, assume)
         held = read_logs(holdout or [], nominal, accept_partial, assume)
-        options = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only, max_error=max_error)
+        chosen = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only, max_error=max_error)
 
         def show(stage: str, share: float) -> None:
             advance(0, f"{stage} {share:.0%}" if share else stage)
 
         if loaded:
             carrying = read_logs(loaded, nominal, accept_partial, assume)
-            found, _ = identify_with_load(nominal, logs, carrying, held, options, known_mass, show)
+            found, _ = identify_with_load(nominal, logs, carrying, held, chosen, known_mass, show)
         elif known_mass is not None:
-            found = identify_with_own_load(nominal, logs, held, options, known_mass, show)
+            found = identify_with_own_load(nominal, logs, held, chosen, known_mass, show)
         else:
-            found = identify(nominal, logs, held, options, show)
+            found = identify(nominal, logs, held, chosen, show)
         write_calibrated(folder / "arm", nominal, found.arm)
         found.known.write(folder / "arm", found.model)
         found.result.write(folder / "result.json")

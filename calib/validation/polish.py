@@ -108,7 +108,7 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
             force[:, arm.joint_names.index(joint), k] = -1.0 / value_of(arm, "torque_gain", joint, "gain", 1.0)
         else:
             step = 0.01 * max(abs(value_of(arm, effect, joint, POLISHED[effect], 0.0)), 1e-3)
-            force[..., k] = (tau_hat - along(tr.q, tr.dq, _changed(still, [(effect, joint)], [step]))) / step
+            force[..., k] = (tau_hat - along(tr.q, tr.dq, with_corrections(still, [(effect, joint)], [step]))) / step
     ends = _ends(starts, HORIZON.steps(m), 1 / m.rate, mass, (ahead - behind) / (2 * SPEED_STEP), stiff, force)
     return Shots(ends[..., 0], ends[..., 1:])
 
@@ -153,11 +153,11 @@ def polish(
     for k, ridge in enumerate(RIDGES):
         progress("simulating", k / len(RIDGES))
         trial = _solved(shots, ridge)
-        after = _simulated(_changed(arm, keys, trial), held)
+        after = _simulated(with_corrections(arm, keys, trial), held)
         if np.mean(after**2) < np.mean(best**2):
             best, theta = after, trial
     accepted = bool(np.sqrt(np.mean(best**2)) < (1 - WORTH) * np.sqrt(np.mean(before**2)))
-    return Polished(_changed(arm, keys, theta) if accepted else arm, accepted, keys, theta, before, best)
+    return Polished(with_corrections(arm, keys, theta) if accepted else arm, accepted, keys, theta, before, best)
 
 
 def _simulated(arm: Arm, held: Sequence[Measurement]) -> np.ndarray:
@@ -178,7 +178,7 @@ def _solved(shots: Sequence[Shots], ridge: float) -> np.ndarray:
     return np.asarray(-np.linalg.solve(x.T @ x + ridge * len(x) * np.eye(len(size)), x.T @ b) / size)
 
 
-def _changed(arm: Arm, keys: Sequence[Key], theta: Sequence[float] | np.ndarray) -> Arm:
+def with_corrections(arm: Arm, keys: Sequence[Key], theta: Sequence[float] | np.ndarray) -> Arm:
     """The arm with corrections added, within the bounds of each parameter."""
     change = dict(zip(keys, theta, strict=True))
     effects = []

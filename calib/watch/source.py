@@ -128,13 +128,14 @@ def from_log(
     declared, gravity = _declared(log), _mounting(log)
     require(model if gravity is None else replace(model, tree=replace(model.tree, gravity=gravity)), [log])
     return Source(
-        path.name, model, 1.0 / float(np.median(np.diff(log.t))), _states(log), lambda: declared,
+        path.name, model, 1.0 / float(np.median(np.diff(log.t))), states_of(log), lambda: declared,
         gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
         facts={"log": str(path)},
     )  # fmt: skip
 
 
-def _states(log: Log) -> Iterator[JointState]:
+def states_of(log: Log) -> Iterator[JointState]:
+    """The samples of a recording, one after the other."""
     for k in range(len(log)):
         yield JointState(float(log.t[k]), float(log.t[k]), log.q[k], log.dq[k], log.tau[k], log.current[k], log.temperature[k])
 

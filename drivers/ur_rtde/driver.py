@@ -187,7 +187,7 @@ class UrDriver(Driver):
             self._because(failure)
             raise DeviceError(self._frames.reason) from failure
         self._commanding = True
-        self._frames.move(bool(np.any(dq != 0.0)))
+        self._frames.set_moving(bool(np.any(dq != 0.0)))
         return q
 
     def stop(self) -> None:

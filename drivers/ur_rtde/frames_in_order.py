@@ -26,7 +26,7 @@ class FramesInOrder:
         self.reason: str | None = None
         self.moving = self.listening = False
 
-    def move(self, moving: bool) -> None:
+    def set_moving(self, moving: bool) -> None:
         """The arm moves from now on, or rests; a gap before it began to move is none."""
         if moving and not self.moving:
             self.last = None

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.known_truth import fourier_motion
-from benchmarks.peers.floor import FREE, KNOWN, OWN, SPREAD, _scaled, floors
+from benchmarks.peers.floor import FREE, KNOWN, OWN, SPREAD, by_relative_change, floors
 from sim.arm import load_arm
 from sim.plant import NOISE_MEMORY
 
@@ -16,7 +16,7 @@ def test_a_bayesian_estimate_of_the_known_form_errs_by_the_floor() -> None:
     arm = load_arm("ur10e")
     motion, new = (fourier_motion(arm, seed, 4.0, 100.0) for seed in (0, 1))
     found = floors(arm, arm, motion, [new])
-    rows, fresh = _scaled(arm, motion), _scaled(arm, new)
+    rows, fresh = by_relative_change(arm, motion), by_relative_change(arm, new)
     sigma, push = np.array(arm.sensors.torque_noise), np.sqrt(1 - NOISE_MEMORY**2)
     white = (rows[1:] - NOISE_MEMORY * rows[:-1]) / (push * sigma[:, None])
     precision = np.einsum("kjp,kjr->pr", white, white) + np.eye(rows.shape[2]) / SPREAD**2

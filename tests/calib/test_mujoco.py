@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calib.mujoco
-from benchmarks.exported import DOSES, ExportedPlant, Run, _difference, doses, quiet, ran
+from benchmarks.exported import DOSES, ExportedPlant, Run, difference, doses, quiet, ran
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
@@ -51,8 +51,8 @@ def test_the_exported_arm_moves_as_the_plant_does(effect, dose, nominal, without
     """5 s under one drive: motion within 1 % of it, torque within 0.5 % but in reversals; far nearer than the arm without the effect."""
     truth = with_effect(nominal, item_of(effect, dose))
     real = ran(Plant(truth, nominal))
-    motion, torque = _difference(real, ran(ExportedPlant(truth, nominal)))
-    _, torque_without = _difference(real, without)
+    motion, torque = difference(real, ran(ExportedPlant(truth, nominal)))
+    _, torque_without = difference(real, without)
     assert motion < 1e-2
     assert torque < (6e-2 if effect.name in REVERSALS else 5e-3)
     assert torque_without > 1.5 * torque

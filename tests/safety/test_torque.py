@@ -9,7 +9,7 @@ import pytest
 
 from safety.clear import clear
 from safety.parameters import SIGMAS, friction_of
-from safety.torque import WARMING, _largest_rms, check_torque, torque_interval
+from safety.torque import WARMING, check_torque, largest_rms, torque_interval
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell
 from sim.effects import with_effect
@@ -97,10 +97,10 @@ def test_rms_torque_counts_only_where_it_lasts(arm: Arm, cell: Cell) -> None:
 def test_rms_torque_is_the_largest_of_any_window(arm: Arm, cell: Cell) -> None:
     t = np.linspace(0, 120.0, 12001)
     torque = np.where((t >= 40) & (t < 40 + WARMING), 10.0, 1.0)[:, None]
-    assert _largest_rms(t, torque)[0] == pytest.approx(10.0, rel=1e-3)
-    assert _largest_rms(t[:1501], torque[:1501])[0] == pytest.approx(1.0)
+    assert largest_rms(t, torque)[0] == pytest.approx(10.0, rel=1e-3)
+    assert largest_rms(t[:1501], torque[:1501])[0] == pytest.approx(1.0)
     short_peak = np.where((t >= 40) & (t < 43), 10.0, 0.0)[:, None]
-    assert _largest_rms(t, short_peak)[0] == pytest.approx(10 * np.sqrt(3 / WARMING), rel=2e-3)
+    assert largest_rms(t, short_peak)[0] == pytest.approx(10 * np.sqrt(3 / WARMING), rel=2e-3)
 
 
 def test_rms_torque_that_is_not_a_number_is_refused(arm: Arm, cell: Cell) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_commands import through
-from benchmarks.wrong_data import Case, _scaled, base, changes, within
+from benchmarks.wrong_data import Case, base, changes, scaled, within
 from calib.identification.identify import identify
 from calib.main import main
 from calib.validation.validate import validate
@@ -80,7 +80,7 @@ def recorded_again(of: Arm) -> Log:
 def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     of, log = base("servo6 2")
-    write_log(_scaled(log, ("tau",), 0.02), tmp_path / "wrong.mcap", "clean", {})
+    write_log(scaled(log, ("tau",), 0.02), tmp_path / "wrong.mcap", "clean", {})
     assert main(["validate", "servo6", "wrong.mcap", "--no-forward"]) == 2
     assert main(["validate", "servo6", "wrong.mcap", "--no-forward", "--assume", "scale:tau=0.02"]) in (0, 1)
     assert main(["import", "wrong.mcap", "--arm", "servo6", "--assume", "as-recorded", "--out", "taken"]) == 0

@@ -12,7 +12,7 @@ import pytest
 from calib import main as program
 from calib.measurement.preprocessing import Measurement, prepare
 from calib.validation.forward import forward_error
-from calib.validation.polish import HORIZON, POLISHED, _changed, polish, shots_of
+from calib.validation.polish import HORIZON, POLISHED, polish, shots_of, with_corrections
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
@@ -83,7 +83,7 @@ def test_what_does_not_help_unseen_motion_is_refused(ur5e: Arm, recordings: list
 
 def test_no_correction_leaves_the_bounds_of_its_parameter(ur5e: Arm) -> None:
     keys = [(e, j) for e in ("coulomb_friction", "viscous_friction") for j in ur5e.joint_names]
-    changed = _changed(ur5e, keys, np.full(len(keys), -1e3))
+    changed = with_corrections(ur5e, keys, np.full(len(keys), -1e3))
     assert {e.parameters[POLISHED[e.effect]] for e in changed.effects if e.effect in POLISHED} == {0.0}
 
 
@@ -91,7 +91,7 @@ def test_corrections_that_are_not_numbers_are_refused(
     ur5e: Arm, recordings: list[Measurement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("calib.validation.polish._solved", lambda shots, ridge: np.full(shots[0].slopes.shape[2], np.nan))
-    monkeypatch.setattr("calib.validation.polish._changed", lambda arm, keys, theta: arm)
+    monkeypatch.setattr("calib.validation.polish.with_corrections", lambda arm, keys, theta: arm)
     angles = iter((0.1, np.nan, np.inf, np.nan))
     monkeypatch.setattr("calib.validation.polish._simulated", lambda arm, held: np.full(6, next(angles)))
     found = polish(ur5e, recordings[:2], recordings[2:])

@@ -14,7 +14,7 @@ from calib.main import main
 from calib.watch import live_gate
 from calib.watch.live_gate import LiveGate
 from calib.watch.session import watch
-from calib.watch.source import Source, _states
+from calib.watch.source import Source, states_of
 from logs import read_log
 from logs.log import Log
 from sim.errors import BadLog
@@ -36,7 +36,7 @@ def live(states: Iterator[JointState]) -> Source:
 def test_a_reversed_torque_ends_the_watch_with_its_cause(tmp_path: Path, log: Log) -> None:
     wrong = replace(log, tau=log.tau * WRONG)
     with pytest.raises(BadLog, match=f"a-cell: .*{SEEN}"):
-        watch(live(_states(wrong)), tmp_path, database=tmp_path / "trend.sqlite")
+        watch(live(states_of(wrong)), tmp_path, database=tmp_path / "trend.sqlite")
     events = read_log(tmp_path / "watch.mcap").events
     assert [e.name for e in events][-1] == "gate"
     assert "wrong sign" in events[-1].message
@@ -45,7 +45,7 @@ def test_a_reversed_torque_ends_the_watch_with_its_cause(tmp_path: Path, log: Lo
 
 
 def test_a_short_watch_is_examined_at_its_end(tmp_path: Path, log: Log) -> None:
-    few = [state for state, _ in zip(_states(replace(log, tau=log.tau * WRONG)), range(600), strict=False)]
+    few = [state for state, _ in zip(states_of(replace(log, tau=log.tau * WRONG)), range(600), strict=False)]
     with pytest.raises(BadLog, match=SEEN):
         watch(live(iter(few)), tmp_path)
 
@@ -56,7 +56,7 @@ def test_the_arms_own_readings_pass_and_nothing_is_examined_again(
     calls = []
     examined = live_gate.examined
     monkeypatch.setattr(live_gate, "examined", lambda arm, logs: (calls.append(len(logs[0])), examined(arm, logs))[1])
-    found = watch(live(_states(log)), tmp_path)
+    found = watch(live(states_of(log)), tmp_path)
     assert found.seconds == pytest.approx(log.t[-1] - log.t[0])
     assert len(calls) == 1
     # the watch went on while it was examined: not all of the log is in it
@@ -73,7 +73,7 @@ def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:
 
 def test_readings_without_a_time_or_none_at_all_are_no_reason_to_refuse(log: Log) -> None:
     gate = LiveGate(base("servo6 2")[0], "a-cell", 100.0)
-    assert gate.add(replace(next(_states(log)), t_device=float("nan"))) is None
+    assert gate.add(replace(next(states_of(log)), t_device=float("nan"))) is None
     assert gate.end() is None
 
 
