@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import Arm
 from sim.effects import Stage, effect_named
-from sim.effects.torque_path import PathState
 from sim.mjcf import joint_size
 from sim.mjcf_edit import full_inertia, mounted
 from sim.model import compiled
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
+from sim.torque_path import PathState
 
 SPEEDS = 20  # either way, evenly up to the joint's largest speed
 RUN_IN = 10.0  # rad that the gear has slipped before: a hundred of the longest displacements over which friction builds up

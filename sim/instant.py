@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.arm import ArmEffect
 from sim.effects.effect import Effect
-from sim.effects.torque_path import PathState
 from sim.slip import SLIP_WIDTH
+from sim.torque_path import PathState
 
 
 def instant(time: float, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, torque: np.ndarray | None = None) -> PathState:

@@ -10,8 +10,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from sim.effects.effect import Effect
-    from sim.effects.torque_path import PathState
     from sim.rigid_body import RigidBody
+    from sim.torque_path import PathState
     from sim.tree import KinematicTree
 
 Combine = Callable[[np.ndarray], dict[str, float]]

@@ -18,9 +18,9 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import JOINT_KEYS, model_text
 from sim.effects import Effect, Exported, Stage, effect_named
-from sim.effects.mjcf_form import passive
 from sim.mjcf import SOFT_STEP, STEP, joint_size, numbers, section
 from sim.mjcf_edit import bodies_of
+from sim.mjcf_form import passive
 from sim.model import compiled
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH

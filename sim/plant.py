@@ -17,7 +17,6 @@ from sim.arm import Arm
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.drive_loop import DriveLoop
 from sim.effects import Stage
-from sim.effects.torque_path import PathState
 from sim.encoders import Encoders
 from sim.instant import apply_all, instant
 from sim.joint_state import JointState
@@ -27,6 +26,7 @@ from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
 from sim.slip import slip_direction
 from sim.torque_history import TorqueHistory
+from sim.torque_path import PathState
 
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9

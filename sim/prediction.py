@@ -13,9 +13,9 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named
 from sim.effects.effect import Effect
-from sim.effects.torque_path import PathState
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH, slip_along
+from sim.torque_path import PathState
 from sim.trajectory import Trajectory
 
 

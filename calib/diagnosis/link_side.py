@@ -12,9 +12,9 @@ from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 from sim.effects.effect import Values
 from sim.effects.friction_law import FrictionLaw
-from sim.effects.torque_path import PathState
 from sim.prediction import Stages, link_side
 from sim.rigid_body import RigidBody, link_parameters
+from sim.torque_path import PathState
 
 AT_ONCE = 4_000  # samples of which the regressor is in memory before it is filtered
 FRICTION_LAW = FrictionLaw()

@@ -13,11 +13,11 @@ from calib.diagnosis.link_side import LinkSide
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named, with_effect
-from sim.effects.torque_path import PathState
 from sim.prediction import Stages, by_stage, motor_side
 from sim.prior import spread
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH
+from sim.torque_path import PathState
 from sim.tree import KinematicTree
 
 # How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.

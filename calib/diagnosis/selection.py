@@ -19,7 +19,7 @@ from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 from sim.effects.effect import Effect
-from sim.effects.torque_path import Stage
+from sim.torque_path import Stage
 
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold

@@ -22,10 +22,10 @@ from calib.identification.model import TorqueModel
 from drivers.driver import DeviceStop
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
-from sim.effects.torque_path import Stage
 from sim.errors import AnswerIsNo, ConfigError
 from sim.prediction import predict
 from sim.rigid_body import RigidBody
+from sim.torque_path import Stage
 from sim.trajectory import Trajectory
 
 Pair = tuple[ArmEffect, tuple[str, str | None]]

@@ -14,10 +14,10 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.effects import effect_named
-from sim.effects.torque_path import Stage
 from sim.plant import Plant
 from sim.prediction import predict
 from sim.rigid_body import RigidBody
+from sim.torque_path import Stage
 from sim.trajectory import Trajectory
 
 OMEGA = 2 * np.pi * 2.0

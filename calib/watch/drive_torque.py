@@ -12,9 +12,9 @@ import numpy as np
 
 from calib.watch.kernels import slip_on
 from sim.arm import Arm
-from sim.effects.torque_path import PathState, Stage
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
+from sim.torque_path import PathState, Stage
 
 # effects that need the torque of the next instant or the motor's own angle; what they leave goes into the unmodelled torque
 NOT_FOLLOWED = (Stage.TRANSMISSION, Stage.DRIVE)

@@ -19,7 +19,6 @@ from sim.effects.joint_elasticity import JointElasticity
 from sim.effects.joint_spring import JointSpring
 from sim.effects.link_inertia import LinkInertia
 from sim.effects.load_dependent_friction import LoadDependentFriction
-from sim.effects.mjcf_form import Exported, JointSize, Mjcf
 from sim.effects.nonlinear_viscous_friction import NonlinearViscousFriction
 from sim.effects.payload import Payload
 from sim.effects.presliding_friction import PreslidingFriction
@@ -30,14 +29,15 @@ from sim.effects.time_delay import TimeDelay
 from sim.effects.tool_force import ToolForce
 from sim.effects.torque_gain import TorqueGain
 from sim.effects.torque_offset import TorqueOffset
-from sim.effects.torque_path import PathState, Stage
 from sim.effects.torque_ripple import TorqueRipple
 from sim.effects.torque_saturation import TorqueSaturation
 from sim.effects.transmission_coupling import TransmissionCoupling
 from sim.effects.viscous_friction import ViscousFriction
 from sim.errors import ConfigError
+from sim.mjcf_form import Exported, JointSize, Mjcf
 from sim.plugins import OWN, check_names, loaded, origin, plugins
 from sim.resources import nearest
+from sim.torque_path import PathState, Stage
 
 OWN_EFFECTS: tuple[Effect, ...] = (
     CoulombFriction(),

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
+from sim.torque_path import PathState, Stage
 
 LOADED, FREE = 0.3, 0.05  # of the RMS of the load: beyond the one a side of the gap carries it, below the other none does
 MEAN = 25e-3  # s of load that are averaged first: noise in a measured acceleration does not cross a gap

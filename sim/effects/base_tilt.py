@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, of_the_links
+from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
 PROBES: tuple[dict[str, float], ...] = ({"roll": 1e-3, "pitch": 0.0}, {"roll": 0.0, "pitch": 1e-3})

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from sim.effects.mjcf_form import Exported, JointSize, Mjcf
-from sim.effects.torque_path import PathState, Stage
 from sim.errors import ConfigError
+from sim.mjcf_form import Exported, JointSize, Mjcf
 from sim.motion_view import CandidateColumns, MotionView, behind_the_load, of_the_reading
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 from sim.tree import KinematicTree
 from sim.turns import BEFORE_THE_GEAR
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Unbounded, Values
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 from sim.turns import repeats
 
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 
 class ExternalContact(Effect):

@@ -8,11 +8,11 @@ import numba
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
 from sim.slip import slip_along
 from sim.slip_bounds import slip_amplitude
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 POWERS = (0.3, 0.6, 1.0, 2.0)

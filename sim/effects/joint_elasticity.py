@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
+from sim.torque_path import PathState, Stage
 
 LEAST_TWIST = 2e-3  # rad under the largest load
 SURE_TWIST = 0.4e-3  # beyond doubt: below, the model's wrong form of dry friction looks alike

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, by_joint
+from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
 SPREAD = (5.0, 1.0, 1.0, 1.0)  # half the link's mass, or 0.1 m of its centre, in units of the columns

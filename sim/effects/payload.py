@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import Stage
 from sim.motion_view import CandidateColumns, MotionView, by_joint
+from sim.torque_path import Stage
 from sim.tree import KinematicTree, with_point_mass
 
 FARTHEST = 0.6  # m from the last joint

@@ -6,9 +6,9 @@ import numpy as np
 
 from sim.arm import ArmEffect
 from sim.effects.effect import Effect, Parameter, Probe, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 STIFFEST = 1e6  # N m/rad
 

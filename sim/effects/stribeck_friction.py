@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
+from sim.mjcf_form import Exported, JointSize
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 
 class StribeckFriction(Effect):

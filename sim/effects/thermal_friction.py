@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 # s, W: viscosity falls nearly exponentially with temperature, so that the way from cold to warm counts as a time of its own. Its value is a
 # convention: only W over the time constant enters the law.

@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 # s: a drive's reading is up to 1 ms earlier or later than its motion, which the fit has as an ordinary parameter.
 LEAST_DELAY = 1.5e-3

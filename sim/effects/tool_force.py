@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
 from sim.motion_view import CandidateColumns, MotionView, by_joint, force_rows
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 
 class ToolForce(Effect):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.torque_path import PathState, Stage
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 
 class TorqueOffset(Effect):

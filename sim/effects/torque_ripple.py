@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
-from sim.effects.mjcf_form import Mjcf, passive
-from sim.effects.torque_path import PathState, Stage
 from sim.interval import sine
+from sim.mjcf_form import Mjcf, passive
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 from sim.turns import repeats
 
 # Every gear has a mesh of forty and more teeth, whose weak ripple is in every log; a ripple that is worth a name is slower.

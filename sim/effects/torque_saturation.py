@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Exported, JointSize
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Exported, JointSize
 from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 # A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque requested.
 LIMITS = tuple(0.97 * 0.94**k for k in range(14))

@@ -14,12 +14,12 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import SOFT_FRICTION, Exported, JointSize, Mjcf
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import SOFT_FRICTION, Exported, JointSize, Mjcf
 from sim.motion_view import CandidateColumns, MotionView
 from sim.slip import SLIP_WIDTH, slip_along
 from sim.slip_bounds import one_slip, way_in_one_direction
 from sim.torque_box import CREEP, Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 # A motor that the joint before turns by less than this share, or by more than its inverse, is that of one joint alone.
 LEAST_RATIO = 0.2

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.effects.mjcf_form import Mjcf
-from sim.effects.torque_path import PathState, Stage
+from sim.mjcf_form import Mjcf
 from sim.torque_box import Known, TorqueBox
+from sim.torque_path import PathState, Stage
 
 
 class ViscousFriction(Effect):

@@ -227,10 +227,10 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     q_min[5], q_max[5] = HOME[5] - 0.1, HOME[5] + 0.25
     narrow = replace(arm, q_min=q_min, q_max=q_max)
     room = Room(narrow, open_cell(narrow))
-    monkeypatch.setattr(room, "clearances", lambda q: (np.where(np.abs(q[:, 5:] - HOME[5]) > 0.05, -1.0, 1.0), []))
+    monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.where(np.abs(q[:, 5:] - HOME[5]) > 0.05, -1.0, 1.0), []))
     low, high, _ = sweep_range(room, HOME, 5, np.array([0.1]), 100.0)
     assert 0.02 < HOME[5] - low <= 0.05
     assert 0.02 < high - HOME[5] <= 0.05
-    monkeypatch.setattr(room, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
+    monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
     with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
         sweep_range(room, HOME, 5, np.array([0.1]), 100.0)

@@ -16,9 +16,9 @@ from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
 from sim.effects.effect import Values
 from sim.effects.friction_law import FAMILIES, TERMS, TURNING, WIDTHS, FrictionLaw, formula
-from sim.effects.torque_path import PathState
 from sim.plant import Plant
 from sim.prediction import by_stage, link_side, motor_side, predict, torque_of_laws
+from sim.torque_path import PathState
 
 LAW = FrictionLaw()
 ZERO = dict.fromkeys(TERMS, 0.0)
