@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import CONTACT, LogModel
 from calib.diagnosis.rows import ResidualRows
@@ -16,7 +17,7 @@ from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement
 from calib.regression.robust import huber
 from sim.arm import ArmEffect
-from sim.effects import driven_by, effect_named
+from sim.effects import effect_named
 
 # Fall of -2 log likelihood beyond its price, on all recordings, below which a name is none. Names of 89 cases of the exam (seeds 26112601 and
 # 26112602, on which it was chosen): below it four wrong ones and one right one; the next right ones at 20, the next wrong one at 127.
@@ -143,11 +144,6 @@ def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:
     fall = np.array([a @ a - b @ b for a, b in zip(rest.solved.left(), best.solved.left(), strict=True)])[[j - 1, j]]
     weight = (np.array([ratio, 1.0]) / best.solved.noise.sigma[[j - 1, j]]) ** 2
     return bool(np.any(fall < SHOWN * fall.sum() * weight / weight.sum()))
-
-
-def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
-    """The joint of an effect, and the one that it is driven through; none of an effect of the whole arm."""
-    return {joint for joint in (item.joint, driven_by(joint_names, item)) if joint is not None}
 
 
 def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:

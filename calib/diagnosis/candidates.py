@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from calib.diagnosis.model import LogModel
-from sim.effects import EFFECTS
+from sim.arm import ArmEffect
+from sim.effects import EFFECTS, driven_by
 from sim.motion_view import CandidateColumns
 
 
@@ -30,3 +31,8 @@ def candidates(models: Sequence[LogModel]) -> Iterator[Candidate]:
         for j, joint in joints if effect.scope == "joint" else [(None, None)]:
             for c in effect.columns(models, j):
                 yield Candidate(c.columns, c.combine, c.spread, effect.name, joint)
+
+
+def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
+    """The joint of an effect, and the one that it is driven through; none of an effect of the whole arm."""
+    return {joint for joint in (item.joint, driven_by(joint_names, item)) if joint is not None}

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.acceptance import Assessed, acts_at, assess, is_nothing
+from calib.diagnosis.acceptance import Assessed, assess, is_nothing
+from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.promotion import as_written

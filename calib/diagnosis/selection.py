@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.candidates import Candidate, acts_at, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
 from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel
@@ -180,14 +180,20 @@ def grown(
         here = {(e.effect, e.joint) for e in best.accepted}
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
-        full = {e.joint for e in best.accepted if sum(a.joint == e.joint for a in best.accepted) >= MOST_AT_A_JOINT} - {None}
-        better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and s.key[1] not in full])
+        better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and not at_full_joint(s, best)])
         if better is None:
             break
         if cost(better) >= cost(best):
             break
         best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
     found.best = best
+
+
+def at_full_joint(s: Scored, f: Fit) -> bool:
+    """Whether a candidate acts at a joint that has MOST_AT_A_JOINT effects."""
+    names = f.hypothesis.arm.joint_names
+    at = [acts_at(e, names) for e in f.accepted]
+    return any(sum(joint in own for own in at) >= MOST_AT_A_JOINT for joint in acts_at(s.effect, names))
 
 
 def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
@@ -245,7 +251,7 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless:
             if not _share_a_joint(f.accepted[i], f.accepted[-1]):
                 continue
             rest = without(measurements, f, i)
-            near = [s for s in beside(rest, f, i, 0.7, bank) if s.key not in hopeless][:TRIED]
+            near = [s for s in beside(rest, f, i, 0.7, bank) if s.key not in hopeless and not at_full_joint(s, rest)][:TRIED]
             best = f
             for s in near:
                 other = add(measurements, rest, s)
