@@ -10,6 +10,7 @@ from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import MARGIN, Room, Use
 from calib.identification.model import TorqueModel
+from safety.pairs import postures
 from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
@@ -25,6 +26,8 @@ LEAST_SCALE = 0.15
 GROWTH = {"dq": 1, "ddq": 2, "jerk": 3}
 # of a torque limit, from which on few postures are left to choose from
 STRAINED = 0.6
+# share of random postures in which the torque limits must fail to hold the arm for them to leave little choice
+MOSTLY = 0.5
 # times the period in which a path is looked at that does not fit
 SLOWER = (1.1, 1.25, 1.5, 2.0, 3.0)
 
@@ -143,9 +146,17 @@ def _strained(room: Room, use: Use) -> str:
     """Which torque leaves little choice of a roomier posture, where nobody stated what it is made of."""
     j = int(np.argmax(use.shares["torque"]))
     share, missing = float(use.shares["torque"][j]) / MARGIN["torque"], missing_facts(room.arm, j)
-    if share < STRAINED or not missing:
+    if share >= STRAINED and missing:
+        return f". {room.arm.joint_names[j]} takes {share:.0%} of its torque limit there, so there is little choice of another{missing}"
+    over = room.holding(postures(room.arm)) > 1
+    often, j = float(over.any(axis=1).mean()), int(np.argmax(over.mean(axis=0)))
+    missing = missing_facts(room.arm, j)
+    if often < MOSTLY or not missing:
         return ""
-    return f". {room.arm.joint_names[j]} takes {share:.0%} of its torque limit there, so there is little choice of another{missing}"
+    return (
+        f". In {often:.0%} of random postures its torque limits do not hold the arm, {room.arm.joint_names[j]}'s the most often, so there is little "
+        f"choice of another{missing}"
+    )
 
 
 def _slow_enough(room: Room, motion: Fourier, name: str) -> float | None:

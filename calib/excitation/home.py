@@ -9,6 +9,7 @@ import numpy as np
 from calib.excitation.design import fitted_to_room
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.reaches import sweepable
 from calib.excitation.room import Room
 from safety.collision import Clearance
 from safety.pairs import postures
@@ -18,8 +19,11 @@ from sim.arm import Arm
 from sim.cell import Cell, CellTable, MotionTable
 from sim.errors import AnswerIsNo, ConfigError
 
-POSTURES = 1000
+# random postures at a time, and how often more are drawn until twice LOOKED_AT are clear and can be held
+POSTURES, DRAWS = 1000, 8
 LOOKED_AT = 15
+# share of random postures that are clear and can be held, below which there is little choice
+SCARCE = 0.1
 # of random postures, the share that must be free for capsules to do
 FREE = 0.1
 PLANE = "mounting_plane"
@@ -85,15 +89,21 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             )
         return given
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
-    q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
-    clearances, names = room.nearness.clearances(q)
-    free, taken = clearances.min(axis=1), room.holding(q)
-    clear, share = free >= CLEARANCE_MARGIN, taken.max(axis=1)
+    parts = []
+    for _ in range(DRAWS):
+        q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
+        clearances, names = room.nearness.clearances(q)
+        parts.append((q, clearances.min(axis=1), room.holding(q), (clearances < CLEARANCE_MARGIN).mean(axis=0)))
+        q, free, taken = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        clear, share = free >= CLEARANCE_MARGIN, taken.max(axis=1)
+        usable = clear & (share <= 1)
+        if np.count_nonzero(usable) >= 2 * LOOKED_AT:
+            break
     if not clear.any():
-        near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
+        near = np.mean([part[3] for part in parts], axis=0)
         worst = int(np.argmax(near))
         raise AnswerIsNo(
-            f"{arm.name} in {cell.name}: none of {POSTURES} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
+            f"{arm.name} in {cell.name}: none of {len(q)} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
             f"near to each other in {near[worst]:.0%} of them: correct these two shapes or obstacles, or give a free posture with --home"
             + (
                 f"; {PLANE} is assumed where no cell is given: say with --cell where the arm stands"
@@ -101,7 +111,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
                 else ""
             )
         )
-    if not (clear & (share <= 1)).any():
+    if not usable.any():
         best = int(np.argmin(np.where(clear, share, np.inf)))
         j = int(np.argmax(taken[best]))
         raise AnswerIsNo(
@@ -111,15 +121,20 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             f"--home{missing_facts(arm, j)}"
         )
     free = np.where(share <= 1, free, -np.inf)
+    # the roomiest first, or where torque and room leave little choice those with a good share of both
+    both = np.where(usable, np.minimum(free / free.max(), 1 - share), -np.inf)
+    first = -free if usable.mean() > SCARCE else -both
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
-    # where torque leaves no motion about any of the roomiest, the free postures that it takes least to hold
-    for order in (-free, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
+    # where torque leaves no motion about any of them, the free postures that it takes least to hold
+    for order in (first, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
         chosen = free_postures(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
         scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
-        if max(scores) > 0:
+        ranked = np.argsort(scores)[::-1].tolist()
+        if scores[ranked[0]] > 0:
             break
-    return np.round(chosen[int(np.argmax(scores))], 3)
+    best = next((k for k in ranked if scores[k] > 0 and sweepable(room, chosen[k])), ranked[0])
+    return np.round(chosen[best], 3)
 
 
 def free_postures(room: Room, q: np.ndarray) -> np.ndarray:

@@ -20,8 +20,8 @@ from calib.excitation.design import Information, Worth, binding, coarse, fitted_
 from calib.excitation.discriminate import Pair, discriminating
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import home_of
-from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.optimise import Site, optimised, preference
+from calib.excitation.reaches import sweep_range
 from calib.excitation.room import Room
 from calib.excitation.sweeps import GENTLE, friction_sweeps, overlay
 from calib.identification.model import TorqueModel
@@ -36,8 +36,6 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 8
-# rad to either side that a sweep is tried with, of a joint that turns through WHOLE or more; less of one that has less
-REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
 # of the range, speed and acceleration of the sweeps and the chirp
 GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 
@@ -177,7 +175,7 @@ def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float
     low, high = home.copy(), home.copy()
     speeds = np.outer(arm.dq_max, session.speeds)
     for j in range(arm.n):
-        low[j], high[j], speeds[j] = sweep_range(room, home, j, speeds[j], rate)
+        low[j], high[j], speeds[j] = sweep_range(room, home, j, speeds[j])
     size = 0.12 * arm.dq_max
     for k, share in enumerate(GENTLER):
         gentle = share * GENTLE
@@ -203,29 +201,6 @@ def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate:
         size = size * SHRINK
         chirp = overlay(room.arm, home, size, seconds, rate, gentle)
     return chirp
-
-
-def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray, rate: float) -> tuple[float, float, np.ndarray]:
-    """Low and high end, rad, of the widest sweep of joint j about home that the room has, and its speeds, slower where it must be."""
-    arm = room.arm
-    reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
-    for reach in reaches.tolist():
-        low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
-        high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
-        line = np.repeat(home[None], 80, axis=0)
-        line[:, j] = np.linspace(low, high, 80)
-        if room.nearness.clearances(line)[0].min() < CLEARANCE_MARGIN:
-            continue
-        for slower in (1.0, 0.7, 0.5, 0.35):
-            dq = np.zeros_like(line)
-            dq[:, j] = slower * speeds.max()
-            step = (high - low) / 79 / dq[0, j]
-            if room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line))).fits:
-                return float(low), float(high), slower * speeds
-    raise AnswerIsNo(
-        f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
-        "to either side; give another start with --home, or move the obstacle"
-    )
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:

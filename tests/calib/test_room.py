@@ -12,8 +12,9 @@ from calib.excitation.design import SLOWER, binding, coarse, own_scale
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.home import free_postures, home_of, open_cell
 from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.reaches import sweep_range
 from calib.excitation.room import MARGIN, Room
-from calib.excitation.session import QUICK, cleared_friction, sweep_range
+from calib.excitation.session import QUICK, cleared_friction
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo, SafetyStop
 from sim.trajectory import Trajectory
@@ -112,14 +113,14 @@ def test_where_the_arm_can_be_held_only_where_it_is_not_clear_the_torque_is_name
     room = Room(arm, open_cell(arm))
 
     def holding(q: np.ndarray) -> np.ndarray:
-        clear = room.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN
+        clear = room.nearness.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN
         share = np.full(q.shape, 0.2)
         share[:, 1] = np.where(clear, 1.7, 0.5)
         return share
 
     monkeypatch.setattr(room, "holding", holding)
     with pytest.raises(
-        AnswerIsNo, match=r"in none of \d{2,3} postures that are clear .* shoulder_lift_joint may take 170% of its limit"
+        AnswerIsNo, match=r"in none of \d+ postures that are clear .* shoulder_lift_joint may take 170% of its limit"
     ):
         home_of(room, room.cell, None, np.random.default_rng(0))
 
@@ -145,6 +146,63 @@ def test_where_a_motion_comes_too_near_the_torque_that_keeps_it_there_is_named()
     assert "nearer to each other" in known
     assert "Nobody stated" not in known
     assert re.search(r"shoulder_lift_joint takes \d+% of its torque limit there.*Nobody stated", unknown)
+
+
+def test_where_torque_holds_the_arm_in_few_postures_it_is_named_beside_what_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = load_arm("ur10e")
+    monkeypatch.setattr("calib.excitation.design.STRAINED", 2.0)
+    home, basis = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0)
+    room, known = Room(silent(arm), open_cell(arm)), Room(arm, open_cell(arm))
+    assert "Nobody stated" not in binding(room, basis, home)
+    for of in (room, known):
+        monkeypatch.setattr(of, "holding", lambda q: np.where(np.arange(6) == 2, 1.0 + 0.1 * (q[:, :1] > -1.0), 0.3))
+    assert re.search(
+        r"In [6-9]\d% of random postures .* elbow_joint's the most often.*Nobody stated.*--drive", binding(room, basis, home)
+    )
+    assert "random postures" not in binding(known, basis, home)
+
+
+def test_a_home_lets_every_joint_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best of all where that is possible, any of those with a motion where it is not."""
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    asked: list[np.ndarray] = []
+
+    def sweepable(of: Room, posture: np.ndarray) -> bool:
+        asked.append(posture)
+        return len(asked) == 3
+
+    monkeypatch.setattr("calib.excitation.home.sweepable", sweepable)
+    third = home_of(room, room.cell, None, np.random.default_rng(0))
+    assert len(asked) == 3
+    assert np.array_equal(third, np.round(asked[2], 3))
+    monkeypatch.setattr("calib.excitation.home.sweepable", lambda of, posture: False)
+    assert np.array_equal(home_of(room, room.cell, None, np.random.default_rng(0)), np.round(asked[0], 3))
+
+
+def test_where_room_and_torque_leave_little_choice_a_home_has_some_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the few postures that can be held the roomiest takes nearly all of a torque limit."""
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    free = room.nearness.clearances
+    shares: list[float] = []
+
+    def holding(q: np.ndarray) -> np.ndarray:
+        apart = free(q)[0].min(axis=1)
+        few = q[:, 0] > 0.9 * q[:, 0].max()
+        share = np.where(few & (apart > 0), np.where(apart > np.quantile(apart[few], 0.8), 0.99, 0.4), 1.5)
+        return np.repeat(share[:, None], 6, axis=1)
+
+    def amplitude(of: Room, motion: Fourier) -> float:
+        shares.append(float(free(motion.home[None])[0].min()))
+        return 1.0
+
+    monkeypatch.setattr(room, "holding", holding)
+    monkeypatch.setattr("calib.excitation.home._amplitude", amplitude)
+    monkeypatch.setattr("calib.excitation.home.sweepable", lambda of, posture: True)
+    home_of(room, room.cell, None, np.random.default_rng(0))
+    roomiest = max(shares)
+    assert shares[0] < roomiest
 
 
 @pytest.mark.parametrize(("name", "helps"), [("torque", False), ("point speed", True)])
@@ -228,9 +286,9 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     narrow = replace(arm, q_min=q_min, q_max=q_max)
     room = Room(narrow, open_cell(narrow))
     monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.where(np.abs(q[:, 5:] - HOME[5]) > 0.05, -1.0, 1.0), []))
-    low, high, _ = sweep_range(room, HOME, 5, np.array([0.1]), 100.0)
+    low, high, _ = sweep_range(room, HOME, 5, np.array([0.1]))
     assert 0.02 < HOME[5] - low <= 0.05
     assert 0.02 < high - HOME[5] <= 0.05
     monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
     with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
-        sweep_range(room, HOME, 5, np.array([0.1]), 100.0)
+        sweep_range(room, HOME, 5, np.array([0.1]))

@@ -1,0 +1,48 @@
+"""How far a joint can be swept about a posture while the others stand: for its friction, and for a home that leaves room for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.room import Room
+from sim.errors import AnswerIsNo
+from sim.trajectory import Trajectory
+
+# rad to either side that a sweep is tried with, of a joint that turns through WHOLE or more; less of one that has less
+REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
+# of dq_max: as fast as the sweeps of an ordinary session
+FAST = 0.25
+
+
+def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Both ends, rad, and the speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo where the least does not."""
+    arm = room.arm
+    reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
+    for reach in reaches.tolist():
+        low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
+        high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
+        line = np.repeat(home[None], 80, axis=0)
+        line[:, j] = np.linspace(low, high, 80)
+        if room.nearness.clearances(line)[0].min() < CLEARANCE_MARGIN:
+            continue
+        for slower in (1.0, 0.7, 0.5, 0.35):
+            dq = np.zeros_like(line)
+            dq[:, j] = slower * speeds.max()
+            step = (high - low) / 79 / dq[0, j]
+            if room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line))).fits:
+                return float(low), float(high), slower * speeds
+    raise AnswerIsNo(
+        f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
+        "to either side; give another start with --home, or move the obstacle"
+    )
+
+
+def sweepable(room: Room, home: np.ndarray) -> bool:
+    """Whether every joint can be swept from `home`."""
+    try:
+        for j, speed in enumerate(FAST * room.arm.dq_max):
+            sweep_range(room, home, j, np.array([speed]))
+    except AnswerIsNo:
+        return False
+    return True
