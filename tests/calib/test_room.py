@@ -10,7 +10,7 @@ import pytest
 
 from calib.excitation.design import SLOWER, binding, coarse, own_scale
 from calib.excitation.fourier import Basis, Fourier, random_fourier
-from calib.excitation.home import free_postures, home_of, open_cell
+from calib.excitation.home import open_cell
 from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.reaches import sweep_range
 from calib.excitation.room import MARGIN, Room
@@ -19,6 +19,7 @@ from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo, SafetyStop
 from sim.trajectory import Trajectory
 from sim.tree import Shape
+from tests.calib.drives import silent
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
@@ -93,52 +94,6 @@ def test_no_clearance_of_cylinders_is_larger_than_that_of_the_bodies() -> None:
     assert seen > 20
 
 
-def test_a_home_that_the_torque_limits_cannot_hold_is_not_taken() -> None:
-    arm = load_arm("ur10e")
-    weak = replace(arm, tau_max=np.array([330.0, 150.0, 150.0, 56.0, 56.0, 56.0]))
-    room = Room(weak, open_cell(weak))
-    home = home_of(room, room.cell, None, np.random.default_rng(0))
-    assert (room.holding(home[None]) <= 1).all()
-    outstretched = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
-    assert (room.holding(outstretched) <= 1).all(axis=1).tolist() == [False, True]
-    weaker = replace(arm, tau_max=np.full(6, 1e-3))
-    with pytest.raises(
-        AnswerIsNo, match=r"in none of \d+ postures that are clear of itself and the cell do its torque limits hold it"
-    ):
-        home_of(Room(weaker, room.cell), room.cell, None, np.random.default_rng(0))
-
-
-def test_where_the_arm_can_be_held_only_where_it_is_not_clear_the_torque_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = load_arm("ur10e")
-    room = Room(arm, open_cell(arm))
-
-    def holding(q: np.ndarray) -> np.ndarray:
-        clear = room.nearness.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN
-        share = np.full(q.shape, 0.2)
-        share[:, 1] = np.where(clear, 1.7, 0.5)
-        return share
-
-    monkeypatch.setattr(room, "holding", holding)
-    with pytest.raises(
-        AnswerIsNo, match=r"in none of \d+ postures that are clear .* shoulder_lift_joint may take 170% of its limit"
-    ):
-        home_of(room, room.cell, None, np.random.default_rng(0))
-
-
-def silent(arm: Arm) -> Arm:
-    """The arm with drives of which nobody stated anything."""
-    return replace(arm, prior=arm.prior.model_copy(update={"unknown": ["coulomb", "viscous", "rotor", "offset"]}))
-
-
-def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> None:
-    arm = replace(load_arm("ur10e"), tau_max=np.array([330.0, 330.0, 150.0, 56.0, 56.0, 0.2]))
-    room = Room(silent(arm), open_cell(arm))
-    with pytest.raises(
-        AnswerIsNo, match=r"wrist_3_joint may take \d+% .*Nobody stated dry friction .* of wrist_3_joint.*--drive"
-    ):
-        home_of(room, room.cell, None, np.random.default_rng(0))
-
-
 def test_where_a_motion_comes_too_near_the_torque_that_keeps_it_there_is_named() -> None:
     arm = replace(load_arm("ur10e"), tau_max=np.array([330.0, 180.0, 250.0, 56.0, 56.0, 56.0]))
     home, basis = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0)
@@ -160,49 +115,6 @@ def test_where_torque_holds_the_arm_in_few_postures_it_is_named_beside_what_is_n
         r"In [6-9]\d% of random postures .* elbow_joint's the most often.*Nobody stated.*--drive", binding(room, basis, home)
     )
     assert "random postures" not in binding(known, basis, home)
-
-
-def test_a_home_lets_every_joint_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The best of all where that is possible, any of those with a motion where it is not."""
-    arm = load_arm("ur10e")
-    room = Room(arm, open_cell(arm))
-    asked: list[np.ndarray] = []
-
-    def sweepable(of: Room, posture: np.ndarray) -> bool:
-        asked.append(posture)
-        return len(asked) == 3
-
-    monkeypatch.setattr("calib.excitation.home.sweepable", sweepable)
-    third = home_of(room, room.cell, None, np.random.default_rng(0))
-    assert len(asked) == 3
-    assert np.array_equal(third, np.round(asked[2], 3))
-    monkeypatch.setattr("calib.excitation.home.sweepable", lambda of, posture: False)
-    assert np.array_equal(home_of(room, room.cell, None, np.random.default_rng(0)), np.round(asked[0], 3))
-
-
-def test_where_room_and_torque_leave_little_choice_a_home_has_some_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the few postures that can be held the roomiest takes nearly all of a torque limit."""
-    arm = load_arm("ur10e")
-    room = Room(arm, open_cell(arm))
-    free = room.nearness.clearances
-    shares: list[float] = []
-
-    def holding(q: np.ndarray) -> np.ndarray:
-        apart = free(q)[0].min(axis=1)
-        few = q[:, 0] > 0.9 * q[:, 0].max()
-        share = np.where(few & (apart > 0), np.where(apart > np.quantile(apart[few], 0.8), 0.99, 0.4), 1.5)
-        return np.repeat(share[:, None], 6, axis=1)
-
-    def amplitude(of: Room, motion: Fourier) -> float:
-        shares.append(float(free(motion.home[None])[0].min()))
-        return 1.0
-
-    monkeypatch.setattr(room, "holding", holding)
-    monkeypatch.setattr("calib.excitation.home._amplitude", amplitude)
-    monkeypatch.setattr("calib.excitation.home.sweepable", lambda of, posture: True)
-    home_of(room, room.cell, None, np.random.default_rng(0))
-    roomiest = max(shares)
-    assert shares[0] < roomiest
 
 
 @pytest.mark.parametrize(("name", "helps"), [("torque", False), ("point speed", True)])
@@ -243,39 +155,6 @@ def test_sweeps_are_gentler_where_they_are_refused(monkeypatch: pytest.MonkeyPat
     assert found is asked[2]
     first, _, third = ((np.abs(m.dq).max(), np.abs(m.ddq).max(), np.abs(m.q - HOME).max()) for m in asked)
     assert all(b < 0.75 * a for a, b in zip(first, third, strict=True))
-
-
-def test_the_assumed_plane_is_below_what_turns_upright_on_the_base() -> None:
-    arm = load_arm("ur10e")
-    low = Shape(0, "low", "sphere", (0.05, 0.0, 0.0), np.eye(3), -arm.tree.position[0] + [0.0, 0.0, -0.06])
-    lowered = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, low)))
-    assert open_cell(arm).table.obstacles[0].position[2] == -0.097  # its base's
-    room = Room(lowered, open_cell(lowered))
-    assert ("low", "mounting_plane") in room.clearance.always_apart
-
-
-def test_where_the_assumed_plane_leaves_no_posture_the_sentence_asks_for_the_cell() -> None:
-    arm = load_arm("ur10e")
-    ball = Shape(1, "ball", "sphere", (0.5, 0.0, 0.0), np.eye(3), np.zeros(3))
-    hanging = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, ball)))
-    room = Room(hanging, open_cell(hanging))
-    with pytest.raises(AnswerIsNo, match=r"ball and mounting_plane .*say with --cell where the arm stands"):
-        home_of(room, room.cell, None, np.random.default_rng(0))
-
-
-def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
-    """A capsule holds less than a cylinder's rim, by which it may be too near to a plane."""
-    arm = load_arm("ur10e")
-    drum = Shape(5, "drum", "cylinder", (0.12, 0.12, 0.0), np.eye(3), np.zeros(3))
-    arm = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, drum)))
-    room = Room(arm, open_cell(arm))
-    q = HOME + np.random.default_rng(5).uniform(-2.5, 2.5, (100, 6))
-    needed = room.clearance.needed(room.cell.table.motion.following_error) + CLEARANCE_MARGIN
-    by_bodies = np.array([bool(np.all(room.clearance.distances(x) >= needed)) for x in q])
-    near, free = q[~by_bodies][:20], q[by_bodies][:5]
-    assert len(near) == 20
-    np.testing.assert_array_equal(free_postures(room, np.concatenate([near, free])), free)
-    np.testing.assert_array_equal(free_postures(room, near), near[:15])
 
 
 def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.MonkeyPatch) -> None:
