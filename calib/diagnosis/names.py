@@ -68,13 +68,15 @@ def names_of(
 ) -> Names:
     """The effects of `found.best` that stay; those that fail a test of their own leave it. limits: effects that need no fit."""
     progress("testing the candidates")
-    assessed, vetoed, null = _settled(fitted, found, apart)
+    assessed, vetoed = _settled(fitted, found, apart)
+    null = NullDistribution.of(found.best)
     progress("testing the residual")
     odd = unexplained(found.baseline, found.best, apart)
     seen = {_key(e) for e in limits}
     kept = [a for a in assessed if _key(a.effect) not in seen]
     if odd:
         kept = _beside(odd, kept, found.best.hypothesis.arm.joint_names)
+    kept = [a for a in kept if null.rate(a.over_price) <= MOST_FALSE]
     named = found.best
     while len(kept) < len(named.accepted):
         named = fit(
@@ -93,23 +95,19 @@ def names_of(
 
 def _settled(
     fitted: Sequence[Measurement], found: SearchResult, apart: Sequence[Measurement]
-) -> tuple[list[Assessed], list[str], NullDistribution]:
-    """What is left of `found.best` when one effect after the other has left that fails its test, the sentences on those, and the null."""
+) -> tuple[list[Assessed], list[str]]:
+    """What is left of `found.best` when one effect after the other has left that fails its test, and the sentences on those."""
     assessed, vetoed = [], []
-    null: NullDistribution | None = None
     for ask_rivals in (False, True) if apart else (True,):
         while True:
             assessed = assess(fitted, found.best, apart, ask_rivals=ask_rivals)
-            null = NullDistribution.of(found.best) if ask_rivals else None
-            chance = [null is not None and null.rate(a.over_price) > MOST_FALSE for a in assessed]
-            refused = [i for i, a in enumerate(assessed) if a.vetoed or a.doubtful or chance[i]]
+            refused = [i for i, a in enumerate(assessed) if a.vetoed or a.doubtful]
             if not refused:
                 break
             worst = min(refused, key=lambda i: assessed[i].held_out)
             vetoed += [assessed[worst].refusal] if assessed[worst].vetoed else []
             found.best = without(fitted, found.best, worst)
-    assert null is not None
-    return assessed, vetoed, null
+    return assessed, vetoed
 
 
 def _beside(odd: Sequence[Odd], kept: Sequence[Assessed], joint_names: Sequence[str]) -> list[Assessed]:
