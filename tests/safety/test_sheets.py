@@ -102,21 +102,33 @@ def test_merged_boxes_hold_the_boxes_they_were_made_of(arm: Arm, fast: Trajector
                 assert np.all(boxes.hi[k // rows, m // stages] >= sheet.boxes.hi[k, m])
 
 
+@pytest.mark.parametrize(("bound", "value"), [("lo", np.nan), ("hi", np.nan), ("lo", -np.inf), ("hi", np.inf), ("lo", 2.0)])
+def test_boxes_with_one_bound_that_is_none_are_not_finite(bound: str, value: float) -> None:
+    boxes = Boxes(np.zeros((2, 2, 3, 6)), np.ones((2, 2, 3, 6)))
+    assert boxes.finite()
+    getattr(boxes, bound)[1, 0, 2, 4] = value
+    assert not boxes.finite()
+
+
 @pytest.mark.parametrize(("spare", "allowed"), [(2e-5, True), (-2e-5, False)])
 def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allowed: bool) -> None:
-    """One state, moving towards the limit: the limit is just beyond, or just before, where the stop ends."""
+    """One state, moving towards the limit of one joint: the limit is just beyond, or just before, where the stop ends."""
     arm = replace(arm, jerk_max=np.full(6, 1e-3))
     dq, ddq = np.full((2, 6), 1.5), np.zeros((2, 6))
     motion = Trajectory(np.array([0.0, 1e-3]), np.vstack((HOME, HOME + 0.0015)), dq, ddq)
     hard = replace(arm, jerk_max=np.full(6, 200.0))
     end = stop_profile(dq, ddq, hard.ddq_max, hard.jerk_max).extrema()[1] + motion.q
     for make, reached, message in (
-        (lambda a: OwnStops(motion, replace(a, jerk_max=hard.jerk_max), a.ddq_max), end, "a stop that begins"),
-        (lambda a: DeviceStops(motion, a, DeviceStop(0.02, 4.0), 0.0), motion.q + dq * (0.02 + 1.5 / 8), "device's own stop"),
+        (lambda a: OwnStops(motion, replace(a, jerk_max=hard.jerk_max), a.ddq_max), end, "a stop that begins at t=0.0010 s"),
+        (
+            lambda a: DeviceStops(motion, a, DeviceStop(0.02, 4.0), 0.0),
+            motion.q + dq * (0.02 + 1.5 / 8),
+            "the device's own stop that begins at t=0.0000 s",
+        ),
     ):
-        tight = replace(arm, q_max=reached.max(axis=0) + spare)
+        tight = replace(arm, q_max=reached.max(axis=0) + np.array([2e-5, 2e-5, spare, 2e-5, 2e-5, 2e-5]))
         if allowed:
             make(tight).check_limits()
         else:
-            with pytest.raises(SafetyStop, match=message):
+            with pytest.raises(SafetyStop, match=f"j3: {message}"):
                 make(tight).check_limits()
