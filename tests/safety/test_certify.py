@@ -112,6 +112,16 @@ def test_the_room_beside_a_motion_is_really_there(arm: Arm, cell: Cell) -> None:
             assert np.all(clearance.distances(beside) >= clearance.margin - 1e-6)
 
 
+def test_the_room_of_a_piece_is_that_of_its_tightest_pair(arm: Arm, cell: Cell) -> None:
+    """Also where that pair is decided for a long piece at once, as the distance to a wall beside the motion, and others are not."""
+    wall = PlaneObstacle(kind="plane", name="wall", position=[0.0, 0.5, 0.0], normal=[0.0, -1.0, 0.0])
+    beside = replace(cell, table=cell.table.model_copy(update={"obstacles": [*cell.table.obstacles, wall]}))
+    clearance, motion = Clearance(arm, beside), towards_table(0.11)
+    room = certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
+    for k in range(0, len(motion) - 1, 7):
+        assert np.all(clearance.distances(motion.q[k]) >= clearance.needed(float(room[k])) - 1e-9)
+
+
 def test_a_collision_shorter_than_the_sampling_step_is_found(arm: Arm, cell: Cell) -> None:
     """Two samples, both free; the quintic between them dips into the table."""
     q = np.zeros((2, 6))
