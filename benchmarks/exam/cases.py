@@ -11,11 +11,11 @@ import numpy as np
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE, write_model
 from benchmarks.exam.effects import EFFECTS
-from benchmarks.exam.gap import of_errors
 from benchmarks.exam.hidden import Hidden
 from benchmarks.exam.recording import sample, write
 from benchmarks.exam.severity import LEAST, TARGET, Balance, hide, rows
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run
+from benchmarks.exam.true_model import write_true
 from benchmarks.exam.unknowns import UNKNOWNS
 
 # what fifty cases in a row hold, in an order that keeps any shorter exam balanced
@@ -92,7 +92,7 @@ def _joint(effect: Hidden, rng: np.random.Generator) -> int:
 
 
 def make(case: Case, folder: Path) -> None:
-    """Write arm.xml, friction.mcap, excitation.mcap, validation.mcap, final.mcap and, last, truth.json into `folder`."""
+    """Write arm.xml, friction.mcap, excitation.mcap, validation.mcap, final.mcap, the true arm and, last, truth.json into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(case.seed)
     hardware = HARDWARE[case.arm]
@@ -112,9 +112,8 @@ def make(case: Case, folder: Path) -> None:
         warm = AMBIENT + (happened.temperature[-1] - AMBIENT) * np.exp(-PAUSE / arm.joints["heat_time"])
         session += round(reference.duration) + PAUSE
     severity = min((e["severity"] for e in effects), default=case.severity)
-    # what the arm that made the log would leave of it: nothing but noise
+    write_true(arm, nominal, effects, folder / "true")
     answer = {
-        "true_gap": of_errors(samples.noise),
         "arm": case.arm,
         "severity": severity,
         "hard": case.hard,

@@ -15,17 +15,10 @@ def gap(prediction: Path) -> float:
     total = 0.0
     for name in table.dtype.names or ():
         if name.startswith("tau_hat_"):
-            total += _square(table["tau_" + name.removeprefix("tau_hat_")] - table[name])
+            difference = table["tau_" + name.removeprefix("tau_hat_")] - table[name]
+            smooth = np.convolve(difference, np.full(MEAN, 1 / MEAN), mode="valid")
+            total += float(np.nanmean(smooth**2))
     return float(np.sqrt(total))
-
-
-def of_errors(errors: np.ndarray) -> float:
-    """The same of torque errors (N, n) N m that are known."""
-    return float(np.sqrt(sum(_square(e) for e in errors.T)))
-
-
-def _square(difference: np.ndarray) -> float:
-    return float(np.nanmean(np.convolve(difference, np.full(MEAN, 1 / MEAN), mode="valid") ** 2))
 
 
 def after_over_before(before: Path, after: Path) -> float | None:

@@ -22,7 +22,7 @@ SPEED_WINDOW = 0.008  # s over which the drive differentiates its encoder
 
 @dataclass(frozen=True)
 class Samples:
-    """t t_host (N,) s; q dq tau q_cmd dq_cmd (N, 6); slow (M,) s with temperature (M, 6) degC; noise (N, 6) N m in tau, rounding as well."""
+    """t t_host (N,) s; q dq tau q_cmd dq_cmd (N, 6); slow (M,) s with temperature (M, 6) degC."""
 
     t: np.ndarray
     t_host: np.ndarray
@@ -33,7 +33,6 @@ class Samples:
     dq_cmd: np.ndarray
     slow: np.ndarray
     temperature: np.ndarray
-    noise: np.ndarray
 
 
 def encoder(joints: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -67,8 +66,7 @@ def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
     t = np.arange(count) * step + step * np.clip(0.04 * rng.standard_normal(count), -0.1, 0.1)
     t[0] = 0.0
     noise = _coloured(rng, count, arm.sensors.colour) * s.noise
-    silent = torque_reading(arm, happened, t, rng)
-    tau = silent + noise
+    tau = torque_reading(arm, happened, t, rng) + noise
     tau = np.round(tau / (0.02 * hardware.torque_noise)) * (0.02 * hardware.torque_noise)
 
     def angle(at: np.ndarray) -> np.ndarray:
@@ -89,7 +87,7 @@ def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
         keep[[0, -1]] = True
     return Samples(
         t[keep], np.maximum.accumulate(t_host)[keep], q[keep], dq[keep], tau[keep], happened.reference.q[latest[keep]],
-        happened.reference.dq[latest[keep]], slow, np.round(warmth, 1), (tau - silent)[keep],
+        happened.reference.dq[latest[keep]], slow, np.round(warmth, 1),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.exam.cases import Case, make
-from benchmarks.exam.gap import after_over_before, gap
+from benchmarks.exam.gap import after_over_before
 from benchmarks.exam.record import compare_or_write
 from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company
 
@@ -73,13 +73,11 @@ def examine(case: Case, exam: Exam) -> Row:
         row.cpu = json.loads((answer / "seconds.json").read_text(encoding="utf-8"))["cpu"]
     if exam.final and row.truth and row.answer:
         corrected = answer / "arm" if (answer / "arm").is_dir() else folder / "arm.xml"
-        for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", corrected)):
+        for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", corrected), ("true", folder / "true")):
             if not (exam.keep and (answer / tag / "prediction.csv").exists()):
                 run_calib(exam, answer / "exam.log", "validate", arm, folder / "final.mcap", "--out", answer / tag)
-        before, after = (answer / tag / "prediction.csv" for tag in ("nominal", "corrected"))
-        row.ratio = after_over_before(before, after)
-        if row.ratio is not None and truth.get("true_gap"):
-            row.over_true = gap(after) / truth["true_gap"]
+        before, after, best = (answer / tag / "prediction.csv" for tag in ("nominal", "corrected", "true"))
+        row.ratio, row.over_true = after_over_before(before, after), after_over_before(best, after)
     return row
 
 
