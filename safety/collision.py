@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from safety.pair_reach import chain, of_shape_and_obstacle, of_two_shapes
+from safety.pair_reach import of_shape_and_obstacle, of_two_shapes
 from safety.pairs import adjacent, always_apart, never_part
 from safety.shapes import TOOL, equipped, link_body, obstacle_body
 from sim.arm import Arm
@@ -90,7 +90,7 @@ class Clearance:
                     if adjacent(arm.tree.parent, links[a], links[b]) and not tool:
                         continue
                     reach.append(of_two_shapes(arm, arm.tree.shapes[a], arm.tree.shapes[b]))
-                    near_kin = int(np.sum(chain(arm, links[a]) ^ chain(arm, links[b]))) <= 2
+                    near_kin = int(np.sum(arm.tree.moved_by(links[a]) ^ arm.tree.moved_by(links[b]))) <= 2
                     margin.append(0.0 if near_kin else cell.table.motion.clearance_self)
                 elif b < count and links[b] >= 0:
                     reach.append(of_shape_and_obstacle(arm, arm.tree.shapes[b], cell.table.obstacles[a - count]))

@@ -18,7 +18,7 @@ EXACT = 1e-9
 
 def of_two_shapes(arm: Arm, a: Shape, b: Shape) -> np.ndarray:
     """(n,) m/rad for two of the arm's shapes; 0 for joints that move both, or neither, or turn one within itself."""
-    of_a, of_b = chain(arm, a.link), chain(arm, b.link)
+    of_a, of_b = arm.tree.moved_by(a.link), arm.tree.moved_by(b.link)
     only_one = of_a ^ of_b
     span = np.where(only_one, np.maximum(from_beyond(arm, a), from_beyond(arm, b)), 0.0)
     for before, after in ((a, b), (b, a)):
@@ -37,15 +37,6 @@ def of_shape_and_obstacle(arm: Arm, shape: Shape, obstacle: object) -> np.ndarra
         if _idle(arm, shape, j) or _level(arm, obstacle, j):
             span[j] = 0.0
     return span
-
-
-def chain(arm: Arm, link: int) -> np.ndarray:
-    """(n,) bool: the joints that move a link."""
-    found = np.zeros(arm.n, dtype=bool)
-    while link >= 0:
-        found[link] = True
-        link = int(arm.tree.parent[link])
-    return found
 
 
 def from_beyond(arm: Arm, shape: Shape) -> np.ndarray:

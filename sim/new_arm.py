@@ -147,11 +147,8 @@ def _chain(file: Path, tree: KinematicTree, link: str, parents: Mapping[str, str
         raise ConfigError(f"{file}: has no link {link!r}; {nearest(link, parents)}")
     while link not in tree.link_names and link in parents:
         link = parents[link]
-    chain, j = set(), tree.link_names.index(link) if link in tree.link_names else -1
-    while j >= 0:
-        chain.add(tree.joint_names[j])
-        j = int(tree.parent[j])
-    return chain
+    end = tree.link_names.index(link) if link in tree.link_names else -1
+    return {tree.joint_names[j] for j in np.flatnonzero(tree.moved_by(end))}
 
 
 def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[str]) -> None:

@@ -66,12 +66,7 @@ class RigidBody:
         self.tree = tree if gravity is None else replace(tree, gravity=np.asarray(gravity, dtype=float))
         n = tree.n
         self.n = n
-        chain = np.zeros((n, n), dtype=bool)
-        for i in range(n):
-            j = i
-            while j >= 0:
-                chain[i, j] = True
-                j = int(tree.parent[j])
+        chain = np.array([tree.moved_by(link) for link in range(n)])
         self._frame = (tree.parent.astype(np.int64), *map(np.ascontiguousarray, (tree.rotation, tree.position, tree.axis)))
         self._frame += (np.ascontiguousarray(tree.prismatic), chain)
         self.first = tree.mass[:, None] * tree.com

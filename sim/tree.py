@@ -64,6 +64,14 @@ class KinematicTree:
         """Number of moving links."""
         return len(self.joint_names)
 
+    def moved_by(self, link: int) -> np.ndarray:
+        """(n,) bool: the joints that move a link, which are none for the base, -1."""
+        found = np.zeros(self.n, dtype=bool)
+        while link >= 0:
+            found[link] = True
+            link = int(self.parent[link])
+        return found
+
 
 def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass kg, centre of mass (3,) m and inertia (3, 3) kg m^2 about it of bodies in one frame (parallel axis theorem)."""

@@ -30,9 +30,10 @@ class MovingCapsules:
         self.beyond = np.array([beyond_capsules(s) for s, _, _ in pieces])
         self.on_link = (self.links == np.arange(arm.n)[:, None]).astype(float)
         self._ends = np.array([ends for _, ends, _ in pieces]).reshape(-1, 2, 3)
-        # which capsules (n, capsules) a joint carries, and 1 where joint j moves link l (n, n)
-        self._moves = np.array([[self._carries(j, link) for link in self.links] for j in range(arm.n)])
-        self._moved_by = np.array([[float(self._carries(j, link)) for j in range(arm.n)] for link in range(arm.n)])
+        # 1 where joint j moves link l, (n, n), and which capsules a joint carries, (n, capsules)
+        self._moved_by = np.array([arm.tree.moved_by(link) for link in range(arm.n)], dtype=float)
+        moves = np.array([arm.tree.moved_by(int(link)) for link in self.links], dtype=bool).reshape(-1, arm.n)
+        self._moves = np.ascontiguousarray(moves.T)
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of every joint frame in the base, q (N, n)."""
@@ -69,10 +70,3 @@ class MovingCapsules:
             swept = np.cross(axes[:, i : i + 1], later)
             by_q[:, i] = np.einsum("l,kla,kla->k", self._moved_by[:, i], force, swept)
         return by_q, np.einsum("lj,kla,kja->kj", self._moved_by, force, axes)
-
-    def _carries(self, joint: int, link: int) -> bool:
-        while link >= 0:
-            if link == joint:
-                return True
-            link = int(self.tree.parent[link])
-        return False

@@ -32,14 +32,8 @@ class Stream:
     def __init__(
         self, name: str, drives: Sequence[Drive], link: Link, clock: Clock, options: CanOptions, feedforward: Feedforward
     ) -> None:
-        self.name, self.drives, self.link, self.clock, self.options, self.rate = (
-            name,
-            list(drives),
-            link,
-            clock,
-            options,
-            options.rate,
-        )
+        self.name, self.drives, self.link, self.clock = name, list(drives), link, clock
+        self.options, self.rate = options, options.rate
         self.joints = Joints(drives, link, clock, self.rate, options.ignore)
         self.speeds = Speeds([(d.q_step, d.dq_step) for d in drives], self.rate)
         self.on = self._requested = False

@@ -9,7 +9,7 @@ import pytest
 
 from calib.excitation.home import open_cell
 from safety.collision import Clearance
-from safety.pair_reach import chain, from_beyond, of_two_shapes
+from safety.pair_reach import from_beyond, of_two_shapes
 from safety.reach import joint_reach
 from sim.arm import Arm, load_arm
 from sim.tree import Shape
@@ -65,7 +65,7 @@ def test_the_bound_of_a_body_near_an_axis_is_its_own(ur5: Arm) -> None:
             either = np.maximum(joint_reach(ur5, a), joint_reach(ur5, b))
             span = of_two_shapes(ur5, a, b)
             assert np.all(span <= either + 1e-12)
-            assert np.all((span > 0) <= (chain(ur5, a.link) ^ chain(ur5, b.link)))
+            assert np.all((span > 0) <= (ur5.tree.moved_by(a.link) ^ ur5.tree.moved_by(b.link)))
 
 
 def test_a_slide_between_two_bodies_carries_them_by_as_much_as_it_moves(ur5: Arm) -> None:
