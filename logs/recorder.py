@@ -158,6 +158,10 @@ class Recorder(Recording):
             last = None if self._host_start is None else self._host_ns(self._host_last)
             self._end("killed", killed_sentence(self.samples, last))
 
+    def unlock(self) -> None:
+        """Let go of the file; without an end before it, it is one that was cut off."""
+        os.close(self._lock)
+
     def _end(self, state: str, reason: str) -> None:
         self._closed = True
         try:
@@ -172,7 +176,7 @@ class Recorder(Recording):
             )  # fmt: skip
         finally:
             with contextlib.suppress(OSError):
-                os.close(self._lock)  # nobody may take the file for a dead one before it is finished
+                self.unlock()  # nobody may take the file for a dead one before it is finished
 
     def _brings_reading(self, state: JointState) -> bool:
         """Whether there is a current, or a temperature that differs from the last; currents are written with every sample."""

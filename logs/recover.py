@@ -140,7 +140,7 @@ def _drain(path: Path, found: _Found) -> str:
             if INDEX.unpack_from(message)[0] >= found.seals - 1:  # one seal a message, and one for the head
                 write_message(recorder, message, n)
             ring.let_go()
-        os.close(recorder._lock)
+        recorder.unlock()
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise BadLog(
             f"{path}: what its ring holds is not of this recording ({error}); read it with --accept-partial"
