@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.pairs import MANY_POSTURES, POSTURES, adjacent, never_part, postures
+from safety.pairs import MANY_POSTURES, POSTURES, adjacent, always_apart, never_part, postures
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.tree import Shape
@@ -95,6 +95,47 @@ def test_a_cell_that_expects_larger_following_errors_leaves_out_no_more_pairs(ar
     assert np.all(asked[0] <= asked[1])
     assert np.any(asked[0] < asked[1])
     assert np.array_equal(asked[1], asked[2])
+
+
+REACH = np.array([0.2, 0.0, 0.1, 0.0, 0.0, 0.0])  # m/rad, of `waving`
+
+
+def waving(q):
+    """m apart, at least 0.35, where the first and the third joint move."""
+    return 0.5 + 0.1 * np.cos(q[0]) + 0.05 * np.cos(q[2])
+
+
+def test_two_joints_that_keep_a_pair_apart_over_the_whole_turn(arm):
+    found = always_apart(arm, REACH, 0.3, waving)
+    assert found.endswith("mm apart in every posture of shoulder_pan_joint and elbow_joint")
+    assert 300 <= float(found.split()[2]) <= 350
+    assert always_apart(arm, REACH, 0.36, waving) is None
+    assert always_apart(arm, REACH, 0.3, lambda q: np.nan) is None
+
+
+def test_a_pair_that_more_joints_or_a_slide_move_is_not_looked_at_for_every_posture(arm):
+    assert always_apart(arm, REACH + np.array([0, 0.1, 0, 0, 0, 0]), 0.3, waving) is None
+    for slides in (0, 2):
+        slide = replace(arm, tree=replace(arm.tree, prismatic=np.arange(arm.n) == slides))
+        assert always_apart(slide, REACH, 0.3, waving) is None
+
+
+@pytest.mark.parametrize("limit", ["q_min", "q_max"])
+def test_a_joint_without_a_limit_keeps_its_pair_checked(arm, limit):
+    values = getattr(arm, limit).copy()
+    values[2] = np.inf if limit == "q_max" else -np.inf
+    assert always_apart(replace(arm, **{limit: values}), REACH, 0.3, waving) is None
+
+
+def test_postures_beyond_the_limits_of_a_joint_do_not_count(arm):
+    short = replace(arm, q_min=np.full(arm.n, -0.5), q_max=np.full(arm.n, 0.5))
+    assert always_apart(short, REACH, 0.3, lambda q: 0.45 - 0.2 * abs(q[0])) is not None
+    assert always_apart(arm, REACH, 0.3, lambda q: 0.45 - 0.2 * abs(q[0])) is None
+
+
+def test_a_pair_that_nothing_moves_is_apart_for_good_or_checked(arm):
+    assert always_apart(arm, np.zeros(arm.n), 0.4, waving) == "always 650.0 mm apart"
+    assert always_apart(arm, np.zeros(arm.n), 0.7, waving) is None
 
 
 def test_links_that_share_a_joint():
