@@ -190,6 +190,9 @@ EQUIVALENT = (
     "compare 0 -> at[~proved] < least",
     "call -> (at[~proved] >= least).any()",
     "not -> ~~proved",
+    # first_excess: a piece that is inside is found to be so when it is first cut in two
+    "compare 0 -> lo - slack > b",
+    "compare 0 -> b > hi + slack",
 )
 
 
