@@ -55,6 +55,10 @@ FACTS: dict[str, dict[str, list[str]]] = {
             "--limit", "q_min=-2.285,-0.523,-3.9,-2.321,-6.28,-2.094,-6.28", "--limit", "q_max=0.714,1.396,0.8,0,6.28,0,6.28",
         ],
     },
+    # as fast as their owners let them go
+    "alex_left": {"limits.dq_max = 25": ["--limit", "dq_max=6"]},
+    "g1_left": {"limits.dq_max = 37": ["--limit", "dq_max=6"]},
+    "icub_right": {"limits.dq_max = 100": ["--limit", "dq_max=2"]},
     "double_pendulum": {
         "missing: q_min, q_max, dq_max, tau_max": [
             "--limit", "q_min=-6.28", "--limit", "q_max=6.28", "--limit", "dq_max=6", "--limit", "tau_max=5",

@@ -58,6 +58,7 @@ def command(
     from calib.report import plan as page
     from safety.collision import Clearance
     from safety.plan import write_plan
+    from safety.plausible import check_plausible
     from sim.arm import load_arm
     from sim.cell import load_cell, require_postures
     from sim.viewer import play, require_display
@@ -68,6 +69,7 @@ def command(
     where = load_cell(cell, configs) if cell else None
     if where:
         require_postures(where, nominal)
+        check_plausible(nominal, where)  # else a long plan would be made that no run takes
     requested = replace(
         QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
         progressive=progressive, home=None if home is None else posture(home, nominal),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from calib.excitation.nearness import CLEARANCE_MARGIN
@@ -11,6 +13,8 @@ from sim.trajectory import Trajectory
 
 # rad to either side that a sweep is tried with, of a joint that turns through WHOLE or more; less of one that has less
 REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
+# shares of the speeds that are tried; the second where the first leave no sweep, as with a dq_max from which the arm cannot stop within its range
+SLOWER = ((1.0, 0.7, 0.5, 0.35), (0.2, 0.1, 0.05, 0.025, 0.012, 0.006, 0.003))
 # of dq_max: as fast as the sweeps of an ordinary session
 FAST = 0.25
 
@@ -19,14 +23,14 @@ def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tup
     """Both ends, rad, and the speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo where the least does not."""
     arm = room.arm
     reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
-    for reach in reaches.tolist():
+    for shares, reach in itertools.product(SLOWER, reaches.tolist()):
         low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
         high = min(home[j] + reach, arm.q_max[j] - 0.05 * (arm.q_max[j] - arm.q_min[j]))
         line = np.repeat(home[None], 80, axis=0)
         line[:, j] = np.linspace(low, high, 80)
         if room.nearness.clearances(line)[0].min() < CLEARANCE_MARGIN:
             continue
-        for slower in (1.0, 0.7, 0.5, 0.35):
+        for slower in shares:
             dq = np.zeros_like(line)
             dq[:, j] = slower * speeds.max()
             step = (high - low) / 79 / dq[0, j]

@@ -35,7 +35,7 @@ from sim.trajectory import Trajectory
 
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
-ATTEMPTS = 8
+ATTEMPTS = 24
 # of the range, speed and acceleration of the sweeps and the chirp
 GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 

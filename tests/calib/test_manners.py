@@ -127,3 +127,12 @@ def test_the_short_words_are_known_too(capsys: pytest.CaptureFixture[str]) -> No
     assert "calib plan ur10e" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.strip() == software_version()
+
+
+def test_a_plan_that_no_run_would_take_is_refused_before_it_is_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cell = tmp_path / "fast.toml"
+    cell.write_text('schema = "cell/1"\nname = "fast"\narm = "ur10e"\ndriver = "mock"\n[motion]\npoint_speed_max = 9.0\n')
+    assert main(["plan", "ur10e", "--cell", str(cell), "--out", str(tmp_path / "plan")]) == 3
+    sentence = " ".join(capsys.readouterr().err.split())
+    assert "fast.toml: motion.point_speed_max = 9, usual is 0.01 to 3" in sentence
+    assert not (tmp_path / "plan").exists()

@@ -171,3 +171,15 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
     with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
         sweep_range(room, HOME, 5, np.array([0.1]))
+
+
+def test_a_speed_from_which_no_stop_fits_its_range_is_swept_slower() -> None:
+    """A model file may state a dq_max that no motor of the arm reaches."""
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    *_, usual = sweep_range(room, HOME, 5, np.array([0.06, 0.2]))
+    np.testing.assert_array_equal(usual, [0.06, 0.2])
+    low, high, fast = sweep_range(room, HOME, 5, np.array([6.0, 20.0]))
+    assert 0.05 < fast[1] < 0.35 * 20.0
+    assert fast[0] == pytest.approx(0.3 * fast[1])
+    assert high - low > 0.2
