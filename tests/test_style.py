@@ -21,7 +21,6 @@ LONGER = {
     "calib/diagnosis/baseline.py",
     "calib/diagnosis/fit.py",
     "calib/diagnosis/model.py",
-    "calib/diagnosis/promotion.py",
     "calib/diagnosis/selection.py",
     "calib/identification/identify.py",
     "calib/identification/least_squares.py",
@@ -30,7 +29,6 @@ LONGER = {
 PRIVATE = {
     "calib.diagnosis.names._beyond_ordinary",
     "calib.diagnosis.motion._kernels",
-    "calib.diagnosis.promotion._Written",
 }
 CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", re.DOTALL)
 

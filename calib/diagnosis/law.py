@@ -82,15 +82,17 @@ def with_laws(
     only: Sequence[int] = (),
     limits: Sequence[ArmEffect] = (),
     joints: Collection[int] | None = None,
+    held: Collection[int] = (),
 ) -> Refitted:
     """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
 
     The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
     uses the arm. Friction may move farther than its prior, because a law takes its place. joints: whose friction and rotors alone
-    move, every link stays as it was; None: all move.
+    move, every link stays as it was; None: all move. held: joints whose ordinary parameters and link stay as they were.
     """
     names = written.models[0].names
     precision = split.precision.copy()
+    precision[[k for k, name in enumerate(names) if name.rpartition("_")[2] in {str(j + 1) for j in held}]] = HELD**-2
     if joints is not None:
         precision[: first_own(written.hypothesis.arm.n)] = precision[names.index("Ia_all")] = HELD**-2
     found = fit_friction(split.parts, split.mean, np.diag(precision), SETS if only else (), list(only), split.named)

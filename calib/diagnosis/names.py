@@ -11,9 +11,9 @@ from calib.diagnosis.acceptance import Assessed, assess, is_nothing
 from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.promotion import as_written
 from calib.diagnosis.selection import SearchResult, plausible, without
 from calib.diagnosis.unexplained import Odd, unexplained
+from calib.diagnosis.written_arm import as_written
 from calib.measurement.preprocessing import Measurement
 from sim.arm import ArmEffect
 from sim.effects import effect_named

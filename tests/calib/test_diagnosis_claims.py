@@ -14,7 +14,7 @@ from calib.claims import SENTENCES
 from calib.claims.of_diagnosis import FAR, VERDICT, claims, verdict
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.motion import measured
-from calib.diagnosis.promotion import torque_rms
+from calib.diagnosis.written_arm import torque_rms
 from calib.report.diagnosis import next_steps, remarks, sentence
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm

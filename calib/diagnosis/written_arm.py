@@ -1,0 +1,153 @@
+"""A fit as an arm that an arm folder can hold, in several ways, and the torque error of each on recordings."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.corrected import ArmChange, correction, names_alone
+from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.law import Law, Refitted, Split, with_laws
+from calib.diagnosis.model import CONTACT, DELAY_MEAN
+from calib.diagnosis.selection import joints_of
+from calib.diagnosis.significance import WORSE, excess, positive
+from calib.measurement.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from sim.prediction import predict
+
+WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
+LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
+AS_IT_WAS, REFIT, REFIT_WITH_LAWS = "the arm as it was", "a parameter refit alone", "a parameter refit and friction laws"
+
+
+@dataclass(frozen=True)
+class WrittenArm:
+    """A changed arm, its laws, its torque errors on the recordings shown (R, n) and their RMS (n,) N m."""
+
+    change: ArmChange
+    laws: tuple[Law, ...]
+    errors: np.ndarray
+    rms: np.ndarray
+
+    @staticmethod
+    def of(change: ArmChange, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> WrittenArm:
+        errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
+        return WrittenArm(change, laws, errors, np.sqrt(np.mean(errors**2, axis=0)))
+
+    @property
+    def words(self) -> str:
+        """What this arm is, one without effects."""
+        return REFIT_WITH_LAWS if self.laws else REFIT if self.change.effects or self.change.inertials else AS_IT_WAS
+
+    def worse(self, other: WrittenArm, factor: np.ndarray, together: Sequence[list[int]] | None = None) -> np.ndarray:
+        """(n,) whether the squared error is significantly above that of `other` times factor (n,).
+
+        together: groups of joints that are asked as one, each by its share of the other's squared error; None asks each by itself.
+        """
+        share, n = excess(self.errors, other.errors, factor), self.errors.shape[1]
+        out = np.zeros(n, dtype=bool)
+        for joints in [[j] for j in range(n)] if together is None else together:
+            out[joints] |= positive([share[:, joints].sum(axis=1)])
+        return out
+
+    def risen(self, other: WrittenArm, most: float, together: Sequence[list[int]]) -> np.ndarray:
+        """(n,) joints whose RMS error is above that of `other` by more than the share `most`.
+
+        Groups of joints that an effect concerns are asked as one, by the mean of their squares, each over the other's; the rest one by one.
+        """
+        squares, out = np.square(self.rms / np.maximum(other.rms, 1e-12)), np.zeros(len(self.rms), dtype=bool)
+        alone = [[j] for j in range(len(out)) if not any(j in joints for joints in together)]
+        for joints in [*together, *alone]:
+            out[joints] |= bool(squares[joints].mean() > (1 + most) ** 2)
+        return out
+
+
+def ways_of(
+    f: Fit, kept: WrittenArm | None, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int
+) -> tuple[list[WrittenArm], Refitted]:
+    """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
+
+    Tried are the names alone, beside them friction and rotors of the joints that they concern, everything refitted under the measured
+    noise and without whitening, and that with laws where they help. kept: the arm as it was, where recordings were held out; joints at which
+    a refit predicts these worse stay as they were in another way.
+    """
+    start = f.hypothesis.start
+    split = Split.of(f, pieces)
+    refit = with_laws(f, split, (), limits)
+    concerned = sorted({j for e in f.accepted if e.effect != CONTACT for j in joints_of(e, f.hypothesis.arm)})
+    there = [with_laws(f, split, (), limits, concerned).change] if concerned else []
+    changes = (names_alone(f, limits), *there, correction(f, limits), refit.change)
+    ways = [WrittenArm.of(x, (), start, shown) for x in changes]
+    rms, lawful = ways[-1].rms, refit
+    if kept is not None:
+        ways += _where_better(f, split, ways[-1], kept, shown, limits)
+    bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
+    slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
+    only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
+    while only:
+        refit = with_laws(f, split, only, limits)
+        if not refit.laws:
+            break
+        found = WrittenArm.of(refit.change, refit.laws, start, shown)
+        as_read = _as_read(refit.change.of(start), shown) > bare
+        spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j] or as_read[j]]
+        if not spoilt:
+            ways.append(found)
+            lawful = refit
+            break
+        have = [start.joint_index(str(x.effect.joint)) for x in refit.laws]
+        only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
+    return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
+
+
+def _where_better(
+    f: Fit, split: Split, way: WrittenArm, kept: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect]
+) -> list[WrittenArm]:
+    """The refit with the joints held at which it predicts worse than the arm as it was; nothing where there are none, or most."""
+    held, joints = set[int](), range(len(kept.rms))
+    while spoilt := {j for j in joints if way.rms[j] > (1 + WORSE_ELSEWHERE) * kept.rms[j]} - held:
+        held |= spoilt
+        if len(held) > len(joints) / 2:
+            return []
+        way = WrittenArm.of(with_laws(f, split, (), limits, held=held).change, (), f.hypothesis.start, shown)
+    return [way] if held else []
+
+
+def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
+    """The fit of what an arm folder can hold."""
+    if named.hypothesis.written:
+        return named
+    return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
+
+
+def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m RMS of `torque_errors`."""
+    return np.asarray(np.sqrt(np.mean(torque_errors(arm, measurements) ** 2, axis=0)))
+
+
+def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0.0) -> np.ndarray:
+    """(R, n) N m torque error of an arm between the first and the last motion, filtered as the fit's rows are.
+
+    lead: s by which every reading of torque is early, because a drive holds its torque between control instants.
+    """
+    out = []
+    for m in measurements:
+        tau = predict(arm, m.trajectory, m.warming)
+        if lead:
+            pairs = itertools.pairwise(m.starts)
+            tau = tau + lead * np.concatenate([np.gradient(tau[a:b], m.trajectory.t[a:b], axis=0) for a, b in pairs])
+        out.append(m.rows(m.tau - tau)[m.row_moving])
+    return np.concatenate(out)
+
+
+def _as_read(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m RMS torque error of the samples themselves while the arm moves: what a law does in some milliseconds, a filter hides."""
+    squares, count = np.zeros(arm.n), 0
+    for m in measurements:
+        error = (m.tau - predict(arm, m.trajectory, m.warming))[m.samples_moving]
+        squares += np.sum(error**2, axis=0)
+        count += len(error)
+    return np.asarray(np.sqrt(squares / max(count, 1)))
