@@ -58,7 +58,7 @@ def certify(clearance: Clearance, sheet: Sheet, what: str, least: float, most: f
 
 
 def _room(clearance: Clearance, q: np.ndarray, width: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) rad of room that is proved for each pair within `width` of q, and (P,) what there is at q itclearance."""
+    """(P,) rad of room that is proved for each pair within `width` of q, and (P,) rad that there is at q itself."""
     spare = clearance.distances(q, pairs.tolist()) - clearance.margin[pairs] - GJK
     total = clearance.total[pairs]
     # a pair that nothing moves is apart for good or never; what is not a number is neither, and proves nothing
