@@ -114,15 +114,14 @@ def identify(
         if options.laws and not by_command
         else None
     )
-    with_laws = laws is not None and (
-        bool(laws.effects) or (arm.prior.numbers is not None and _leaves_no_more(model, sums, laws.theta, solution.theta))
-    )
-    if laws and with_laws:
+    if laws and not _leaves_no_more(arm, fit, laws):
+        laws = None
+    if laws:
         solution = replace(
             solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
         )
     theta, tight = solution.theta, solution.tight
-    if not (with_laws or solution.regularised):  # the others know of the nominal arm already
+    if not (laws or solution.regularised):  # the others know of the nominal arm already
         theta, tight = drawn_to_nominal(arm, model, theta, tight)
     kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("physically consistent inertias", 0.0)
@@ -181,11 +180,17 @@ def identify(
     return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
 
 
-def _leaves_no_more(model: TorqueModel, sums: Sums, theta: np.ndarray, than: np.ndarray) -> bool:
-    """Whether parameters found beside friction with memory, of which there is none, leave at most MORE times the torque in motion: they
-    hold rows at rest and about reversals too."""
-    left, other = (gap(model, sums.plain, sums.apart, (), x).after for x in (theta, than))
-    return bool(np.nanmean(np.log(np.maximum(left, 1e-12) / np.maximum(other, 1e-12))) <= np.log(MORE))
+def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:
+    """Whether laws, and the parameters found beside them, leave at most MORE times the torque in motion that the parameters without them
+    leave: they hold rows at rest and about reversals too. An arm whose numbers nobody stated takes no parameters without a law.
+    """
+    if not laws.effects and arm.prior.numbers is None:
+        return False
+    other = gap(fit.model, fit.sums.plain, fit.sums.apart, (), fit.solution.theta)
+    left = gap(fit.model, fit.sums.plain, fit.sums.apart, (), laws.theta)
+    if laws.effects:
+        left = _with_laws(left, fit.model, fit.measurements, laws, laws.theta)
+    return bool(np.nanmean(np.log(np.maximum(left.after, 1e-12) / np.maximum(other.after, 1e-12))) <= np.log(MORE))
 
 
 def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
