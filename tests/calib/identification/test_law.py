@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import calib.identification.identify as identification
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
-from calib.identification.law import fitted_laws, smoothing, speed_reading
+from calib.identification.law import Laws, fitted_laws, smoothing, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
 from calib.measurement.preprocessing import prepare
@@ -110,3 +112,25 @@ def test_next_to_no_friction_builds_up_over_nothing() -> None:
     assert built_up("elbow_joint", 2.8e-7, 1e-2) == []
     (effect,) = built_up("elbow_joint", 9.0, 1e-2)
     assert effect.parameters == {"stiffness": pytest.approx(900.0)}
+
+
+@pytest.mark.parametrize(("wrong_by", "kept"), [(0.0, True), (0.5, False)])
+def test_a_law_is_kept_only_where_every_joint_is_explained_as_well(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch, wrong_by: float, kept: bool
+) -> None:
+    """A law that helps its joint, beside parameters with too much friction at another one."""
+    other = arm.joint_names[1]
+
+    def fitted(model: TorqueModel, *rest: Any) -> Laws:
+        found = fitted_laws(model, *rest)
+        theta = found.theta.copy()
+        theta[model.friction_column("viscous", 1)] *= 1 + wrong_by
+        return replace(found, theta=theta)
+
+    monkeypatch.setattr(identification, "fitted_laws", fitted)
+    found = identification.identify(arm, logs_of(with_hysteresis(varied(arm, 5, 0.03), 8.0), arm))
+    assert {e.joint for e in found.arm.effects if e.effect == "friction_law"} == ({arm.joint_names[JOINT]} if kept else set())
+    own, true = (x.effect("viscous_friction", other) for x in (found.arm, varied(arm, 5, 0.03)))
+    assert own is not None
+    assert true is not None
+    assert own.parameters["viscous"] == pytest.approx(true.parameters["viscous"], rel=0.1)
