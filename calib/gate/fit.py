@@ -144,9 +144,9 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
     return GravityFit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
 
 
-def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) -> np.ndarray:
+def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
     """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
-    explain best what `fit` leaves.
+    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
 
     Zero where the load would be none: a tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
     """
@@ -164,9 +164,9 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True) ->
         if len(rows) < LEAST_ROWS or not fit.left[j] > 0:
             continue
         v = s.dq[rows, j]
-        joint = np.column_stack([tau[rows, j], s.ddq[rows, j], v, np.tanh(v / SLOW), np.ones(len(rows))])
-        basis = np.linalg.qr(joint)[0]
-        both = np.column_stack([columns[rows, j], s.load[rows, j]])
+        joint = np.column_stack([s.ddq[rows, j], v, np.tanh(v / SLOW), np.ones(len(rows)), tau[rows, j]])
+        basis = np.linalg.qr(joint if scaled else joint[:, :-1])[0]
+        both = np.column_stack([columns[rows, j], s.load[rows, j] - (0.0 if scaled else tau[rows, j])])
         rest = (both - basis @ (basis.T @ both)) / fit.left[j]
         x.append(rest[:, :-1])
         y.append(rest[:, -1])

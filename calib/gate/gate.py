@@ -221,8 +221,8 @@ def _other(
     ):
         return None
     shape, size = _merit(fit, log_scale - (np.nanmedian(log_scale) if sizes else 0.0))
-    loaded = fitted(replace(s, load=s.load - mounting_torque(arm, s, fit, tilt=False)), model_torque(arm, s))
-    shape = max(shape, _merit(replace(loaded, size=fit.size), log_scale)[0])
+    shape = max(shape, _loaded(arm, s, fit, scaled=True)[0])
+    shape, size = max((shape, size), _loaded(arm, s, fit, scaled=False), key=sum)
     best: Cause | None = None
     for candidate in family():
         if candidate.n != arm.n or candidate.name == arm.name:
@@ -233,6 +233,13 @@ def _other(
         if their_shape - shape > OTHER_SHAPE and gain > OTHER_GAIN and (best is None or gain > best.gain):
             best = Cause(f"it is a recording of {candidate.name}", gain)
     return best
+
+
+def _loaded(arm: Arm, s: Signals, fit: GravityFit, scaled: bool) -> tuple[float, float]:
+    """`_merit` of the arm with a load at its flange, as `mounting_torque` finds it."""
+    held = replace(s, load=s.load - mounting_torque(arm, s, fit, tilt=False, scaled=scaled))
+    loaded = fitted(held, model_torque(arm, held))
+    return _merit(replace(loaded, size=fit.size), scale.scale_of(arm, held, loaded).log_scale)
 
 
 def _merit(fit: GravityFit, log_scale: np.ndarray) -> tuple[float, float]:
