@@ -1,6 +1,8 @@
 """Answers against truths: exact sets, first names, wrong names, unknowns, parameter errors, gaps; each share with its Wilson interval.
 
-An effect is right by name and joint; a link error at the last joint and a payload are the same thing to any motion.
+An effect is right by name and joint; a link error at the last joint and a payload are the same thing to any motion. Two effects that an answer
+reports as indistinguishable, with the motion that decides between them, count as the one that was hidden, except where a figure says by name
+alone.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ class Row:
     answer: list[Key] = field(default_factory=list)
     confidences: list[float] = field(default_factory=list)
     classes: list[list[Key]] = field(default_factory=list)
+    deciding: list[bool] = field(default_factory=list)
     unexplained: list[str] = field(default_factory=list)
     verdict: str = "no answer"
     errors: dict[str, float] = field(default_factory=dict)
@@ -46,13 +49,30 @@ class Row:
         return any(name == "unknown" for name, _ in self.truth)
 
     @property
+    def counted(self) -> list[Key]:
+        """The names of the answer; of a class of two with the motion that decides, the one that was hidden."""
+        out = []
+        for k, among, decides in zip(self.answer, self.classes, self.deciding, strict=True):
+            hidden = [x for x in among if x in self.truth]
+            out.append(hidden[0] if hidden and decides and len(among) == 2 else k)
+        return out
+
+    @property
     def exact(self) -> bool:
         """The right verdict, and exactly the hidden effects at their joints; for an unknown its joint, and no name."""
+        return self._is_right(self.counted)
+
+    @property
+    def by_name(self) -> bool:
+        """`exact` by the first name of every class alone."""
+        return self._is_right(self.answer)
+
+    def _is_right(self, names: list[Key]) -> bool:
         if self.unknown:
             joints = {joint for name, joint in self.truth if name == "unknown"}
-            return self.verdict == "unexplained" and joints <= set(self.unexplained) and not self.answer
+            return self.verdict == "unexplained" and joints <= set(self.unexplained) and not names
         wanted = "effects_found" if self.truth else "no_missing_effect"
-        return self.verdict == wanted and set(self.answer) == set(self.truth)
+        return self.verdict == wanted and set(names) == set(self.truth)
 
     @property
     def first(self) -> str:
@@ -89,6 +109,7 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
     row.answer = [key(e) for e in named]
     row.confidences = [float(e.get("confidence", 0.0)) for e in named]
     row.classes = [[key(x) for x in (e, *(e.get("indistinguishable_from") or []))] for e in named]
+    row.deciding = [bool(e.get("experiment")) for e in named]
     row.unexplained = [u.get("joint") for u in answer.get("unexplained") or []]
     for hidden in truth["effects"]:
         for found in named:
@@ -164,10 +185,14 @@ def figures(rows: list[Row]) -> list[Figure]:
     single = [r for r in rows if len(r.truth) == 1 and not r.unknown]
     pairs, triples = ([r for r in rows if len(r.truth) == n and not r.unknown] for n in (2, 3))
     known = [*single, *pairs, *triples]
-    wrong = Share(sum(k not in r.truth for r in rows for k in r.answer), sum(len(r.answer) for r in rows))
+    given = sum(len(r.answer) for r in rows)
+    wrong, wrong_by_name = (
+        Share(sum(k not in r.truth for r in rows for k in names(r)), given)
+        for names in (lambda r: r.counted, lambda r: r.answer)
+    )
 
     def first(r: Row) -> bool:
-        return r.answer[:1] == r.truth
+        return r.counted[:1] == r.truth
 
     def to_unexplained(r: Row) -> bool:
         return r.verdict == "unexplained"
@@ -176,8 +201,8 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("nothing hidden: correctly reported", _share(clean, lambda r: r.exact), "99 %"),
         Figure("single, severity 2 and 3: name and joint right", _share([r for r in single if r.severity >= 2], first), "93 %"),
         Figure("exactly the hidden set, all cases", _share(rows, lambda r: r.exact), "80 %"),
-        Figure("wrong among the names given", wrong, "under 3 %"),
-        Figure("pairs: both named", _share(pairs, lambda r: set(r.truth) <= set(r.answer)), "75 %"),
+        Figure("wrong among the names given, by name alone", wrong_by_name, "under 3 %"),
+        Figure("pairs: both named", _share(pairs, lambda r: set(r.truth) <= set(r.counted)), "75 %"),
         Figure("unknown: unexplained at the right joint, no name", _share(unknown, lambda r: r.exact), "85 %"),
         Figure("known effects: sent to unexplained", _share(known, to_unexplained), "at most 3 %"),
         Figure("parameter error of rightly named effects, median", _middle(e for r in rows for e in r.errors.values()), "0.05"),
@@ -196,7 +221,11 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("nothing hidden: ... in 25 % (about 25 %)", _share(asked, lambda r: (r.chance or 1.0) <= 0.25)),
         Figure("seconds of wall clock, median", _middle(r.seconds for r in rows)),
         Figure("seconds of CPU, median", _middle(r.cpu for r in rows), "8"),
+        Figure("wrong among the names given, a class of two that holds the truth being right", wrong),
+        Figure("exactly the hidden set, by name alone", _share(rows, lambda r: r.by_name)),
+        Figure("pairs: both named, by name alone", _share(pairs, lambda r: set(r.truth) <= set(r.answer))),
         Figure("single: name and joint right", _share(single, first)),
+        Figure("single: name and joint right, by name alone", _share(single, lambda r: r.answer[:1] == r.truth)),
         Figure("single: name right", _share(single, lambda r: r.answer and r.answer[0][0] == r.truth[0][0])),
         Figure(
             "single: within its class of at most three",
@@ -204,7 +233,7 @@ def figures(rows: list[Row]) -> list[Figure]:
         ),
         Figure("single: exactly it", _share(single, lambda r: r.exact)),
         Figure("pairs: exactly", _share(pairs, lambda r: r.exact)),
-        Figure("triples: all named", _share(triples, lambda r: set(r.truth) <= set(r.answer))),
+        Figure("triples: all named", _share(triples, lambda r: set(r.truth) <= set(r.counted))),
         Figure("triples: exactly", _share(triples, lambda r: r.exact)),
         Figure("unknown: reported as unexplained", _share(unknown, to_unexplained)),
         Figure("gap closed on the held-out log, as the answer claims, median", _middle(r.claimed for r in rows)),

@@ -17,6 +17,7 @@ class CoulombFriction(Effect):
     summary = "level of dry friction"
     looks = "a step of the torque where the speed changes sign, the same at every speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    experiment = "slow sweeps at constant speed in both directions, from standstill"
     stage = Stage.FRICTION
     surcharge = 2.0
     parameters = (Parameter("coulomb", "N*m", "level of dry friction", lower=0.0, grid=(1.0,)),)

@@ -17,6 +17,7 @@ class ViscousFriction(Effect):
     summary = "friction proportional to speed"
     looks = "torque that grows in proportion to speed, odd in speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
+    experiment = "constant-speed sweeps at five or more speeds over a range of 30"
     stage = Stage.MOTOR
     parameters = (Parameter("viscous", "N*m*s/rad", "torque per speed", lower=0.0, grid=(1.0,)),)
 

@@ -17,7 +17,7 @@ from benchmarks.exam.dynamics import inertia_at, torque_along
 from benchmarks.exam.effects import EFFECTS
 from benchmarks.exam.record import differences, rows_of
 from benchmarks.exam.run import Exam, report
-from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company, wilson
+from benchmarks.exam.scoring import Key, Row, compared, confusion, figures, in_company, wilson
 from benchmarks.exam.true_arm import chain_of
 from benchmarks.exam.unknowns import UNKNOWNS
 from logs import read_log
@@ -172,6 +172,27 @@ def test_parameter_errors_are_those_of_rightly_named_effects(tmp_path: Path) -> 
     assert scored(tmp_path, [hidden], "effects_found", [named | {"joint": "wrist_1_joint"}]).errors == {}
 
 
+@pytest.mark.parametrize(
+    ("rivals", "experiment", "right"),
+    [
+        ([SPRING], "static holds", True),
+        ([SPRING], None, False),
+        ([RIPPLE], "static holds", False),
+        ([SPRING, STRANGE], "static holds", False),
+        ([], "static holds", False),
+    ],
+)
+def test_a_class_of_two_that_holds_the_truth_and_says_what_decides_is_right(
+    tmp_path: Path, rivals: list[dict], experiment: str | None, right: bool
+) -> None:
+    named = {"effect": "torque_offset", "joint": SPRING["joint"], "indistinguishable_from": rivals, "experiment": experiment}
+    row = scored(tmp_path, [SPRING], "effects_found", [named])
+    assert (row.exact, row.by_name) == (right, False)
+    found = {f.what: f.value for f in figures([row])}
+    assert found["wrong among the names given, by name alone"].right == 1
+    assert found["wrong among the names given, a class of two that holds the truth being right"].right == (not right)
+
+
 def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
         scored(tmp_path, [], "no_missing_effect", []),
@@ -194,7 +215,8 @@ def test_confusion_and_figures_count_every_case_once(tmp_path: Path, capsys: pyt
     found = {f.what: f.value for f in figures(rows)}
     assert (found["nothing hidden: correctly reported"].right, found["nothing hidden: correctly reported"].total) == (1, 2)
     assert (found["exactly the hidden set, all cases"].right, found["exactly the hidden set, all cases"].total) == (4, 6)
-    assert (found["wrong among the names given"].right, found["wrong among the names given"].total) == (2, 5)
+    wrong = found["wrong among the names given, by name alone"]
+    assert (wrong.right, wrong.total) == (2, 5)
     report(rows, Exam(tmp_path, 1, "calib", 1.0, False, False))
     assert json.loads((tmp_path / "seed1.json").read_text())["schema"] == "exam/1"
     assert "its name, wrong joint" in capsys.readouterr().out
@@ -213,11 +235,25 @@ def test_the_exam_is_recorded_with_its_whole_matrix_and_compared() -> None:
         2,
         [("payload", None)],
         answer=[("payload", None)],
+        classes=[[("payload", None)]],
+        deciding=[False],
         confidences=[0.97],
         verdict="effects_found",
     )
     missed = Row("case_001", "ur5e", "single", 1, [("backlash", "elbow_joint")], verdict="no_missing_effect")
-    wrong = Row("case_002", "ur5e", "clean", 1, [], answer=[("time_delay", None)], confidences=[0.6], verdict="effects_found")
+    delay: Key = ("time_delay", None)
+    wrong = Row(
+        "case_002",
+        "ur5e",
+        "clean",
+        1,
+        [],
+        answer=[delay],
+        classes=[[delay]],
+        deciding=[False],
+        confidences=[0.6],
+        verdict="effects_found",
+    )
     now = rows_of([right, missed, wrong], 7)
     of = {row["what"]: row for row in now}
     assert of["cases, seed 7"]["value"] == 3
