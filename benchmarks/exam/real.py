@@ -15,10 +15,11 @@ import numpy as np
 from benchmarks.exam import motions
 from benchmarks.exam.arms import HARDWARE
 from benchmarks.exam.effects import EFFECTS
+from benchmarks.exam.figures import Share
 from benchmarks.exam.hidden import Hidden
 from benchmarks.exam.injected import Recorded, recorded, rows, with_hidden, write
 from benchmarks.exam.run import Exam, effects_text, run_calib
-from benchmarks.exam.scoring import Key, Row, Share, compared
+from benchmarks.exam.scoring import Key, Row, compared
 from benchmarks.exam.severity import Balance, hide
 from benchmarks.exam.true_arm import TrueArm, build
 from benchmarks.exam.unknowns import UNKNOWNS

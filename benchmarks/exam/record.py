@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks import results
-from benchmarks.exam.scoring import Row, Share, confusion, figures
+from benchmarks.exam.figures import Share, confusion, figures
+from benchmarks.exam.scoring import Row
 
 MEASURES = ("calib", "logs", "sim", "benchmarks/exam")
 CONFIDENCE = (0.0, 0.5, 0.7, 0.9, 0.95, 1.0)

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.exam.cases import Case, make
+from benchmarks.exam.figures import confusion, figures, in_company
 from benchmarks.exam.gap import after_over_before
 from benchmarks.exam.record import compare_or_write
-from benchmarks.exam.scoring import Row, compared, confusion, figures, in_company
+from benchmarks.exam.scoring import Row, compared
 
 
 @dataclass(frozen=True)
