@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
-from calib.identification.identify import BaseFit, Identification, Options, fitted, identify
+from calib.identification.base_fit import BaseFit, Options, fitted
+from calib.identification.identify import Identification, identify
 from calib.identification.model import TorqueModel
 from calib.identification.payload import load_between
 from sim.arm import Arm, ArmEffect, load_arm

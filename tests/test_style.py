@@ -22,8 +22,6 @@ LONGER = {
     "calib/diagnosis/fit.py",
     "calib/diagnosis/model.py",
     "calib/diagnosis/selection.py",
-    "calib/identification/identify.py",
-    "calib/identification/least_squares.py",
 }
 # private names that tests import from another file still; each leaves this list, and none comes to it
 PRIVATE = {

@@ -57,8 +57,9 @@ def command(
 
         calib identify ur10e excitation.mcap --loaded with-weight.mcap --known-mass 5
     """
+    from calib.identification.base_fit import Options
     from calib.identification.calibrated import write_calibrated
-    from calib.identification.identify import Options, identify
+    from calib.identification.identify import identify
     from calib.identification.loaded import identify_with_load, identify_with_own_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen

@@ -153,7 +153,7 @@ def identifiable(model: TorqueModel, information: Information, motion: Fourier) 
     Samples at 25 Hz count as independent, which is what a filter of about 8 Hz leaves.
     """
     from calib.identification.estimates import CONTRACTION, RELATIVE
-    from calib.identification.least_squares import inverse
+    from calib.identification.normal_equations import inverse
     from calib.identification.prior import nominal_prior
 
     path = motion.sampled(25.0)

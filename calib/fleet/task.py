@@ -22,8 +22,9 @@ from calib.fleet.job import Answer, ArmStatus, Job, base_row, refusal
 from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
 from calib.gate.commands import require
+from calib.identification.base_fit import survey
 from calib.identification.calibrated import write_calibrated
-from calib.identification.identify import Identification, identify, survey
+from calib.identification.identify import Identification, identify
 from calib.identification.portions import Kept
 from calib.terminal.console import plain
 from calib.validation.validate import Validation, validate

@@ -9,7 +9,7 @@ from calib.identification.model import SLIP_WIDTHS
 from sim.arm import Arm
 
 if TYPE_CHECKING:
-    from calib.identification.identify import BaseFit
+    from calib.identification.base_fit import BaseFit
 
 
 def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.least_squares import Prior, inverse
 from calib.identification.model import FRICTION, TorqueModel
+from calib.identification.normal_equations import Prior, inverse
 from calib.measurement.preprocessing import Measurement
 
 SHORTEST_SECONDS = 0.4

@@ -2,69 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from calib.claims import in_one_sentence
 from calib.gate.commands import require
 from calib.identification.advice import advice, sentence
+from calib.identification.base_fit import BaseFit, Options, Progress, fitted, measure, silent, survey
 from calib.identification.calibrated import calibrated_arm
 from calib.identification.claims import ASIDE, assessment_of, claims
 from calib.identification.consistency import PossibleArm, possible_arm
 from calib.identification.empirical_bayes import drawn_to_nominal
 from calib.identification.estimates import base_estimates, full_estimates
 from calib.identification.findings import findings
-from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.gaps import gap, noise_between_periods
-from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.known import Known
 from calib.identification.law import Laws, fitted_laws, without_laws
-from calib.identification.least_squares import Solution, estimate, reference
+from calib.identification.least_squares import Solution
 from calib.identification.model import TorqueModel
-from calib.identification.portions import Kept, LogSums, context_of, digest_of, joined
+from calib.identification.normal_equations import wider
+from calib.identification.portions import Kept
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
 from calib.identification.readings import chosen_reading
-from calib.identification.reversals import reversal_rows, reverses_often
+from calib.identification.reversals import reversal_rows
 from calib.identification.rows import RegressorRows
-from calib.identification.slip_width import fitted_slip_width
-from calib.identification.sums import Reference, Sums, plain
-from calib.measurement.exclusions import Exclusion
-from calib.measurement.periods import averaged
-from calib.measurement.preprocessing import Measurement, motion_cutoff, prepare
+from calib.identification.sums import plain
+from calib.measurement.preprocessing import Measurement
 from calib.result import Conditioning, FitResult, Gap
-from logs import Log, Pieces
+from logs import Log
 from sim.arm import Arm
-from sim.prediction import torque_path
 
-Progress = Callable[[str, float], None]
-SURVEY_SECONDS = 600.0
 # times the torque that the other fit leaves at a joint. Seven real arms and drives: at most 1.04 where laws help; 1.05 on a servo (XL330) whose
 # recordings kept apart parameters without a law predict better (0.38 of the torque's standard deviation, not 0.44). Three
 # published arms on the mock whose recordings kept apart laws spoil: 1.31, 2.00 and 2.29
 MORE = 1.1
-LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset", "presliding_friction")
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to identify. cutoff Hz of the common filter (None: from the motion, or lower where that predicts better); robust: downweight outliers such as reversals;
-    masses_only: keep every link's inertia about its centre of mass; slip_width rad (None: from the data); gamma: weight of the
-    nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit; laws: fit
-    friction with memory where it predicts better; speed: choose between differences of the position and the reported speed, or take what
-    the arm states.
-    """
-
-    cutoff: float | None = None
-    robust: bool = True
-    masses_only: bool = False
-    slip_width: float | np.ndarray | None = None
-    gamma: float = 0.5
-    max_error: float | None = None
-    laws: bool = True
-    speed: Literal["best", "as stated"] = "best"
 
 
 @dataclass(frozen=True)
@@ -81,16 +54,12 @@ class Identification:
     holdout: tuple[Measurement, ...]
 
 
-def _silent(stage: str, share: float) -> None:
-    return None
-
-
 def identify(
     arm: Arm,
     logs: Sequence[Log],
     holdout: Sequence[Log] = (),
     options: Options | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
     kept: Kept | None = None,
 ) -> Identification:
     """Parameters of `arm` from `logs`, checked on `holdout`; the arm that is returned can exist.
@@ -119,7 +88,7 @@ def identify(
         laws = None
     if laws:
         solution = replace(
-            solution, theta=laws.theta, covariance=_wider(solution.covariance, laws.covariance), tight=laws.covariance
+            solution, theta=laws.theta, covariance=wider(solution.covariance, laws.covariance), tight=laws.covariance
         )
     theta, tight = solution.theta, solution.tight
     if not (laws or solution.regularised):  # the others know of the nominal arm already
@@ -194,115 +163,9 @@ def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:
     return not np.any(np.asarray(left.after) > MORE * np.asarray(other.after))
 
 
-def _wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """b with every standard deviation at least that of a."""
-    grow = np.sqrt(np.maximum(np.diag(a) / np.maximum(np.diag(b), 1e-300), 1.0))
-    return b * np.outer(grow, grow)
-
-
 def _with_laws(of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray) -> Gap:
     """What is left once the friction laws are taken off the torque; what the nominal arm leaves stays as it is."""
     few = without_laws(measurements, laws.effects, model.arm)
     rows = RegressorRows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
     after = gap(model, plain(rows), plain(rows, apart=True), of.logs, theta)
     return replace(of, after=after.after, sliding=after.sliding, after_ampere=after.after_ampere)
-
-
-@dataclass(frozen=True)
-class BaseFit:
-    """Columns and their solution, before any question of what can exist.
-
-    measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
-    calib.identification.reversals says; by_command: the estimate by instruments, where the logs hold the commanded motion.
-    """
-
-    model: TorqueModel
-    solution: Solution
-    weights: Reference
-    sums: Sums
-    measurements: tuple[Measurement, ...]
-    remarks: tuple[str, ...]
-    sweeps: tuple[Sweep, ...]
-    often: np.ndarray
-    cutoff: float
-    names: tuple[str, ...]
-    excluded: tuple[tuple[str, Exclusion], ...]
-    by_command: Instrumental | None
-
-
-def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress = _silent, kept: Kept | None = None) -> BaseFit:
-    """Weighted least squares over all logs of an arm."""
-    surveyed = {k: logs[k] for k in survey(logs)}
-    cutoff = options.cutoff or max(motion_cutoff(log) for log in surveyed.values())
-    measured: dict[int, Measurement] = {}
-    for k, log in surveyed.items():
-        progress("reading motion", len(measured) / len(surveyed))
-        measured[k] = measure(log, arm, cutoff)
-    model = TorqueModel.of_arm(arm)
-    few = list(measured.values())
-    model = model.with_slip_width(
-        fitted_slip_width(model, few) if options.slip_width is None else np.broadcast_to(options.slip_width, arm.n)
-    )
-    sweeps, taken = pre_estimate(few, model)
-    often = reverses_often(few, arm)
-    leave_out = {k: taken.get(k, False) | (reversal_rows(m, arm) & ~often) for k, m in enumerate(few)}
-    prior, nominal = as_prior(sweeps, model), nominal_prior(arm, model)
-    rows = RegressorRows(model, few, leave_out, lambda share: progress("regressor", share))
-    weights = reference(rows, prior, nominal, options.robust)
-    own = {k: rows.part(i) for i, k in enumerate(measured)}
-    context = context_of(arm, cutoff, model.slip_width, often, weights)
-
-    def portion(k: int) -> LogSums:
-        progress("sums", k / len(logs))
-        if k in own:
-            return LogSums.of(own[k], weights, measured[k])
-        log = logs[k]
-        piece = digest_of(log) if kept else ""
-        found = kept.get(context, piece) if kept else None
-        if found is None:
-            m = measure(log, arm, cutoff)
-            found = LogSums.of(RegressorRows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
-            if kept:
-                kept.put(context, piece, found)
-        return found
-
-    sums, names, excluded = joined(portion(k) for k in range(len(logs)))
-    progress("solving", 0.0)
-    solution = estimate(model, sums, weights, prior, nominal)
-    moved = [commanded(log, m) for log, m in zip(surveyed.values(), few, strict=True)]
-    by_command = None
-    if not solution.regularised and all(moved):
-        progress("instruments", 0.0)
-        by_command = instrumental(rows, [m for m in moved if m], weights, prior, solution)
-        if by_command and by_command.preferred:
-            spread = by_command.covariance
-            solution = replace(solution, theta=by_command.theta, covariance=spread, tight=spread)
-    remarks = tuple(
-        f"{log.path.name if log.path else 'log'}: {sentence}" for log in surveyed.values() for sentence in log.findings
-    )
-    return BaseFit(
-        model, solution, weights, sums, tuple(few), remarks, tuple(sweeps), often, cutoff, names, excluded, by_command
-    )
-
-
-def survey(logs: Sequence[Log]) -> list[int]:
-    """Indices of logs that together last SURVEY_SECONDS at most, spread evenly over all; all of them where they last no longer."""
-    seconds = logs.seconds if isinstance(logs, Pieces) else [float(log.t[-1] - log.t[0]) for log in logs]
-    if sum(seconds) <= SURVEY_SECONDS:
-        return list(range(len(logs)))
-    count = max(1, int(SURVEY_SECONDS / max(seconds)))
-    return sorted({int((k + 0.5) * len(logs) / count) for k in range(count)})
-
-
-def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
-    """The measurement in a log, less the torque of those effects of the arm that the fit leaves as they are.
-
-    Where the log repeats its motion, the motion is the average over its periods.
-    """
-    m = averaged(prepare(log, arm, cutoff))
-    others = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS]
-    if not others:
-        return m
-    linear = [e for e in arm.effects if e.effect in LINEAR_EFFECTS]
-    extra = torque_path(arm, m.trajectory).tau - torque_path(arm, m.trajectory, linear).tau
-    return replace(m, tau=m.tau - extra)

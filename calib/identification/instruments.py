@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
-from calib.identification.least_squares import Prior, Solution, inverse
+from calib.identification.least_squares import Solution
+from calib.identification.normal_equations import Prior, inverse
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
 from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay

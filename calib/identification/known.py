@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.identification.least_squares import inverse
 from calib.identification.model import TorqueModel
+from calib.identification.normal_equations import inverse
 from calib.identification.prior import nominal_prior
 from sim.arm import Arm
 from sim.errors import ConfigError

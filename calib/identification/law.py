@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
+from calib.identification.normal_equations import Prior
 from calib.measurement.filtering import Decimator
 from calib.measurement.preprocessing import Measurement
 from calib.regression.friction_fit import FrictionFit, Part, fit_friction, left_out_error

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.identification.least_squares import Prior
 from calib.identification.model import FRICTION, TorqueModel
+from calib.identification.normal_equations import Prior
 from sim.arm import Arm
 from sim.prior import spread, torque_scale
 from sim.rigid_body import link_parameters

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from calib.claims import SENTENCES, Claim
+from calib.identification.base_fit import Options
 from calib.identification.calibrated import write_calibrated
 from calib.identification.claims import CHANGED, KEPT
-from calib.identification.identify import Identification, Options, identify
+from calib.identification.identify import Identification, identify
 from calib.identification.model import TorqueModel
 from calib.identification.outcome import parameter_table
 from calib.main import main

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from calib import main as program
+from calib.identification.base_fit import Options
 from calib.identification.calibrated import write_calibrated
-from calib.identification.identify import Options, identify
+from calib.identification.identify import identify
 from calib.identification.law import Laws
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel

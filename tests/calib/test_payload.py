@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.identification.base_fit import Options
 from calib.identification.calibrated import write_calibrated
 from calib.identification.consistency import pseudo_inertia
-from calib.identification.identify import Identification, Options
+from calib.identification.identify import Identification
 from calib.identification.loaded import identify_with_load
 from calib.identification.payload import Load
 from logs.log import Log

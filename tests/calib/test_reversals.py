@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.known_truth import fitting_motion, recorded_on_mock
-from calib.identification.identify import Options, identify
+from calib.identification.base_fit import Options
+from calib.identification.identify import identify
 from calib.identification.model import TorqueModel
 from calib.identification.reversals import reversal_rows
 from calib.measurement.preprocessing import prepare

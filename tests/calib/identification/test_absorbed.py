@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from calib.identification.base_fit import Options, fitted
 from calib.identification.findings import findings
-from calib.identification.identify import Options, fitted
-from calib.identification.least_squares import Prior, estimate, inverse, reference
+from calib.identification.least_squares import estimate
 from calib.identification.model import TorqueModel
+from calib.identification.normal_equations import Prior, inverse
+from calib.identification.row_weights import reference
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.measurement.preprocessing import prepare

@@ -8,8 +8,9 @@ from scipy.interpolate import CubicHermiteSpline
 from benchmarks.known_truth import HOME
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.identification.advice import advice, sentence
+from calib.identification.base_fit import BaseFit, Options, fitted
 from calib.identification.estimates import base_estimates
-from calib.identification.identify import BaseFit, Options, fitted, identify
+from calib.identification.identify import identify
 from calib.identification.prior import nominal_prior
 from sim.arm import Arm
 from sim.trajectory import Trajectory

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.identification.identify import Options, fitted, identify
+from calib.identification.base_fit import Options, fitted
+from calib.identification.identify import identify
 from calib.identification.instruments import commanded
 from calib.identification.model import TorqueModel
 from calib.measurement.preprocessing import prepare

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identification.identify import Options
+from calib.identification.base_fit import Options
 from calib.identification.loaded import identify_with_own_load
 from logs.log import Log
 from sim.arm import Arm

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identification.identify import Identification, identify, survey
-from calib.identification.least_squares import estimate, reference
+from calib.identification.base_fit import survey
+from calib.identification.identify import Identification, identify
+from calib.identification.least_squares import estimate
 from calib.identification.model import TorqueModel
 from calib.identification.portions import Kept, context_of, digest_of
+from calib.identification.row_weights import reference
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Sums, summed
 from calib.measurement.preprocessing import prepare
@@ -135,7 +137,7 @@ def identified(arm: Arm, logs: list[Log], kept: Kept | None = None) -> Identific
 def test_work_that_was_done_is_not_done_again(
     ur5e: Arm, logs: list[Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("calib.identification.identify.SURVEY_SECONDS", 30.0)
+    monkeypatch.setattr("calib.identification.base_fit.SURVEY_SECONDS", 30.0)
     assert len(survey(logs)) == 2
     kept = Kept(tmp_path)
     first = identified(ur5e, logs, kept)

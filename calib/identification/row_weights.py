@@ -1,0 +1,99 @@
+"""By which weights rows agree with themselves: scale and colour of their residuals, robustly, and where whitening would hide the model's error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.identification.absorbed import leverage, residual_noise, spread
+from calib.identification.normal_equations import (
+    RIDGE_ABOVE,
+    Prior,
+    inverse,
+    prior_in_use,
+    residual_variance,
+    scaled_condition,
+    solution_of,
+    together,
+)
+from calib.identification.rows import RegressorRows
+from calib.identification.sums import Reference, plain, weighted
+from calib.regression.information import InformationMatrix
+from calib.regression.noise import Noise, filtered
+from calib.regression.robust import HUBER
+
+WORSE = 0.05
+
+
+def reference(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Reference:
+    """The weights under which the rows agree with themselves: scale and colour of their own residuals, found in a few rounds."""
+    model, used = rows.model, rows.used
+    sums = plain(rows)
+    prior, _, _, _ = prior_in_use(model, sums, prior, nominal)
+    variance, theta = np.ones(model.arm.n), np.zeros(model.p)
+    for _ in range(6):
+        theta = solution_of(together(model, sums, variance), prior)
+        variance = residual_variance(sums, theta, used)
+    gain = inverse(together(model, sums, variance).gram[:-1, :-1] + prior.precision)
+    found = residual_noise(rows, theta, variance, gain)
+    weights, gain = _settled(rows, theta, found.ar, prior, robust)
+    bent = _bent(rows, weights, variance, prior)
+    if bent.any():
+        weights, gain = _settled(rows, theta, np.where(bent[:, None], 0.0, found.ar), prior, robust)
+    colouring, short = spread(rows, weights, gain, found)
+    return replace(weights, colouring=colouring, shortfall=short, slow=found.slow)
+
+
+def _settled(
+    rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust: bool
+) -> tuple[Reference, np.ndarray]:
+    """Weights with this whitening, and the inverse (p, p) of the information under them."""
+    model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
+    for _ in range(3 if robust else 1):
+        weights = Reference(theta, _innovations(rows, theta, ar, robust, absorbed), huber)
+        white, _, _, counts = weighted(rows, weights)
+        joint = together(model, white)
+        theta, gain = solution_of(joint, prior), inverse(joint.gram[:-1, :-1] + prior.precision)
+        absorbed = np.minimum(leverage(rows, weights, gain), 0.5)
+        huber = HUBER if robust else np.inf
+    return Reference(theta, _innovations(rows, theta, ar, robust, absorbed), huber, float(counts.sum())), gain
+
+
+def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
+    """(n,) whether whitening makes a joint's torque worse on a log that the fit has not seen, by more than WORSE.
+
+    Whitening takes what is slow in the residual for noise. Where it is the model that is wrong, the same slow error comes again in every
+    log, and a fit that does not look away from it predicts better. With one log, or where the others alone do not show every parameter, there is
+    nothing to compare on.
+    """
+    model, used = rows.model, rows.used
+    parts = [rows.part(k) for k in range(len(rows.measurements))]
+    if len(parts) < 2:
+        return np.zeros(model.arm.n, dtype=bool)
+    raw, white = [plain(part) for part in parts], [weighted(part, weights)[0] for part in parts]
+    left = np.zeros((2, model.arm.n))
+    for k, unseen in enumerate(raw):
+        others = [InformationMatrix.merged(x) for x in zip(*(s for i, s in enumerate(raw) if i != k), strict=True)]
+        if not scaled_condition(together(model, others).r[:, : model.p]) < RIDGE_ABOVE:
+            continue
+        for kind, (sums, scale) in enumerate(((raw, variance), (white, None))):
+            others = [InformationMatrix.merged(x) for x in zip(*(s for i, s in enumerate(sums) if i != k), strict=True)]
+            theta = solution_of(together(model, others, scale), prior)
+            left[kind] += [own.squares(np.append(-theta[u], 1.0)) for own, u in zip(unseen, used, strict=True)]
+    return np.asarray(left[1] > (1 + WORSE) ** 2 * left[0])
+
+
+def _innovations(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust: bool, absorbed: np.ndarray) -> Noise:
+    """Noise of this colour, as large as each joint's innovations, with the share `absorbed` (n,) of them; by the median where outliers must not count."""
+    unit = Noise.of_innovations(np.ones(len(ar)), ar)
+    parts: list[list[np.ndarray]] = [[] for _ in ar]
+    for block in rows:
+        for j, used in enumerate(rows.used):
+            own = block.of_joint(j)
+            parts[j].append(filtered(unit.taps(j, own.joined), own.b - own.a @ theta[used])[own.settled])
+    size = [
+        max(1.4826 * float(np.median(np.abs(e))) if robust else float(e.std()), 1e-12) if len(e) else 1e-12
+        for e in map(np.concatenate, parts)
+    ]
+    return Noise.of_innovations(np.array(size) / np.sqrt(1 - absorbed), ar)
