@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.answer import Diagnosis
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.selection import THRESHOLD
 from calib.validation.validate import LogCheck, checked
 from logs.log import Log

@@ -20,7 +20,6 @@ LONGEST = 250  # lines of a Python file
 LONGER = {
     "calib/diagnosis/baseline.py",
     "calib/diagnosis/fit.py",
-    "calib/diagnosis/model.py",
     "calib/diagnosis/selection.py",
 }
 # private names that tests import from another file still; each leaves this list, and none comes to it

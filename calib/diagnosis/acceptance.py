@@ -10,7 +10,8 @@ from scipy.special import chdtri
 
 from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.hypothesis import CONTACT
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
 from calib.diagnosis.significance import WORSE, excess, positive

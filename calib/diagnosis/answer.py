@@ -14,7 +14,7 @@ from calib.claims.of_diagnosis import claims
 from calib.diagnosis.acceptance import Key
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import nominal_values
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.selection import SearchResult
 from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect

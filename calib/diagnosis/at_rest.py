@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.diagnosis.answer import Diagnosis, answer, entry
 from calib.diagnosis.contact import force_spread
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.hypothesis import CONTACT
 from calib.gate import GateCheck
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.standing import Push, pushes

@@ -17,7 +17,8 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import fit, within
 from calib.diagnosis.healthy import Folds
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.diagnosis.selection import Key, plausible

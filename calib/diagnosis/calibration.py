@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.link_side import centre_size
-from calib.diagnosis.model import DELAY_MEAN, DELAY_SPREAD, spreads
+from calib.diagnosis.nuisance import DELAY_MEAN, DELAY_SPREAD, spreads
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm
 

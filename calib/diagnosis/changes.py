@@ -10,7 +10,8 @@ from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.baseline import Changed, Healthy, Since
 from calib.diagnosis.corrected import ArmChange
-from calib.diagnosis.model import CONTACT, LogModel
+from calib.diagnosis.hypothesis import CONTACT
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
 from sim.motion_view import force_rows

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.link_side import centre_size
-from calib.diagnosis.model import CONTACT, ROTOR_TOGETHER, Hypothesis, spreads
+from calib.diagnosis.nuisance import ROTOR_TOGETHER, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.effects.presliding_friction import built_up

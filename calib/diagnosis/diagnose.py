@@ -11,8 +11,8 @@ from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.limits import Limit, limits_reached
-from calib.diagnosis.model import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.pairs import paired

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.contact import force_spread
-from calib.diagnosis.model import CONTACT, LATE, Hypothesis, LogModel, recentred
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis, recentred
+from calib.diagnosis.model import LATE, LogModel
 from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise, noise_of

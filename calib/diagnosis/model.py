@@ -3,80 +3,25 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.link_side import LinkSide
+from calib.diagnosis.nuisance import LATER, OWN, POSITIVE, WIDER, first_own, friction_lost, nuisance_names, own_columns, spreads
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
-from sim.effects import Stage, effect_named, with_effect
+from sim.effects import Stage, effect_named
 from sim.prediction import Stages, by_stage, motor_side
-from sim.prior import spread
 from sim.rigid_body import RigidBody
-from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState
 from sim.tree import KinematicTree
 
-# How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.
-WIDTH_SPREAD = 0.7
-LEAD_SPREAD = 4e-3
-# A drive that holds its torque between control instants leads its own reading by half a control period (1 ms at 500 Hz).
-DELAY_MEAN, DELAY_SPREAD = -0.7e-3, 0.35e-3
-# The dynamics of drives that nobody models act like a rotor inertia that is off by one factor on all joints.
-ROTOR_TOGETHER = 0.3
-CONTACT = "external_contact"
-# Motors warm up; that much of all friction may go in a minute of work, or over the whole rise of the measured temperature.
-WARMTH_SPREAD = 0.015
-WARMING_SPREAD = 0.03
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s.
-
-    written: as an arm folder can hold it, where dry friction has no lead.
-    """
-
-    arm: Arm
-    width: np.ndarray
-    lead: np.ndarray
-    delay: float = DELAY_MEAN
-    accepted: tuple[ArmEffect, ...] = ()
-    nominal_arm: Arm | None = None
-    event_log: int | None = None
-    written: bool = False
-
-    @property
-    def start(self) -> Arm:
-        """The arm without any accepted effect."""
-        return self.nominal_arm or self.arm
-
-    def with_effects(self, accepted: tuple[ArmEffect, ...], event_log: int | None = None) -> Hypothesis:
-        """The same dry friction and delay with other effects; an external contact belongs to one log only, by default the one it was in."""
-        arm, event = self.start, self.event_log if event_log is None else event_log
-        for item in accepted:
-            if item.effect != CONTACT:
-                arm = with_effect(arm, item)
-        touched = any(item.effect == CONTACT for item in accepted)
-        return replace(self, arm=arm, accepted=accepted, nominal_arm=self.start, event_log=event if touched else None)
-
-    def event(self, log: int) -> ArmEffect | None:
-        """The contact that happened in that log, if any was accepted."""
-        if log != self.event_log:
-            return None
-        return next((e for e in self.accepted if e.effect == CONTACT), None)
-
-    def as_written(self) -> Hypothesis:
-        """The same without what an arm folder cannot hold."""
-        return replace(self, lead=np.zeros(self.arm.n), written=True)
-
-    @staticmethod
-    def nominal(arm: Arm) -> Hypothesis:
-        """Nothing accepted yet."""
-        return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3))
+# the stages behind the load on the gear
+LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
 
 
 @dataclass(frozen=True)
@@ -91,16 +36,6 @@ class JointPath:
     rate: np.ndarray
     residual: np.ndarray
     nuisance: np.ndarray
-
-
-OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth")
-# effect, parameter and prior of the first of OWN: none of them can be negative
-POSITIVE = (
-    ("coulomb_friction", "coulomb", "coulomb"),
-    ("viscous_friction", "viscous", "viscous"),
-    ("rotor_inertia", "inertia", "rotor"),
-)
-LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
 
 
 class LogModel:
@@ -285,57 +220,14 @@ class LogModel:
         rate = self.gradient(state.tau[:, 0])
         tau_hat = state.tau[:, 0] - self.hypothesis.delay * rate
         spread = {key: values[j] for key, values in self._spreads.items()}
-        friction = state.warmth[:, 0] * state.slip[:, 0]
-        viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
-        rotor = sum((e.parameters["inertia"] for e in own if e.effect == "rotor_inertia"), 0.0)
-        speed, push = state.dq_motor[:, 0], state.ddq_motor[:, 0]
-        wider = self.tail(j, own, width=self.hypothesis.width[j] * 1.3)
-        later = self.tail(j, own, lead=self.hypothesis.lead[j] + 1e-3)
-        columns = (
-            spread["coulomb"] * friction,
-            spread["viscous"] * speed,
-            spread["rotor"] * push,
-            np.full(len(rate), spread["offset"]),
-            WIDTH_SPREAD / np.log(1.3) * (wider - tau_hat),
-            (0.0 if self.hypothesis.written else LEAD_SPREAD / 1e-3) * (later - tau_hat),
-            -self._warmth(j) * (friction * state.level[:, 0] + viscous * speed),
-            ROTOR_TOGETHER * rotor * push,
-            -DELAY_SPREAD * rate,
-            self.measurement.tau[:, j] - tau_hat,
+        wider = self.tail(j, own, width=self.hypothesis.width[j] * WIDER)
+        later = self.tail(j, own, lead=self.hypothesis.lead[j] + LATER)
+        columns = own_columns(
+            state, own, spread, rate, wider - tau_hat, later - tau_hat, self._friction_lost(j), self.hypothesis.written
         )
-        rows = self.rows(np.stack(columns, axis=1))
+        rows = self.rows(np.stack((*columns, self.measurement.tau[:, j] - tau_hat), axis=1))
         return JointPath(key, tau_hat, rate, rows[:, -1], rows[:, :-1])
 
-    def _warmth(self, j: int) -> np.ndarray:
-        """(N,) share of friction lost, one standard deviation of the prior."""
+    def _friction_lost(self, j: int) -> np.ndarray:
         warming = self.measurement.warming
-        return WARMTH_SPREAD * self.link.t / 60.0 if warming is None else WARMING_SPREAD * warming[:, j]
-
-
-def nuisance_names(n: int) -> list[str]:
-    """The uncertain numbers of an arm of n joints, in the order of their columns."""
-    links = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
-    return [*links, *[f"{what}_{j + 1}" for j in range(n) for what in OWN], "Ia_all", "delay"]
-
-
-def first_own(n: int) -> int:
-    """Index of the first joint's own numbers among them, behind those of the links."""
-    return 5 * n
-
-
-def spreads(arm: Arm) -> dict[str, np.ndarray]:
-    """Standard deviations (n,) of coulomb, viscous, rotor and offset; a stated arm's readings have no offset."""
-    out = spread(arm)
-    if "offset" not in arm.prior.unknown:
-        out["offset"] = np.zeros(arm.n)
-    return out
-
-
-def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray, joints: Collection[int]) -> Hypothesis:
-    """The hypothesis with width and lead of some joints moved to where the fit puts them; the rest of the nuisance stays linear."""
-    at = {name: k for k, name in enumerate(names)}
-    width, lead = hypothesis.width.copy(), hypothesis.lead.copy()
-    for j in joints:
-        width[j] *= np.exp(np.clip(WIDTH_SPREAD * theta[at[f"width_{j + 1}"]], -0.7, 0.7))
-        lead[j] += np.clip(LEAD_SPREAD * theta[at[f"lead_{j + 1}"]], -4e-3, 4e-3)
-    return replace(hypothesis, width=np.clip(width, 1e-5, 6e-4), lead=np.clip(lead, -5e-3, 2e-2))
+        return friction_lost(self.link.t, None if warming is None else warming[:, j])

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from calib.diagnosis.false_names import NullDistribution
-from calib.diagnosis.model import CONTACT
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.selection import Key, Scored, price
 from sim.effects import effect_named
 

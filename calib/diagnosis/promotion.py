@@ -19,8 +19,8 @@ import numpy as np
 
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.law import Law, Refitted
-from calib.diagnosis.model import CONTACT
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import SIGNIFICANT, WORSE
 from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WORSE_ELSEWHERE, WrittenArm, as_written, ways_of

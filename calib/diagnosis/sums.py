@@ -18,7 +18,8 @@ import numpy as np
 
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.fit import columns_of, moved, parameters_of, within
-from calib.diagnosis.model import CONTACT, Hypothesis, LogModel
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.selection import Key, price

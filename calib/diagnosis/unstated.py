@@ -12,7 +12,8 @@ import numpy as np
 
 from calib.diagnosis.corrected import ORDINARY
 from calib.diagnosis.fit import fit
-from calib.diagnosis.model import Hypothesis, spreads
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.nuisance import spreads
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect

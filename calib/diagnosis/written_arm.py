@@ -10,8 +10,9 @@ import numpy as np
 
 from calib.diagnosis.corrected import ArmChange, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.law import Law, Refitted, Split, with_laws
-from calib.diagnosis.model import CONTACT, DELAY_MEAN
+from calib.diagnosis.nuisance import DELAY_MEAN
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement

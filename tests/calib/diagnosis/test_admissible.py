@@ -9,7 +9,7 @@ import pytest
 
 from calib.diagnosis.acceptance import Assessed, HeldOut, assess
 from calib.diagnosis.fit import Fit, fit, parameters_of
-from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import _beyond_ordinary
 from calib.diagnosis.selection import Scored, add, admissible, price, started, without

@@ -14,7 +14,7 @@ from calib.diagnosis.acceptance import APART, LEAST, SECOND, SECOND_ALONE, Asses
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.rigid_body import RigidBody

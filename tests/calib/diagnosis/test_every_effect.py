@@ -9,7 +9,7 @@ import pytest
 
 from calib.diagnosis import selection
 from calib.diagnosis.acceptance import APART
-from calib.diagnosis.model import CONTACT, Hypothesis
+from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Stage, effect_named, with_effect

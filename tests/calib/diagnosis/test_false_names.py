@@ -9,7 +9,7 @@ from benchmarks.known_truth import varied
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.selection import price, scored, started
 from sim.arm import Arm

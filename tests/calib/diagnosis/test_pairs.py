@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.diagnosis import selection
-from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.pairs import paired
 from sim.arm import Arm, ArmEffect

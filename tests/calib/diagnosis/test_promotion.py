@@ -11,7 +11,7 @@ import pytest
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import Hypothesis
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.selection import Scored, add, started

@@ -10,7 +10,8 @@ import pytest
 
 from calib.diagnosis import selection
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.model import Hypothesis, LogModel
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect

@@ -1,0 +1,87 @@
+"""The uncertain numbers of every arm, which are free within their prior beside every effect: their order, their spreads and their columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sim.arm import Arm, ArmEffect
+from sim.prior import spread
+from sim.torque_path import PathState
+
+# How dry friction builds up is never in a model file: width around SLIP_WIDTH within a factor (e^0.7) and lead by some milliseconds.
+WIDTH_SPREAD = 0.7
+LEAD_SPREAD = 4e-3
+# A drive that holds its torque between control instants leads its own reading by half a control period (1 ms at 500 Hz).
+DELAY_MEAN, DELAY_SPREAD = -0.7e-3, 0.35e-3
+# The dynamics of drives that nobody models act like a rotor inertia that is off by one factor on all joints.
+ROTOR_TOGETHER = 0.3
+# Motors warm up; that much of all friction may go in a minute of work, or over the whole rise of the measured temperature.
+WARMTH_SPREAD = 0.015
+WARMING_SPREAD = 0.03
+# of the differences that stand for the derivatives by width (a factor) and lead (s)
+WIDER, LATER = 1.3, 1e-3
+OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth")
+# effect, parameter and prior of the first of OWN: none of them can be negative
+POSITIVE = (
+    ("coulomb_friction", "coulomb", "coulomb"),
+    ("viscous_friction", "viscous", "viscous"),
+    ("rotor_inertia", "inertia", "rotor"),
+)
+
+
+def nuisance_names(n: int) -> list[str]:
+    """The uncertain numbers of an arm of n joints, in the order of their columns."""
+    links = [f"{what}_{i + 1}" for i in range(n) for what in ("m", "cx", "cy", "cz", "I")]
+    return [*links, *[f"{what}_{j + 1}" for j in range(n) for what in OWN], "Ia_all", "delay"]
+
+
+def first_own(n: int) -> int:
+    """Index of the first joint's own numbers among them, behind those of the links."""
+    return 5 * n
+
+
+def spreads(arm: Arm) -> dict[str, np.ndarray]:
+    """Standard deviations (n,) of coulomb, viscous, rotor and offset; a stated arm's readings have no offset."""
+    out = spread(arm)
+    if "offset" not in arm.prior.unknown:
+        out["offset"] = np.zeros(arm.n)
+    return out
+
+
+def own_columns(
+    state: PathState,
+    own: Sequence[ArmEffect],
+    spread: Mapping[str, float],
+    rate: np.ndarray,
+    wider: np.ndarray,
+    later: np.ndarray,
+    lost: np.ndarray,
+    written: bool,
+) -> tuple[np.ndarray, ...]:
+    """(N,) N m per prior standard deviation of OWN, of all rotors together and of the delay: for one joint, whose path has arrays (N, 1).
+
+    own: the joint's effects; spread: its standard deviations; rate (N,): d tau / dt; wider, later (N,): change of torque with a width
+    WIDER times as large and a lead longer by LATER; lost: `friction_lost`; written: as an arm folder can hold it, without lead.
+    """
+    friction = state.warmth[:, 0] * state.slip[:, 0]
+    viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
+    rotor = sum((e.parameters["inertia"] for e in own if e.effect == "rotor_inertia"), 0.0)
+    speed, push = state.dq_motor[:, 0], state.ddq_motor[:, 0]
+    return (
+        spread["coulomb"] * friction,
+        spread["viscous"] * speed,
+        spread["rotor"] * push,
+        np.full(len(rate), spread["offset"]),
+        WIDTH_SPREAD / np.log(WIDER) * wider,
+        (0.0 if written else LEAD_SPREAD / LATER) * later,
+        -lost * (friction * state.level[:, 0] + viscous * speed),
+        ROTOR_TOGETHER * rotor * push,
+        -DELAY_SPREAD * rate,
+    )
+
+
+def friction_lost(t: np.ndarray, warming: np.ndarray | None) -> np.ndarray:
+    """(N,) share of friction lost at times t (N,) s, one standard deviation of the prior; warming (N,): of the joint, None if not measured."""
+    return WARMTH_SPREAD * t / 60.0 if warming is None else WARMING_SPREAD * warming
