@@ -13,8 +13,8 @@ import numpy as np
 from calib.claims.of_diagnosis import claims
 from calib.diagnosis.acceptance import Key
 from calib.diagnosis.corrected import ArmChange
-from calib.diagnosis.fit import nominal_values
 from calib.diagnosis.hypothesis import CONTACT
+from calib.diagnosis.parameters import nominal_values
 from calib.diagnosis.selection import SearchResult
 from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect

@@ -15,11 +15,12 @@ import numpy as np
 from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contact import contacts, felt, push_columns
-from calib.diagnosis.fit import fit, within
+from calib.diagnosis.fit import fit
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import Null, nulls, numbered, white
+from calib.diagnosis.parameters import within
 from calib.diagnosis.rows import ResidualRows, Solved, solve
 from calib.diagnosis.selection import Key, plausible
 from calib.measurement.preprocessing import Measurement

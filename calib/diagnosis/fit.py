@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.contact import force_spread
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis, recentred
-from calib.diagnosis.model import LATE, LogModel
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.parameters import logarithmic, moved, parameters_of
 from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
+from calib.diagnosis.sensitivity import columns_of
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise, noise_of
 from calib.regression.robust import huber
-from sim.arm import Arm, ArmEffect
-from sim.effects import effect_named, with_effect
+from sim.arm import ArmEffect
 from sim.effects.effect import Parameter
-from sim.errors import ConfigError
-from sim.prediction import by_stage, link_side, motor_side
 
 
 @dataclass
@@ -151,102 +150,6 @@ def objective(solved: Solved) -> float:
     return float(total + off @ off)
 
 
-def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
-    """(index of the effect, parameter) of everything that is fitted."""
-    return [
-        (i, p)
-        for i, item in enumerate(accepted)
-        for p in effect_named(item.effect).parameters
-        if not p.chosen(item.parameters[p.name])
-    ]
-
-
-def nominal_values(arm: Arm, item: ArmEffect) -> dict[str, float | None]:
-    """What the arm has in the place of an effect: its own values, else those at which the effect vanishes, None for a shape."""
-    own = arm.effect(item.effect, item.joint)
-    if item.effect == "link_inertia" and item.joint is not None:
-        j = arm.joint_index(item.joint)
-        return dict(zip(("mass", "com_x", "com_y", "com_z"), map(float, (arm.tree.mass[j], *arm.tree.com[j])), strict=True))
-    return dict(own.parameters) if own else {p.name: p.zero for p in effect_named(item.effect).parameters}
-
-
-def logarithmic(p: Parameter) -> bool:
-    """Scales without a zero are fitted as logarithms."""
-    return p.zero is None and p.lower > 0
-
-
-def within(item: ArmEffect) -> bool:
-    """Whether every parameter is finite and inside its physical bounds."""
-    bounds = {p.name: p for p in effect_named(item.effect).parameters}
-    return all(np.isfinite(v) and bounds[k].lower <= v <= bounds[k].upper for k, v in item.parameters.items())
-
-
-def _step(item: ArmEffect, p: Parameter) -> float:
-    if logarithmic(p):
-        return 1e-2
-    if p.zero is None:
-        return 1e-3
-    return max(1e-2 * abs(item.parameters[p.name] - p.zero), 1e-4 * abs(p.grid[0]))
-
-
-def _changed(item: ArmEffect, p: Parameter, by: float) -> ArmEffect:
-    value = item.parameters[p.name]
-    value = value * float(np.exp(np.clip(by, -1.0, 1.0))) if logarithmic(p) else value + by
-    return replace(item, parameters=dict(item.parameters) | {p.name: float(np.clip(value, p.lower, p.upper))})
-
-
-def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[float, list[np.ndarray]]]:
-    """Per fitted parameter: its step, and per log the change (R, n) of predicted torque per unit of it."""
-    out = []
-    for i, p in parameters_of(hypothesis.accepted):
-        item = hypothesis.accepted[i]
-        step = _step(item, p)
-        if not within(_changed(item, p, step)) or _changed(item, p, step).parameters == item.parameters:
-            step = -step
-        moved = _changed(item, p, step)
-        out.append((step, [_slope(model, hypothesis, k, item, moved, step) for k, model in enumerate(models)]))
-    return out
-
-
-def _slope(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect, step: float) -> np.ndarray:
-    """(R, n) change of predicted torque per unit of the parameter that `moved` has changed by `step`."""
-    if effect_named(item.effect).stage not in LATE or item.joint is None:
-        return model.rows(_difference(model, hypothesis, log, item, moved)) / step
-    j = model.arm.joint_index(item.joint)
-    key = ("slope", item.effect, tuple(moved.parameters.items()))
-
-    def rows() -> np.ndarray:
-        own = [moved if e.effect == item.effect else e for e in model.own_effects(j)]
-        return np.asarray(model.rows(model.tail(j, own) - model.tau_hat[:, j]) / step)
-
-    out = np.zeros_like(model.residual)
-    out[:, j] = model.kept_of(j, key, rows)
-    return out
-
-
-def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect) -> np.ndarray:
-    """Change of the predicted torque (N, n) when one accepted effect changes."""
-    out = np.zeros_like(model.tau_hat)
-    if item.effect == CONTACT:
-        if hypothesis.event_log != log:
-            return out
-        return _predicted(model, hypothesis, hypothesis.arm, moved) - model.tau_hat
-    accepted = tuple(moved if e is item else e for e in hypothesis.accepted)
-    arm = hypothesis.start
-    for e in accepted:
-        if e.effect != CONTACT:
-            arm = with_effect(arm, e)
-    return _predicted(model, hypothesis, arm, hypothesis.event(log)) - model.tau_hat
-
-
-def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffect | None) -> np.ndarray:
-    effects = arm.effects if event is None else (*arm.effects, event)
-    stages = by_stage(effects, arm)
-    state = link_side(arm, model.measurement.trajectory, stages, model.measurement.warming)
-    motor_side(state, stages, hypothesis.width, hypothesis.lead)
-    return state.tau - hypothesis.delay * model.gradient(state.tau)
-
-
 def _scales(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> np.ndarray:
     """(k,) prior standard deviation of every accepted parameter: WIDE over its column's size, or its own, or that of a contact's force."""
     sizes = [np.sqrt(sum(float((c**2).sum()) for c in per_log)) for _, per_log in columns]
@@ -280,14 +183,3 @@ def _joined(rows: ResidualRows, columns: list[tuple[float, list[np.ndarray]]], h
     widened.mean = np.concatenate([rows.mean, mean])
     widened.least = np.concatenate([rows.least, np.full(len(columns), -np.inf)])
     return widened
-
-
-def moved(hypothesis: Hypothesis, change: np.ndarray) -> Hypothesis:
-    """The hypothesis with its accepted parameters moved by `change` (k,) in fitting units, kept inside their bounds."""
-    accepted = list(hypothesis.accepted)
-    for (i, p), by in zip(parameters_of(hypothesis.accepted), change, strict=True):
-        accepted[i] = _changed(accepted[i], p, float(by))
-    try:
-        return hypothesis.with_effects(tuple(accepted), hypothesis.event_log)
-    except ConfigError:
-        return hypothesis

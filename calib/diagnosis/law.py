@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.corrected import ArmChange, correction
-from calib.diagnosis.fit import Fit, columns_of, logarithmic, nominal_values, parameters_of
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.nuisance import first_own
+from calib.diagnosis.parameters import logarithmic, nominal_values, parameters_of
+from calib.diagnosis.sensitivity import columns_of
 from calib.regression.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
 from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula

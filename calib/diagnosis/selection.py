@@ -10,9 +10,10 @@ import numpy as np
 
 from calib.diagnosis.candidates import Candidate, acts_at, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
-from calib.diagnosis.fit import Fit, fit, logarithmic, parameters_of, within
+from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.model import LATE, LogModel
+from calib.diagnosis.parameters import logarithmic, parameters_of, within
 from calib.diagnosis.pure_error import measured_noise
 from calib.diagnosis.rows import Products
 from calib.diagnosis.unstated import unstated_keys

@@ -15,10 +15,11 @@ import numpy as np
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.fit import Fit, parameters_of
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of
+from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.sums import Key, Other, Point, Solver, SummedSolution, best_other, others_of, portion
 from calib.identification.portions import Kept, digest_of

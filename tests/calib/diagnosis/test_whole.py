@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.answer import Diagnosis
-from calib.diagnosis.fit import parameters_of
 from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.sums import Point, Solver, others_of, portion
 from calib.diagnosis.whole import Whole, diagnose_pieces, spread
 from calib.identification.portions import Kept
