@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.selection import THRESHOLD
+from calib.diagnosis.prices import THRESHOLD
 from calib.validation.validate import LogCheck, checked
 from logs.log import Log
 from sim.arm import Arm

@@ -19,7 +19,6 @@ LONGEST = 250  # lines of a Python file
 # files that hold more than one idea still; each leaves this list when it is split, and none comes to it
 LONGER = {
     "calib/diagnosis/baseline.py",
-    "calib/diagnosis/selection.py",
 }
 # private names that tests import from another file still; each leaves this list, and none comes to it
 PRIVATE = {

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from calib.diagnosis.candidates import acts_at
+from calib.diagnosis.candidates import Key, acts_at
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
+from calib.diagnosis.prices import cost, price
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.selection import Bank, Key, add, beside, cost, joints_of, price, without
+from calib.diagnosis.scoring import Bank, beside
+from calib.diagnosis.selection import add, joints_of, without
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement
 from calib.regression.robust import huber

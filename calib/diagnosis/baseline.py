@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.diagnosis.additive_basis import AdditiveBasis
-from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.admissible import plausible
+from calib.diagnosis.candidates import Candidate, Key
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import fit
 from calib.diagnosis.healthy import Folds
@@ -22,7 +23,6 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import Null, nulls, numbered, white
 from calib.diagnosis.parameters import within
 from calib.diagnosis.rows import ResidualRows, Solved, solve
-from calib.diagnosis.selection import Key, plausible
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise
 from sim.arm import Arm, ArmEffect

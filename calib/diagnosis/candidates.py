@@ -10,6 +10,8 @@ from sim.arm import ArmEffect
 from sim.effects import EFFECTS, driven_by
 from sim.motion_view import CandidateColumns
 
+Key = tuple[str, str | None]  # effect and joint, None: the whole arm
+
 
 @dataclass(frozen=True)
 class Candidate(CandidateColumns):
@@ -19,7 +21,7 @@ class Candidate(CandidateColumns):
     joint: str | None = None
 
     @property
-    def key(self) -> tuple[str, str | None]:
+    def key(self) -> Key:
         """Effect and joint."""
         return self.effect, self.joint
 

@@ -17,8 +17,10 @@ from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.pairs import paired
 from calib.diagnosis.possible import possible
+from calib.diagnosis.prices import price
 from calib.diagnosis.promotion import Promotion, promoted
-from calib.diagnosis.selection import Scored, SearchResult, add, price, search
+from calib.diagnosis.scoring import Scored
+from calib.diagnosis.selection import SearchResult, add, search
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written, torque_rms
 from calib.gate.commands import LEAST_MOTION, examined

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.selection import Bank, Key, beside_accepted, price_of
+from calib.diagnosis.prices import price_of
+from calib.diagnosis.scoring import Bank, beside_accepted
 from sim.effects import effect_named
 
 DRAWS = 999

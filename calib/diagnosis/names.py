@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.acceptance import Assessed, assess, is_nothing
+from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.selection import SearchResult, plausible, without
+from calib.diagnosis.selection import SearchResult, without
 from calib.diagnosis.unexplained import Odd, unexplained
 from calib.diagnosis.written_arm import as_written
 from calib.measurement.preprocessing import Measurement

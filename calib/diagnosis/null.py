@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.candidates import Candidate, candidates
+from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Solved, solve
-from calib.diagnosis.selection import Key
 
 NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
 NULL_DIAGONAL = 0.3

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from calib.diagnosis.admissible import admissible
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.selection import Bank, SearchResult, add, admissible, best_next, cost, grown, scored, without
+from calib.diagnosis.prices import cost
+from calib.diagnosis.scoring import Bank, scored
+from calib.diagnosis.selection import SearchResult, add, best_next, grown, without
 from calib.diagnosis.unexplained import rests
 from calib.measurement.preprocessing import Measurement
 

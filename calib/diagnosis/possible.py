@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.false_names import NullDistribution
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.selection import Key, Scored, price
+from calib.diagnosis.prices import price
+from calib.diagnosis.scoring import Scored
 from sim.effects import effect_named
 
 CHANCE = 0.2  # above it an effect is not worth a motion

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.candidates import candidates
+from calib.diagnosis.candidates import Key, candidates
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import Scale, measured, on_scale
 from calib.diagnosis.parameters import moved, parameters_of, within
+from calib.diagnosis.prices import price
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.selection import Key, price
 from calib.diagnosis.sensitivity import columns_of
 from calib.regression.information import InformationMatrix, JointInformation
 from calib.regression.noise import Noise

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib import evidence
 from calib.diagnosis.corrected import ArmChange
-from calib.diagnosis.selection import Scored
+from calib.diagnosis.scoring import Scored
 from calib.validation.validate import validate
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.acceptance import Assessed, HeldOut, assess
+from calib.diagnosis.admissible import admissible
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import _beyond_ordinary
 from calib.diagnosis.parameters import parameters_of
-from calib.diagnosis.selection import Scored, add, admissible, price, started, without
+from calib.diagnosis.prices import price
+from calib.diagnosis.scoring import Scored
+from calib.diagnosis.selection import add, started, without
 from calib.diagnosis.significance import positive, standard_error
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named

@@ -16,6 +16,8 @@ from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.prices import price
+from calib.diagnosis.scoring import Bank, scored
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
@@ -86,10 +88,10 @@ def test_a_name_that_came_first_gives_way_to_the_right_one(ur10e: Arm) -> None:
         [measured(recording(ur10e, seed, at(ELBOW, lambda q, dq: 12.0 * (q - 0.4)), truth), ur10e) for seed in (1, 2)]
     )
     first = selection.started(logs, Hypothesis.nominal(ur10e))
-    link = next(s for s in selection.scored(first) if s.key == ("link_inertia", "wrist_2_joint"))
+    link = next(s for s in scored(first) if s.key == ("link_inertia", "wrist_2_joint"))
     second = selection.add(logs, first, link)
-    spring = next(s for s in selection.scored(second) if s.key == ("joint_spring", "elbow_joint"))
-    ended = selection.exchanged(logs, selection.add(logs, second, spring), selection.Bank(), set())
+    spring = next(s for s in scored(second) if s.key == ("joint_spring", "elbow_joint"))
+    ended = selection.exchanged(logs, selection.add(logs, second, spring), Bank(), set())
     assert {(e.effect, e.joint) for e in ended.accepted} == {("payload", None), ("joint_spring", "elbow_joint")}
 
 
@@ -161,7 +163,7 @@ def test_a_burst_while_one_joint_moves_is_no_push(ur10e: Arm) -> None:
     f = selection.started(warmed([measured(log, ur10e) for log in logs]), Hypothesis.nominal(ur10e))
     windows = list(contacts(f.solved, ur10e))
     assert {log for log, _, _ in windows} == {1}
-    assert all(gain < selection.price(item) for _, gain, item in windows)
+    assert all(gain < price(item) for _, gain, item in windows)
 
 
 def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
@@ -169,7 +171,7 @@ def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
 
 
 def test_weak_evidence_is_no_name() -> None:
-    least = selection.price(assessed(0.0).effect) + LEAST - assessed(0.0).held_out
+    least = price(assessed(0.0).effect) + LEAST - assessed(0.0).held_out
     assert assessed(least - 1.0).doubtful
     assert not assessed(least + 1.0).doubtful
     assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
@@ -177,7 +179,7 @@ def test_weak_evidence_is_no_name() -> None:
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
     rival = ("asymmetric_friction", "elbow_joint")
-    clear = selection.price(assessed(0.0).effect) + APART + 40.0
+    clear = price(assessed(0.0).effect) + APART + 40.0
     assert replace(assessed(clear, rival), first=clear / SECOND + 1.0).doubtful
     assert not replace(assessed(clear, rival), first=clear / SECOND - 1.0).doubtful
     assert replace(assessed(clear), first=clear / SECOND_ALONE + 1.0).doubtful

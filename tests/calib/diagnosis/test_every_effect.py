@@ -9,8 +9,11 @@ import pytest
 
 from calib.diagnosis import selection
 from calib.diagnosis.acceptance import APART
+from calib.diagnosis.admissible import admissible
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.prices import cost
+from calib.diagnosis.scoring import scored
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, Stage, effect_named, with_effect
 from sim.prediction import by_stage, link_side, predict
@@ -81,16 +84,12 @@ def test_an_effect_is_the_first_to_be_named(calibrated: Arm, effect: str) -> Non
     logs = [recording(arm, seed, None if effect == CONTACT and seed == 1 else hidden_by(arm, item)) for seed in (1, 2)]
     baseline = selection.started(warmed([measured(log, arm) for log in logs]), Hypothesis.nominal(arm))
     fitted = [m.measurement for m in baseline.models]
-    ranked = selection.scored(baseline)[: selection.TRIED]
-    fits = [f for f in (selection.add(fitted, baseline, s) for s in ranked) if selection.admissible(f)]
+    ranked = scored(baseline)[: selection.TRIED]
+    fits = [f for f in (selection.add(fitted, baseline, s) for s in ranked) if admissible(f)]
     assert fits, [(s.key, round(s.gain)) for s in ranked]
-    least = min(map(selection.cost, fits))
-    assert least < selection.cost(baseline)
-    found = [
-        f
-        for f in fits
-        if selection.cost(f) < least + APART and (f.accepted[0].effect, f.accepted[0].joint) == (effect, item.joint)
-    ]
-    assert found, [(f.accepted, round(selection.cost(f) - least)) for f in fits]
+    least = min(map(cost, fits))
+    assert least < cost(baseline)
+    found = [f for f in fits if cost(f) < least + APART and (f.accepted[0].effect, f.accepted[0].joint) == (effect, item.joint)]
+    assert found, [(f.accepted, round(cost(f) - least)) for f in fits]
     name, value = next(iter(item.parameters.items()))
     assert abs(found[0].accepted[0].parameters[name] - value) < max(0.3 * abs(value), 5 * found[0].std()[0][name])

@@ -11,7 +11,9 @@ from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.selection import price, scored, started
+from calib.diagnosis.prices import price
+from calib.diagnosis.scoring import scored
+from calib.diagnosis.selection import started
 from sim.arm import Arm
 from tests.calib.diagnosis.conftest import recording
 

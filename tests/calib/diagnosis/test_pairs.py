@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calib.diagnosis import selection
+from calib.diagnosis.fit import fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.pairs import paired
+from calib.diagnosis.prices import cost
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.prediction import predict
@@ -31,11 +33,11 @@ def test_a_wrong_first_effect_gives_way_to_the_two_that_it_imitates(ur10e: Arm) 
 
     measurements = warmed([measured(recording(ur10e, seed, hidden), ur10e) for seed in (1, 2)])
     baseline = selection.started(measurements, Hypothesis.nominal(ur10e))
-    stuck = selection.fit(measurements, baseline.hypothesis.with_effects((WRONG,)), noise=baseline.solved.noise)
+    stuck = fit(measurements, baseline.hypothesis.with_effects((WRONG,)), noise=baseline.solved.noise)
     found = selection.SearchResult(baseline, stuck)
     paired(measurements, found)
     assert {(e.effect, e.joint) for e in found.best.accepted} >= {(e.effect, e.joint) for e in TRUTH}
-    assert selection.cost(found.best) < selection.cost(stuck)
+    assert cost(found.best) < cost(stuck)
 
 
 def test_what_leaves_no_structure_stays(ur10e: Arm) -> None:

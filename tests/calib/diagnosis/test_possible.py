@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import possible as module
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.false_names import NullDistribution
 from calib.diagnosis.possible import CHANCE, MOST
-from calib.diagnosis.selection import THRESHOLD, Key, Scored
+from calib.diagnosis.prices import THRESHOLD
+from calib.diagnosis.scoring import Scored
 from sim.arm import ArmEffect
 
 NULL = NullDistribution(np.linspace(-10.0, -0.1, 99), {})

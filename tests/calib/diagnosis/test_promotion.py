@@ -14,7 +14,8 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import Promotion, promoted
-from calib.diagnosis.selection import Scored, add, started
+from calib.diagnosis.scoring import Scored
+from calib.diagnosis.selection import add, started
 from calib.diagnosis.written_arm import WrittenArm
 from calib.measurement.preprocessing import Measurement
 from calib.report.diagnosis import next_steps

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import selection
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.scoring import Bank, Scored
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import at, recording
@@ -55,19 +57,19 @@ def test_what_fits_worse_than_nothing_is_not_asked_again(ur10e: Arm, monkeypatch
     fitted = warmed([measured(recording(ur10e, 1, at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))), ur10e)])
     f = selection.started(fitted, Hypothesis.nominal(ur10e))
     for item in (SPRING, RIPPLE):
-        f = selection.add(fitted, f, selection.Scored(item, 100.0, 2))
-    near = [selection.Scored(item, 1e6, 2) for item in (FRICTION, OFFSET)]
+        f = selection.add(fitted, f, Scored(item, 100.0, 2))
+    near = [Scored(item, 1e6, 2) for item in (FRICTION, OFFSET)]
     asked: list[str] = []
 
-    def worse(measurements: Sequence[Measurement], rest: Fit, item: selection.Scored) -> Fit:
+    def worse(measurements: Sequence[Measurement], rest: Fit, item: Scored) -> Fit:
         asked.append(item.effect.effect)
         return replace(rest, objective=rest.objective + (1.0 if item is near[0] else -1.0))
 
     monkeypatch.setattr(selection, "beside", lambda *_: near)
     monkeypatch.setattr(selection, "add", worse)
-    hopeless = set[selection.Key]()
+    hopeless = set[Key]()
     for _ in range(2):
-        assert selection.exchanged(fitted, f, selection.Bank(), hopeless) is f
+        assert selection.exchanged(fitted, f, Bank(), hopeless) is f
     assert asked == [FRICTION.effect, OFFSET.effect, OFFSET.effect]
     assert hopeless == {(FRICTION.effect, FRICTION.joint)}
 

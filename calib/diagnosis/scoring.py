@@ -1,0 +1,122 @@
+"""What every effect of the catalogue promises beside a fit: the linear fall of chi2, with the accepted parameters free."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calib.diagnosis.admissible import plausible
+from calib.diagnosis.candidates import Candidate, Key, candidates
+from calib.diagnosis.contact import contacts, felt, push_columns
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.hypothesis import CONTACT
+from calib.diagnosis.model import LATE
+from calib.diagnosis.parameters import within
+from calib.diagnosis.prices import PER_PARAMETER
+from calib.diagnosis.rows import Products
+from calib.diagnosis.unstated import unstated_keys
+from sim.arm import ArmEffect
+from sim.effects import effect_named
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A candidate with the linear fall of chi2 it promises, and the parameters there."""
+
+    effect: ArmEffect
+    gain: float
+    count: int
+    log: int | None = None
+
+    @property
+    def key(self) -> Key:
+        """Effect and joint."""
+        return self.effect.effect, self.effect.joint
+
+
+class Bank:
+    """Whitened columns of all candidates under one noise, with their products; computed again only where a joint's path has changed."""
+
+    def __init__(self) -> None:
+        self._old: dict[Hashable, tuple[Products, Any]] = {}
+        self._new: dict[Hashable, tuple[Products, Any]] = {}
+
+    def turn(self) -> None:
+        """A new round of scoring: what neither this round nor the last one used is dropped."""
+        self._old, self._new = self._new, {}
+
+    def piece(self, f: Fit, c: Candidate, number: int, j: int) -> Products:
+        """Columns of candidate c (the number-th of the round) at joint j."""
+        model, solved = f.models[0], f.solved
+        # a column behind the load depends on its joint alone
+        sides = [m.side.joints[j] if effect_named(c.effect).stage in LATE else m.side for m in f.models]
+        key = (c.key, number, j, model.joint_key(j), tuple(id(side) for side in sides), id(solved.noise))
+        found = self._new.get(key) or self._old.get(key)
+        if found is None:
+            rows = solved.rows
+            s = rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns]))
+            # what the key tells apart by identity is kept with it
+            found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *sides)
+        self._new[key] = found
+        return found[0]
+
+
+def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_contact: bool = True) -> list[Scored]:
+    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
+
+    The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
+    """
+    best: dict[Key, Scored] = {}
+    solved, left = f.solved, f.joint.left()
+    for c, pieces in beside_accepted(f, skip, bank or Bank()):
+        g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
+        gain, coefficients = f.joint.gain_of(pieces, g, c.spread)
+        if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
+            continue
+        item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
+        if within(item) and plausible(item, f.hypothesis.arm, f.models, gain):
+            best[c.key] = Scored(item, gain, len(coefficients))
+    if (CONTACT, None) in skip or not ask_contact:
+        return _ranked(best)
+    touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
+    if touched is not None and within(touched[2]):
+        log, gain, item = touched
+        if felt(solved, solved.left(), push_columns(solved, item, log)):
+            best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
+    return _ranked(best)
+
+
+def beside_accepted(f: Fit, skip: Collection[Key], bank: Bank) -> Iterator[tuple[Candidate, dict[int, Products]]]:
+    """Every candidate beside the nuisance and the accepted effects of a fit, per joint that it touches; without `skip` and what is ordinary there."""
+    bank.turn()
+    accepted = [x[:, f.solved.rows.p :] for x in f.joint.xw]
+    numbers: dict[Key, int] = {}
+    ordinary = unstated_keys(f.hypothesis.arm)
+    for c in candidates(f.models):
+        numbers[c.key] = numbers.get(c.key, 0) + 1
+        if c.key not in skip and c.key not in ordinary:
+            yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j)) for j in c.columns[0]}
+
+
+def _beside(accepted: np.ndarray, c: Products) -> Products:
+    """Products of a candidate with the nuisance and whitened columns (R, k) of the accepted parameters of its joint."""
+    return replace(c, xs=np.concatenate([c.xs, accepted.T @ c.s])) if accepted.shape[1] else c
+
+
+def _ranked(best: dict[Key, Scored]) -> list[Scored]:
+    return sorted(best.values(), key=lambda s: -(s.gain - PER_PARAMETER * s.count - effect_named(s.effect.effect).surcharge))
+
+
+def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) -> list[Scored]:
+    """What promises at least `share` of the i-th effect of `f` in its place, best first; `rest` is `f` without it.
+
+    A promise is compared with a promise: along a strong effect the exact fall is a multiple of the linear one, because robust
+    weights and a noise that holds the effect too belong to `rest`.
+    """
+    own = (f.accepted[i].effect, f.accepted[i].joint)
+    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank, own[0] == CONTACT)
+    promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
+    return [s for s in ranked if s.key != own and s.gain > share * promised]
