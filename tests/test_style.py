@@ -17,9 +17,7 @@ MODULES = [p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))]
 OURS = (*PACKAGES, "benchmarks", "tests")
 LONGEST = 250  # lines of a Python file
 # files that hold more than one idea still; each leaves this list when it is split, and none comes to it
-LONGER = {
-    "calib/diagnosis/baseline.py",
-}
+LONGER = {}
 # private names that tests import from another file still; each leaves this list, and none comes to it
 PRIVATE = {
     "calib.diagnosis.names._beyond_ordinary",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.claims.of_diagnosis import claims
-from calib.diagnosis.acceptance import Key
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.parameters import nominal_values

@@ -8,11 +8,12 @@ import numpy as np
 
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
-from calib.diagnosis.baseline import Changed, Healthy, Since
+from calib.diagnosis.baseline import Healthy, Since
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
 from logs.log import Log

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.answer import Diagnosis
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
@@ -21,7 +22,7 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.rows import ResidualRows
-from calib.diagnosis.sums import Key, Other, Point, Solver, SummedSolution, best_other, others_of, portion
+from calib.diagnosis.sums import Other, Point, Solver, SummedSolution, best_other, others_of, portion
 from calib.identification.portions import Kept, digest_of
 from calib.regression.information import JointInformation, merged_joints, of_arrays, to_arrays
 from logs.log import Log

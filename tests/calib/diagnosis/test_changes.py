@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.diagnosis import baseline
+from calib.diagnosis import baseline, change_rules
 from calib.diagnosis.baseline import Healthy
 from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.motion import measured
@@ -54,14 +54,14 @@ def test_a_change_is_named_alone_beside_what_the_model_lacks(ur10e: Arm, healthy
 
 
 def test_a_change_that_a_later_one_explains_is_dropped(ur10e: Arm, healthy: Healthy, monkeypatch: pytest.MonkeyPatch) -> None:
-    scored, asked = baseline._scored, list[int]()
+    scored, asked = baseline.scored_changes, list[int]()
 
     def without_the_offset_at_first(*args: Any) -> Any:
         asked.append(1)
         return [s for s in scored(*args) if len(asked) > 1 or s.effect.effect != "torque_offset"]
 
-    monkeypatch.setattr(baseline, "_scored", without_the_offset_at_first)
-    monkeypatch.setattr(baseline, "LEFT_OVER", 0.0)
+    monkeypatch.setattr(baseline, "scored_changes", without_the_offset_at_first)
+    monkeypatch.setattr(change_rules, "LEFT_OVER", 0.0)
     found = healthy.since([measured(recording(ur10e, 11, and_offset), ur10e)])
     named_first = found.ranking[0].effect
     assert named_first.joint == "wrist_1_joint"

@@ -1,0 +1,55 @@
+"""Which scored change may be named: what the form of a named change leaves is none, and logs kept apart must agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.null import white
+from calib.diagnosis.rows import ResidualRows, solve
+from calib.diagnosis.scored_changes import ScoredChange, same_candidate
+from calib.regression.noise import Noise
+from sim.arm import Arm
+
+DOMINATES = 2.0
+LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
+# and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %
+LEFT_OVER_ANYWHERE = 0.01
+
+
+def left_over(s: ScoredChange, accepted: list[ScoredChange]) -> bool:
+    """Whether a candidate may be no more than what the form of a named change leaves."""
+    whole = (a for a in accepted if a.key[1] is None)
+    return any(a.key[1] == s.key[1] is not None and s.brings < LEFT_OVER * a.brings for a in accepted) or any(
+        s.brings < LEFT_OVER_ANYWHERE * a.brings for a in whole
+    )
+
+
+def dominates(s: ScoredChange, named: ScoredChange) -> bool:
+    """Whether a candidate at the same joint explains far more than one that stands out of the healthy logs.
+
+    That something has changed there is then settled; what it is, the evidence decides, though the candidate's size varies more by itself.
+    """
+    return s.key[1] in (named.key[1], None) and s.brings > DOMINATES * named.brings and s.worth > 0.0
+
+
+def left_by_form(odd: tuple[int, str, float, float], accepted: list[ScoredChange], arm: Arm) -> bool:
+    """Whether structure at a joint may be what the form of a change named there leaves."""
+    joint, excess = arm.joint_names[odd[0]], odd[3]
+    return any(a.key[1] in (joint, None) and excess < LEFT_OVER * a.brings for a in accepted)
+
+
+def holds(s: ScoredChange, kept: ResidualRows | None, noise: Noise, held: list[LogModel]) -> bool:
+    """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
+    if kept is None or s.candidate is None:
+        return True
+    match = same_candidate(s, held)
+    if match is None:
+        return True
+    solved = solve(kept, noise)
+    left, columns = solved.left(), white(match, solved)
+    g = np.sum([x.T @ left[j] for j, x in columns.items()], axis=0)
+    ss = np.sum([x.T @ x for x in columns.values()], axis=0)
+    xs = np.sum([solved.xw[j].T @ x for j, x in columns.items()], axis=0)
+    own = ss - xs.T @ solved.inverse @ xs
+    return float(2 * g @ s.coefficients - s.coefficients @ own @ s.coefficients) > 0.0
