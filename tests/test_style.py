@@ -16,8 +16,6 @@ PACKAGES = ("calib", "safety", "drivers", "logs", "sim")
 MODULES = [p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))]
 OURS = (*PACKAGES, "benchmarks", "tests")
 LONGEST = 250  # lines of a Python file
-# files that hold more than one idea still; each leaves this list when it is split, and none comes to it
-LONGER = {}
 # private names that tests import from another file still; each leaves this list, and none comes to it
 PRIVATE = {
     "calib.diagnosis.names._beyond_ordinary",
@@ -103,7 +101,7 @@ def test_a_class_name_means_one_thing() -> None:
 def test_a_file_has_one_idea_s_length() -> None:
     files = [p for name in OURS for p in sorted((ROOT / name).rglob("*.py"))]
     lines = {p.relative_to(ROOT).as_posix(): len(p.read_text(encoding="utf-8").splitlines()) for p in files}
-    assert {name: n for name, n in lines.items() if n > (350 if name in LONGER else LONGEST)} == {}
+    assert {name: n for name, n in lines.items() if n > LONGEST} == {}
 
 
 def private_names(file: Path) -> Iterator[str]:
