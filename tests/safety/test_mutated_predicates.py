@@ -10,6 +10,7 @@ import ast
 import copy
 import hashlib
 import importlib.machinery
+import importlib.util
 import os
 import sys
 import types
@@ -146,7 +147,7 @@ class Finder:
 
     def find_spec(self, name: str, path: object = None, target: object = None):  # type: ignore[no-untyped-def]
         loader = self.loaders.get(name)
-        return importlib.machinery.ModuleSpec(name, loader, origin=loader.path) if loader else None
+        return importlib.util.spec_from_file_location(name, loader.path, loader=loader) if loader else None
 
 
 def source_of(module: str) -> Path:
