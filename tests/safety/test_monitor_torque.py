@@ -165,6 +165,15 @@ def test_a_pause_begins_the_search_for_a_lost_load_anew(monitor: Monitor) -> Non
     np.testing.assert_allclose([trip.value, trip.limit], [20.0, 10.0 + rules.OF_A_MEAN * rules.SIGMAS * 0.5], atol=1e-9)
 
 
+def test_without_an_expectation_no_load_is_missed(monitor: Monitor) -> None:
+    """A standing arm has none: what was seen in motion is not counted on."""
+    found = asked_with_load(monitor, np.tile(-LOAD, (90, 1)), LOAD)
+    for k in range(90, 90 + 2 * round(rules.LOST / PERIOD)):
+        trip = monitor.check(state_at(k + 1, tau=-LOAD), (k + 1) * PERIOD, HOME)
+        found.append(None if trip is None else trip.quantity)
+    assert set(found) == {None}
+
+
 def test_an_expectation_that_is_no_number_is_a_lost_load(monitor: Monitor) -> None:
     found = asked_with_load(monitor, np.zeros((150, 6)), np.full(6, np.nan))
     assert found[round(rules.LOST / PERIOD) - 1] == LOST_LOAD

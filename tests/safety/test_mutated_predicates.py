@@ -53,7 +53,7 @@ TARGETS = {
         ("frozen_position", "mean_speed", "turned", "frozen_torque", "swing", "clock"),
         ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
     ),
-    "looks": (("to_look_at", "nearest"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
+    "looks": (("to_look_at", "nearest"), ("test_looks", "test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
     "torque": (("check_torque", "suffices"), ("test_torque", "test_clear", "test_bounds", "test_stated_bounds")),
     "parameters": (("_rows",), ("test_torque", "test_clear")),
