@@ -24,7 +24,6 @@ LEAST_ROWS = 40
 MOVING = 0.04  # of a joint's fastest; below, its load may be anything within its dry friction
 CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
 FEW = 1e-9
-LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
 SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
 
 
@@ -142,41 +141,6 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
         std[j] = np.sqrt(free * CORRELATED) * own[j] / equations.norm[j, 0]
     silent = ~np.isfinite(own)
     return GravityFit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
-
-
-def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
-    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
-
-    Zero where the load would be none: a tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
-    """
-    body, tau = RigidBody(arm), model_torque(arm, s)
-    columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
-    if tilt:  # gravity keeps its size
-        level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
-        tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
-        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
-        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
-    x, y = [], []
-    in_motion = moving(s)
-    for j in range(s.n):
-        rows = np.flatnonzero(in_motion[:, j])
-        if len(rows) < LEAST_ROWS or not fit.left[j] > 0:
-            continue
-        v = s.dq[rows, j]
-        joint = np.column_stack([s.ddq[rows, j], v, np.tanh(v / SLOW), np.ones(len(rows)), tau[rows, j]])
-        basis = np.linalg.qr(joint if scaled else joint[:, :-1])[0]
-        both = np.column_stack([columns[rows, j], s.load[rows, j] - (0.0 if scaled else tau[rows, j])])
-        rest = (both - basis @ (basis.T @ both)) / fit.left[j]
-        x.append(rest[:, :-1])
-        y.append(rest[:, -1])
-    if not x:
-        return np.zeros_like(tau)
-    found = np.linalg.lstsq(np.concatenate(x), np.concatenate(y), rcond=1e-6)[0]
-    if not -LIGHT < found[0] / arm.tree.mass.sum() < 1.0:
-        return np.zeros_like(tau)
-    out: np.ndarray = columns @ found
-    return out
 
 
 def moving(s: Signals) -> np.ndarray:

@@ -17,7 +17,8 @@ import numpy as np
 from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
-from calib.gate.fit import GravityFit, fitted, model_torque, mounting_torque
+from calib.gate.fit import GravityFit, fitted, model_torque
+from calib.gate.mounting import is_mounting, mounting_torque
 from calib.gate.search import GainStep, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
@@ -152,7 +153,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         ]
     before = s
     found, rivals, s = steps(arm, s, SHIFTS)
-    if found and _is_mounting(arm, before, found[0].gain):
+    if found and is_mounting(arm, before, found[0].gain):
         found, s = [], before
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
@@ -173,15 +174,6 @@ def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray,
         from_current |= silent
         out.append(np.where(silent, log.current * (1.0 if constant is None else constant), log.tau))
     return out, from_current, constant is not None or not from_current.any()
-
-
-def _is_mounting(arm: Arm, s: Signals, gain: float) -> bool:
-    """Whether a load, a tilted base or a constant pull explains more than a correction of that gain does, and leaves nothing to correct."""
-    plain = fitted(s, model_torque(arm, s))
-    mounted = mounting_torque(arm, s, plain)
-    beside = replace(s, load=s.load - mounted, late=s.late - mounted)
-    ratio = np.log(plain.left / fitted(beside, model_torque(arm, s)).left)
-    return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
 
 
 def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep], gains: np.ndarray) -> GateCheck:
