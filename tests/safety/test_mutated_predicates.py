@@ -47,11 +47,11 @@ TARGETS = {
             "sudden_torque",
             "lost_load",
         ),
-        ("test_monitor", "test_monitor_torque", "test_monitor_joints"),
+        ("test_rules", "test_monitor", "test_monitor_torque", "test_monitor_joints"),
     ),
     "lies": (
         ("frozen_position", "mean_speed", "turned", "frozen_torque", "swing", "clock"),
-        ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
+        ("test_rules", "test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings"),
     ),
     "looks": (("to_look_at", "nearest"), ("test_looks", "test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "limits": (("first_excess", "check_sent"), ("test_limits",)),
