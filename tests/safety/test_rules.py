@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safety import lies, rules
-from safety.rows import NONE, NUMBERS, ROWS, Of, Row
+from safety.rows import ARM, NONE, NUMBERS, ROWS, Of, Row
 
 TWO = 2
 
@@ -148,3 +148,14 @@ def test_a_reading_without_expectation_or_torque_begins_the_swing_anew(
     assert swinging[Of.SWING_SEEN] == 0
     swinging[missing] = 1.0
     assert swung(r, swinging, out, (5.0, 5.0, 5.0)) == [NONE] * 3
+
+
+def test_a_device_clock_may_have_begun_at_any_time(r: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+    """The first block of arrivals is what later ones are compared with."""
+    x[Of.BLOCK], x[Of.DRIFT], x[Of.JITTER], x[Of.BLOCK_LEAST], x[Of.BLOCK_END] = 1.0, 5e-4, 3e-3, np.inf, 51.0
+    found = []
+    for t_device, late in ((50.5, 0.01), (51.0, 0.0), (51.5, 0.002), (52.0, 0.0), (53.0, 0.0051)):
+        x[Of.T_DEVICE], x[Of.T] = t_device, t_device + 700.0 + late
+        found.append(lies.clock(r, x, out))
+    assert found == [NONE, NONE, NONE, NONE, ARM]
+    assert out[:2].tolist() == pytest.approx([0.0051, 5e-4 * 2 + 3e-3])
