@@ -105,7 +105,7 @@ def promoted(
     bare = WrittenArm.of(ArmChange({}, ()), (), start, shown)
     kept = bare if apart else None
     ways, alone = ways_of(as_written(measurements, baseline), kept, shown, limits, pieces)
-    plain = next(way for way in ways if np.all(way.rms <= (1 + risen) * bare.rms))
+    plain = next((way for way in ways if np.all(way.rms <= (1 + risen) * bare.rms)), bare)
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = _Motion(start, shown)
     f = as_written(measurements, named)
@@ -133,7 +133,12 @@ def promoted(
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
         f = fit(measurements, f.hypothesis.with_effects(rest), 3, f.solved.noise, f.models)
-    if (plain.laws or limits) and np.all(plain.rms <= (1 + WORSE) * bare.rms) and not motion.rises(plain.change):
+    if (
+        plain is not bare
+        and (plain.laws or limits)
+        and np.all(plain.rms <= (1 + WORSE) * bare.rms)
+        and not motion.rises(plain.change)
+    ):
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(ArmChange({}, tuple(limits)) if limits else None, (), tuple(refused))
 

@@ -84,6 +84,16 @@ def test_where_a_refit_predicts_worse_a_joint_stays_as_it_was(ur10e: Arm) -> Non
     assert abs(moved[5]) < 0.01
 
 
+def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as_well(ur10e: Arm) -> None:
+    """A saturation far below the torque of the recording kept apart: it was seen, and nothing else is written beside it."""
+    those = warmed([measured(recording(ur10e, seed), ur10e) for seed in (1, 2)])
+    baseline = started(those, Hypothesis.nominal(ur10e))
+    limit = ArmEffect("torque_saturation", "elbow_joint", {"limit": 1.0})
+    promotion = promoted(those, baseline, baseline, warmed([measured(recording(ur10e, 3), ur10e)]), [limit])
+    assert promotion.change == ArmChange({}, (limit,))
+    assert promotion.laws == ()
+
+
 def _viscous(arm: Arm, joint: str) -> float:
     effect = arm.effect("viscous_friction", joint)
     return effect.parameters["viscous"] if effect else 0.0
