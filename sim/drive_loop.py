@@ -99,9 +99,13 @@ class DriveLoop:
         return q0 + 0.5 * since * (dq0 + dq) + share * missed, dq, model0 + share * (model1 - model0)
 
     def _most_pushed(self, known: Arm) -> float:
-        """The largest eigenvalue of M^-1 diag(M) over postures within the limits; the same ones for the same arm."""
+        """The largest eigenvalue of M^-1 diag(M) over postures within the limits, a whole turn where none is stated; the same ones for the same arm."""
         n = self._nominal.n
-        q = np.random.default_rng(0).uniform(known.q_min, known.q_max, (POSTURES, n))
+        low, high = (
+            np.where(np.isfinite(known.q_min), known.q_min, -np.pi),
+            np.where(np.isfinite(known.q_max), known.q_max, np.pi),
+        )
+        q = np.random.default_rng(0).uniform(low, high, (POSTURES, n))
         tall, unit = np.repeat(q, n, axis=0), np.tile(np.eye(n), (POSTURES, 1))
         matrix = RigidBody(known, np.zeros(3)).inverse_dynamics(tall, np.zeros_like(tall), unit).reshape(POSTURES, n, n)
         matrix = matrix + np.diag(self._rotor)

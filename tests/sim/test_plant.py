@@ -42,6 +42,14 @@ def test_it_is_steady_without_rotors(q):
     assert _followed(bare, q) < 2e-3
 
 
+def test_a_recording_of_an_arm_without_stated_limits_can_be_simulated():
+    """An arm of which only the geometry is known has no limits until somebody states them; validate and diagnose need a plant all the same."""
+    arm = load_arm("ur10e")
+    nobody = np.full(arm.n, np.nan)
+    unstated = replace(arm, q_min=nobody, q_max=nobody, dq_max=nobody, tau_max=nobody)
+    assert _followed(unstated, HOME) == pytest.approx(_followed(arm, HOME), rel=0.01)
+
+
 def test_light_links_that_rub_follow_without_rotors():
     """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: a drive that knows its mass alone leaves it 46 mrad behind."""
     arm = load_arm("ur10e")
