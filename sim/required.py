@@ -29,3 +29,15 @@ def require_masses(arm: Arm) -> None:
             f"{arm.model_path}: the arm's masses are unknown, so no motion's torque can be bounded; identify them first from "
             "recordings that its own controller made (`calib import`, `calib identify`), or make the arm with --numbers"
         )
+
+
+def require_identified(arm: Arm) -> None:
+    """ConfigError where nobody knows the masses of several links: a diagnosis would compare recordings with masses that only stand for a size.
+
+    A drive on a bench has one load, which a diagnosis fits with everything else.
+    """
+    if arm.prior.numbers == "unknown" and arm.n > 1:
+        raise ConfigError(
+            f"{arm.model_path}: the arm's masses are unknown, so a diagnosis would find their error and nothing else; identify them first "
+            f"(`calib identify {arm.model_path.parent} LOG...`), then diagnose the arm that identify writes"
+        )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calib.terminal.quantity import rounded
+from calib.terminal.quantity import rounded, significant
 
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"
@@ -88,7 +88,7 @@ def refit(n: Numbers) -> str:
     moves = []
     for m in n["parameters"][:4]:
         by = m["to"] - m["from"]
-        far = f"to {m['to']:.2g} of its value" if m["unit"] == "times" else f"{by:+.3g} {unit(m['unit'])}"
+        far = f"to {significant(m['to'])} of its value" if m["unit"] == "times" else f"{by:+.3g} {unit(m['unit'])}"
         where = f" at {m['joint']}" if m["joint"] else ""
         moves.append(f"{m['name']}{where} {far} ({abs(by) / m['prior_std']:.0f} times its tolerance)")
     return f"A parameter refit without any effect moves {listed(moves)}"
@@ -101,15 +101,15 @@ def alike(n: Numbers) -> str:
 
 def removed(n: Numbers) -> str:
     return (
-        f"On {n['log']} the corrected arm has a residual RMS of {n['after']:.3g} {unit(n['unit'])} at {n['joint']}, the nominal arm "
-        f"{n['before']:.3g}"
+        f"On {n['log']} the corrected arm has a residual RMS of {significant(n['after'], 3)} {unit(n['unit'])} at {n['joint']}, the nominal arm "
+        f"{significant(n['before'], 3)}"
     )
 
 
 def motion(n: Numbers) -> str:
     how = f"Simulated for {n['horizon_s']:g} s under the measured torque ({n['loop']} loop)"
     arms = {"corrected": n["after"], "nominal": n["before"]}
-    stable = [f"off by {1e3 * x:.2g} mm RMS with the {arm} arm" for arm, x in arms.items() if x is not None]
+    stable = [f"off by {significant(1e3 * x)} mm RMS with the {arm} arm" for arm, x in arms.items() if x is not None]
     unstable = [f"the {arm} arm" for arm, x in arms.items() if x is None]
     if unstable:
         stable.append(f"the simulation of {listed(unstable)} is unstable")
@@ -144,7 +144,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def _size(u: Numbers) -> str:
-    return f"{u['rms']:.3g} {unit(u['unit'])}"
+    return f"{significant(u['rms'], 3)} {unit(u['unit'])}"
 
 
 def _touched(contacts: Sequence[Numbers]) -> str:

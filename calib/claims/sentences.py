@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from calib.claims import diagnosis_sentences as diagnosis
+from calib.terminal.quantity import significant
 
 MOST_NAMES = 4
 Numbers = Mapping[str, Any]
@@ -30,14 +31,14 @@ def _residual(n: Numbers) -> str:
 
 
 def _worse(n: Numbers) -> str:
-    rows = [f"{r['joint']} ({r['before']:.3g} -> {r['after']:.3g} N m)" for r in n["joints"]]
+    rows = [f"{r['joint']} ({significant(r['before'], 3)} -> {significant(r['after'], 3)} N m)" for r in n["joints"]]
     return f"the residual RMS is higher than with the nominal parameters at {', '.join(rows)}"
 
 
 def _moved(n: Numbers) -> str:
     return (
         f"{len(n['names'])} not identifiable but changed along with the others, {_some([n['farthest']])} the most, "
-        f"by {n['most']:.2g} times its nominal tolerance"
+        f"by {significant(n['most'])} times its nominal tolerance"
     )
 
 
@@ -47,15 +48,25 @@ def _of_parameters(text: str) -> Callable[[Numbers], str]:
 
 def _forward(n: Numbers) -> str:
     return (
-        f"simulated forward for {n['horizon']:g} s, the largest error is at {n['joint']}: {n['off_deg']:.2g} deg (RMS) over "
-        f"{n['travel_deg']:.2g} deg of travel"
+        f"simulated forward for {n['horizon']:g} s, the largest error is at {n['joint']}: {significant(n['off_deg'])} deg (RMS) over "
+        f"{significant(n['travel_deg'])} deg of travel"
+    )
+
+
+def _unstable(n: Numbers) -> str:
+    return (
+        f"simulated forward for {n['horizon']:g} s under the measured torque, the arm is unstable in {_some(n['logs'])}, which "
+        "happens where a law of friction drives a joint or a joint is light for it; its torques are assessed all the same"
     )
 
 
 def _bounds(n: Numbers) -> str:
     parts = []
     if n["beyond"]:
-        rows = [f"{r['joint']} in {r['log']} ({r['off_deg']:.2g} deg, bound {r['bound_deg']:.2g})" for r in n["beyond"]]
+        rows = [
+            f"{r['joint']} in {r['log']} ({significant(r['off_deg'])} deg, bound {significant(r['bound_deg'])})"
+            for r in n["beyond"]
+        ]
         parts.append(f"beyond the stated bound: {', '.join(rows)}")
     if n["within"]:
         everywhere = not n["beyond"] and not n["not_informative"]
@@ -70,7 +81,7 @@ def _separation(n: Numbers) -> str:
     more = (
         "" if enough else f", less than the {n['enough']:.0f} needed to distinguish them: give more room or a longer --period"
     )
-    return f"the motion discriminate separates the candidate effects by {n['sigma']:.3g} standard deviations{more}"
+    return f"the motion discriminate separates the candidate effects by {significant(n['sigma'], 3)} standard deviations{more}"
 
 
 SENTENCES: dict[str, Callable[[Numbers], str]] = {
@@ -81,7 +92,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "moved": _moved,
     "projected": _of_parameters("changed by more than the standard deviation to make the arm physically consistent"),
     "out_of_bounds": _of_parameters("the estimate is physically impossible; the value written is within bounds"),
-    "condition": lambda n: f"condition number {n['condition']:.3g}",
+    "condition": lambda n: f"condition number {significant(n['condition'], 3)}",
     "speed_reading": lambda n: (
         "the reported speed was used and not the derivative of the position: parts of the recordings left out are predicted better with it"
     ),
@@ -94,6 +105,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
         f"{n['share']:.0%} smaller on average ({n['nats']:.1f} nats of log det, estimate)"
     ),
     "forward": _forward,
+    "unstable": _unstable,
     "bounds": _bounds,
     "duration": lambda n: f"{n['seconds'] / 60:.1f} minutes of motion at full speed",
     "known": lambda n: f"{len(n['names'])} of {n['of']} parameters improve over their nominal values",

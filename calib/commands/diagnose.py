@@ -48,8 +48,10 @@ def command(
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.report import diagnosis as page
     from sim.arm import load_arm
+    from sim.required import require_identified
 
     subject, given = arm_and_logs(arm, log, configs)
+    require_identified(subject)
     require_unseen([*given, *(baseline or [])], holdout or [])
     folder = new_run(subject, "diagnose", out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:

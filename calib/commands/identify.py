@@ -94,8 +94,9 @@ def command(
     if result.verdict is Verdict.GOOD:
         then = ["validate", folder / "arm", *(holdout or [Path("OTHER_RECORDING")])]
     else:
-        # torque constants that came from a known mass are in the identified arm alone
-        then = ["diagnose", arm if known_mass is None else folder / "arm", *(log or [])]
+        # torque constants that came from a known mass are in the identified arm alone, and so are masses that nobody knew
+        nobodys = known_mass is not None or nominal.prior.numbers == "unknown"
+        then = ["diagnose", folder / "arm" if nobodys else arm, *(log or [])]
         then += ["--holdout", *holdout] if holdout else []
     if as_json:
         console.print_json({**result.as_dict(), "next": console.command_line(then)})

@@ -75,7 +75,7 @@ def command(
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.short is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]
-                row += [1e3 * x for x in (check.short.angle[j], bound, check.short.travel[j])]
+                row += [_thousandths(check.short.angle[j]), 1e3 * float(bound), 1e3 * float(check.short.travel[j])]
             rows.append(row)
         console.table(headers, rows, check.log)
         moved = [e for e in check.motion if e.starts]

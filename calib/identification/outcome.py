@@ -11,7 +11,7 @@ from calib.identification.identify import Identification
 from calib.identification.model import FRICTION
 from calib.identification.rows import RegressorRows
 from calib.result import Estimate, FitResult, Gap
-from calib.terminal.quantity import rounded
+from calib.terminal.quantity import rounded, significant
 
 MOST_ROWS = 20_000
 SIGMAS = 1.96
@@ -60,10 +60,12 @@ def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
 
 def as_text(e: Estimate) -> str:
     """An estimate as value ± standard deviation; where the data alone put it out of bounds, how large it may be, and what is written."""
-    changed = f", written {e.written:.4g}" if is_changed(e) or e.out_of_bounds else ""
+    changed = ""
+    if e.written is not None and (is_changed(e) or e.out_of_bounds):
+        changed = f", written {rounded(e.written, e.std).split(' ')[0]}"
     if e.out_of_bounds:
         most = e.value + SIGMAS * e.std
-        return (f"below {most:.3g}" if most > e.lower else "nothing that is possible") + changed
+        return (f"below {significant(most)}" if most > e.lower else "physically impossible") + changed
     return rounded(e.value, e.std) + ("" if e.identifiable else " (not identifiable)") + changed
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from calib.claims import capital
 from calib.report import explorer, pictures
 from calib.report.page import Page, Verdict
+from calib.terminal.quantity import significant
 from sim.arm import Arm
 
 _VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
@@ -70,7 +71,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     estimates = result["estimates"]
     return [
         ("residual share, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
-        ("condition number", f"{result['condition']:.3g}"),
+        ("condition number", significant(result["condition"], 3)),
         ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} parameters"),
         ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
     ]

@@ -18,3 +18,9 @@ def rounded(value: float, std: float | None, unit: str = "") -> str:
     shown = min(max(digits, 0), 12)
     # -0.0 is no number that a person would write
     return f"{value + 0.0 if round(value, shown) else 0.0:.{shown}f} ± {std:.{shown}f} {unit}".strip()
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """`value` to so many digits; a number of hundreds or thousands as a person writes it: 230, and not 2.3e+02."""
+    short = float(f"{value:.{digits}g}")
+    return f"{short:.0f}" if 10**digits <= abs(short) < 1e6 else f"{value:.{digits}g}"

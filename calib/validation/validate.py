@@ -120,7 +120,7 @@ class Validation:
 
     def write(self, folder: Path) -> None:
         """validation.json, and prediction.csv of all logs one after another (column `log` where there are several)."""
-        (folder / "validation.json").write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        (folder / "validation.json").write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         several = len(self.checks) > 1
         with (folder / "prediction.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -157,7 +157,7 @@ def validate(
         checks.append(checked(arm, log, known if forward else None, cutoff, lambda stage, share=share: progress(stage, share)))  # type: ignore[misc]
     found = _assessed(arm, checks, most)
     where = checks[0].log if len(checks) == 1 else f"{len(checks)} logs"
-    return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *_forward_claims(arm, checks)), known.source)
+    return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *forward_claims(arm, checks)), known.source)
 
 
 def checked(
@@ -215,25 +215,28 @@ def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Asses
     return assess(arm.joint_names, residual, signal, arm.tau_max, most)
 
 
-def _forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
-    """How far the forward simulation is off, and whether the stated bounds were kept; a bound that says little is no bound."""
+def forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
+    """How far the simulation is off, unless it is unstable, and whether the stated bounds were kept; a bound that says little is no bound."""
+    unstable = [c.log for c in checks if c.short is not None and c.short.starts and not np.isfinite(c.short.angle).all()]
+    said = [Claim("unstable", {"horizon": SHORT.seconds, "logs": unstable})] if unstable else []
     rows: list[dict[str, Any]] = [
         {
             "joint": joint, "log": c.log, "off_deg": float(np.degrees(c.short.angle[j])), "travel_deg": float(np.degrees(c.short.travel[j])),
             "bound_deg": float(np.degrees(c.bound[j])), "informative": bool(c.informative[j]),
         }
         for c in checks
-        if c.short is not None and c.bound is not None
+        if c.short is not None and c.bound is not None and c.log not in unstable
         for j, joint in enumerate(arm.joint_names)
     ]  # fmt: skip
     if not rows:
-        return []
+        return said
     worst = max(rows, key=lambda r: float(r["off_deg"]))
     beyond = [r for r in rows if not r["off_deg"] <= r["bound_deg"]]
     vague = [j for j in arm.joint_names if any(r["joint"] == j and not r["informative"] for r in rows)]
     off = {r["joint"] for r in beyond}
     within = [j for j in arm.joint_names if j not in off and j not in vague]
     return [
+        *said,
         Claim("forward", {"horizon": SHORT.seconds, **{k: worst[k] for k in ("joint", "log", "off_deg", "travel_deg")}}),
         Claim(
             "bounds", {"rows": rows, "within": within, "beyond": beyond, "not_informative": [j for j in vague if j not in off]}

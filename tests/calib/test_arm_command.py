@@ -8,7 +8,7 @@ from calib.main import main
 from sim.arm import load_arm
 from sim.errors import ConfigError
 from sim.prior import spread
-from sim.required import require_masses
+from sim.required import require_identified, require_masses
 from sim.rigid_body import RigidBody
 
 GRIPPER = """<robot name="grip"><link name="w"/>
@@ -86,6 +86,10 @@ def test_masses_that_nobody_knows_are_unknown_to_every_fit(gripper, tmp_path, ca
     assert arm.tree.mass.min() > 0.1
     with pytest.raises(ConfigError, match="masses are unknown"):
         require_masses(arm)
+    (tmp_path / "log.csv").write_text("timestamp,actual_q_0\n")
+    assert main(["diagnose", str(tmp_path / "arm"), str(tmp_path / "log.csv"), "--out", str(tmp_path / "run")]) == 2
+    assert "then diagnose the arm that identify writes" in error_text(capsys)
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_inertia_that_no_body_has_is_named_unless_it_is_not_the_arms_or_only_guessed(gripper, tmp_path, capsys):
@@ -147,6 +151,7 @@ def test_a_drive_on_a_bench_is_an_arm_of_one_joint(tmp_path):
     assert main(["arm", "drive", "free", *limits, "--joint", "m1", "--out", str(tmp_path / "f")]) == 0
     arm = load_arm(tmp_path / "f")
     assert (arm.joint_names, arm.prior.numbers) == (("m1",), "unknown")
+    require_identified(arm)  # a diagnosis fits its one load with everything else
     assert RigidBody(arm).inverse_dynamics(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0, 0] == pytest.approx(
         0.0, abs=1e-12
     )

@@ -18,8 +18,8 @@ from calib.identification.identify import Identification, identify
 from calib.identification.model import TorqueModel
 from calib.identification.outcome import parameter_table
 from calib.main import main
-from calib.terminal.quantity import rounded
-from calib.validation.validate import INFORMATIVE, validate
+from calib.terminal.quantity import rounded, significant
+from calib.validation.validate import INFORMATIVE, forward_claims, validate
 from calib.verdict import GOOD_SHARE
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
@@ -137,7 +137,7 @@ def test_an_estimate_that_no_arm_has_is_not_printed(tmp_path: Path) -> None:
     below = replace(result.estimate("viscous_2"), value=-1.0, std=0.2)
     estimates = tuple(below if e.name == "viscous_2" else e for e in result.estimates)
     _, rows = parameter_table(replace(result, estimates=estimates))
-    assert rows[1][2].startswith("nothing that is possible, written ")
+    assert rows[1][2].startswith("physically impossible, written ")
     maybe = replace(below, std=1.0)
     _, rows = parameter_table(replace(result, estimates=tuple(maybe if e is below else e for e in estimates)))
     assert rows[1][2].startswith("below 0.96, written ")
@@ -176,6 +176,32 @@ def test_what_validate_claims_is_so(factor: float, ur5e: Arm) -> None:
         assert joint in bounds["sentence"].split("not informative at ")[1]
     assert ("within the stated bound at every joint" in bounds["sentence"]) == (not beyond and not vague)
     assert table["outcome"] == "; ".join(c["sentence"] for c in table["claims"])
+
+
+def test_an_unstable_simulation_is_no_error_in_degrees(ur5e: Arm) -> None:
+    """A light joint that rubs: validate says that the simulation is unstable, and validation.json stays JSON."""
+    log = recorded(varied(ur5e, 3), fourier_motion(ur5e, 1, seconds=6.0), 1)
+    found = validate(ur5e, [log])
+    check = found.checks[0]
+    endless = np.full(ur5e.n, np.inf)
+    broken = replace(check, motion=(replace(check.motion[0], angle=endless, flange=np.inf), *check.motion[1:]))
+    claims = {c.name: c for c in forward_claims(ur5e, [check, replace(broken, log="other.mcap")])}
+    assert claims["unstable"].numbers["logs"] == ["other.mcap"]
+    assert {r["log"] for r in claims["bounds"].numbers["rows"]} == {check.log}
+    claims = {c.name: c for c in forward_claims(ur5e, [broken])}
+    assert set(claims) == {"unstable"}
+    assert "unstable in" in claims["unstable"].sentence
+    assert "inf" not in claims["unstable"].sentence
+    table = json.dumps(replace(found, checks=(broken,), claims=tuple(claims.values())).as_dict(), allow_nan=False)
+    assert "unstable" in table
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(231.4, 2, "230"), (0.05461, 3, "0.0546"), (4869.0, 3, "4870"), (12.0, 2, "12"), (-345.0, 1, "-300")],
+)
+def test_a_rounded_number_is_written_out(value: float, digits: int, text: str) -> None:
+    assert significant(value, digits) == text
 
 
 def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
