@@ -119,12 +119,14 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
 
 def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
     """Why a command ended with another code than 0: its error, or the sentence in which its answer is no."""
+    answers = [line for line in done.stdout.splitlines() if line.startswith("Poor")]
+    if answers:  # beside it there may be notes, which begin as errors do
+        return answers[-1][:900]
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
     error = [k for k, line in enumerate(lines) if line.startswith("calib: ")]
     if error:
         return " ".join(lines[error[-1] :]).removeprefix("calib: ")[:900]
-    answers = [line for line in done.stdout.splitlines() if line.startswith("Poor")]
-    return (answers or lines[-1:] or ["no sentence"])[-1][:900]
+    return (lines[-1:] or ["no sentence"])[-1][:900]
 
 
 def answer(name: str, row: Mapping[str, Any], folder: Path) -> tuple[str, list[str]]:

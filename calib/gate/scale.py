@@ -112,7 +112,9 @@ def _alone(arm: Arm, scale: Scale, common: float, fit: GravityFit) -> list[Cause
     """One joint's reading against those of the others: by its masses, else by its dry friction."""
     out = []
     whole = fit.size / np.where(arm.tau_max > 0, arm.tau_max, np.nan)
-    share = np.where((fit.dry > 0) & (arm.tau_max > 0) & (fit.left < LEAST_LEFT * fit.size), fit.dry / arm.tau_max, np.nan)
+    # less dry friction than what nothing explains has no size to compare, as where a joint is without any
+    shown = (fit.dry > fit.left) & (fit.left < LEAST_LEFT * fit.size)
+    share = np.where(shown & (arm.tau_max > 0), fit.dry / arm.tau_max, np.nan)
     for j, name in enumerate(arm.joint_names):
         others = np.delete(np.arange(arm.n), j)
         if scale.informative[j] and math.isfinite(common):

@@ -11,6 +11,9 @@ import pytest
 from benchmarks.exam.cases import Case, listed, make
 from benchmarks.wrong_data import arm, base, changes, family
 from calib.gate import gate
+from calib.gate.fit import GravityFit
+from calib.gate.scale import causes
+from calib.gate.signals import signals
 from logs import read_log
 from sim.arm import Arm, load_arm
 
@@ -127,3 +130,15 @@ def test_a_joint_without_dry_friction_is_no_other_unit() -> None:
     smooth = with_effect(of, ArmEffect("coulomb_friction", "wrist_3_joint", {"coulomb": 0.0}))
     log = recorded(smooth, within(of, fourier_motion(of, 31, 10.0, 100.0)), 3)
     assert gate(of, [log], family=family).refusal is None
+
+
+@pytest.mark.parametrize(("dry", "named"), [(2e-5, False), (2e-2, True)])
+def test_dry_friction_below_what_nothing_explains_names_no_joint(dry: float, named: bool) -> None:
+    """A joint without dry friction has an estimate of it all the same, which may be any number of times that of others."""
+    of, log = base("servo6 2")
+    s = signals([log], [log.tau])
+    one = np.ones(of.n)
+    every = np.array([1.0, 1.0, 1.0, 1.0, 20.0, 1.0]) * dry * of.tau_max
+    fit = GravityFit(1e-3 * of.tau_max, of.tau_max / 10, one, 0.02 * one, every, 0.0 * one)
+    found = causes(of, s, fit, np.zeros(of.n, dtype=bool), True)
+    assert [cause.sentence.split(" is ")[0] for cause in found] == [f"the torque (or current) of {of.joint_names[4]}"] * named
