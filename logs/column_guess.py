@@ -10,7 +10,7 @@ import numpy as np
 
 from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns
 from logs.tables.table import Table
-from logs.unit_guess import UNIT_WORDS, integer_unit, speeds, turns, unit_of, words_of
+from logs.unit_guess import UNIT_WORDS, integer_unit, speeds, turns, unit_behind, unit_of, words_of
 from logs.units import TIME, UNITS
 from sim.errors import BadLog
 
@@ -107,8 +107,8 @@ def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
             f"no column of times among {', '.join(list(table.columns)[:24])}; say which it is: --column time=NAME:ms, or --rate HZ"
         )
     name = min(rising, key=lambda x: (len(words_of(x)), list(table.columns).index(x)))
-    units = [UNIT_WORDS[word] for word in words_of(name)[1:] if UNIT_WORDS.get(word) in TIME]
-    if units:
+    units = [UNIT_WORDS[word] for word in words_of(name)[1:] if UNIT_WORDS.get(word) in TIME] + [unit_behind(name)]
+    if units[0]:
         return name, units[0]
     x = table.columns[name]
     step = float(np.median(np.diff(x[np.isfinite(x)])))
@@ -133,7 +133,8 @@ def _groups(table: Table, time: str) -> dict[str, list[dict[str, str]]]:
             continue
         hit = next((word for word in WORDS if word in words), None)
         inside = re.search(r"\[(.*)\]$", name)
-        named = bool(inside and not inside[1].isdigit())  # by its joint, which may be called d or ref
+        a_unit = hit is not None and unit_behind(name) in UNITS[WORDS[hit]]
+        named = bool(inside and not inside[1].isdigit() and not a_unit)  # by its joint, which may be called d or ref
         commanded = bool(set(words_of(name.partition("[")[0]) if named else words) & COMMANDED)
         if hit is None and "action" not in words:
             continue

@@ -16,6 +16,12 @@ UNIT_WORDS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "rpm": "rpm", "ms": "ms", "us": "us", "ns": "ns", "ma": "mA",
     "nmm": "N mm", "mnm": "mN m", "nm": "N m", "amp": "A", "rev": "rev", "celsius": "degC", "k": "K", "s": "s", "a": "A", "c": "degC",
 }  # fmt: skip
+# as they stand in brackets, without blanks and signs of multiplication
+WRITTEN = {
+    **{unit.replace(" ", ""): unit for channel in UNITS.values() for unit in channel},
+    **{unit: unit for unit in TIME}, "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "degrees/s": "deg/s", "°C": "degC",
+    "C": "degC", "Amp": "A",
+}  # fmt: skip
 TURNS = (2 * math.pi, 25.0)  # rad: a full turn; the range of many CAN drives' position field, -12.5 to 12.5
 SAME_SPEED = 0.15  # share by which a speed may be off the derivative of the position
 MOVES = 0.02  # rad/s in the median
@@ -24,7 +30,7 @@ TURNING_SPEED = 100.0  # rad/s: beyond it a step of the position is no motion
 
 def unit_of(table: Table, channel: str, columns: tuple[str, ...], doubts: list[str]) -> str:
     """The unit that the names state, else the one that the size of the numbers makes likely."""
-    stated = {UNIT_WORDS[w] for name in columns for w in words_of(name)[1:] if w in UNIT_WORDS}
+    stated = {UNIT_WORDS[w] for name in columns for w in words_of(name)[1:] if w in UNIT_WORDS} | set(map(unit_behind, columns))
     own = next(iter(UNITS[channel]))
     if "dps" in {w for name in columns for w in words_of(name)} or ("deg" in stated and channel.startswith("dq")):
         stated.add("deg/s")
@@ -55,7 +61,9 @@ def speeds(
     table: Table, part: Columns, positions: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]
 ) -> Columns:
     """Speeds in the unit in which they are the derivative of the positions, where their names state none."""
-    if positions.wraps is not None or any(word in UNIT_WORDS for name in part.columns for word in words_of(name)[1:]):
+    if positions.wraps is not None or any(
+        unit_behind(name) or any(word in UNIT_WORDS for word in words_of(name)[1:]) for name in part.columns
+    ):
         return part
     t = table.columns[time].astype(float)[rows] * TIME[unit]
     ratios = []
@@ -93,6 +101,12 @@ def turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, d
                 doubts.append(f"{name} jumps by {turn:.4g} rad {int(jumps.sum())} times: it is taken to start again there")
                 return Columns(part.columns, part.unit, part.factor, turn)
     return part
+
+
+def unit_behind(name: str) -> str:
+    """The unit in brackets at the end of a column's name, as in `q1 [deg]` and `speed 2 (°/s)`; "" where there is none."""
+    inside = re.search(r"[\[(]([^\[(]*)[\])]$", name)
+    return WRITTEN.get(re.sub(r"[\s*·.]", "", inside[1]), "") if inside else ""
 
 
 def words_of(name: str) -> list[str]:

@@ -122,6 +122,9 @@ def command(
         (folder / MAP).write_text(chosen.text(), encoding="utf-8")
         if not complete and not yes:
             confirm(chosen, doubts, table, folder / MAP)
+        elif not complete:
+            for doubt in doubts:
+                console.warn(f"taken as likely, with --yes: {doubt}")
     change = None
     if model is not None:
         change = passed(model, tuple(words), configs)

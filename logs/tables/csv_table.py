@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -23,19 +24,25 @@ else:
     arrow_csv = Lazily("pyarrow.csv", "tables", "a CSV file")
 
 SEPARATORS = (",", ";", "\t", " ")
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MAX_HEADER = 1 << 18
 MOST_WORDS = 0.5  # a column with more cells that are no numbers is one of words
 
 
 def _recognises(head: bytes | None, path: Path) -> bool:
     """Text whose first line holds names or numbers; what a file of bytes begins with is no text."""
-    if head is None or b"\0" in head:
+    if head is None or (b"\0" in head and not head.startswith(UTF16)):
         return False
     try:
-        text = head.decode("utf-8", errors="strict" if len(head) < 4096 else "ignore").removeprefix("\ufeff")
+        text = _text(head, errors="strict" if len(head) < 4096 else "ignore")
     except UnicodeDecodeError:
         return False
     return path.suffix.lower() in (".csv", ".tsv", ".txt", ".dat", ".log", ".asc") and any(map(_separator, text.splitlines()))
+
+
+def _text(data: bytes, errors: str) -> str:
+    """As UTF-8, or as the UTF-16 that its first two bytes state, which is what Windows' shell writes."""
+    return data.decode("utf-16" if data.startswith(UTF16) else "utf-8", errors=errors).removeprefix("\ufeff")
 
 
 def _separator(line: str) -> str:
@@ -48,7 +55,7 @@ def _separator(line: str) -> str:
 
 
 def _read(path: Path, damage: Damage) -> Table:
-    text = path.read_bytes().decode("utf-8", errors="replace").removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    text = _text(path.read_bytes(), errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     skipped, head, rest = _header(text, damage)
     separator = _separator(head)
     names = _names(head, separator)
@@ -148,7 +155,8 @@ def _numbers(column: pa.Array) -> np.ndarray | None:
             column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False) if not column.null_count else None
         )
     if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
+        # unsafe: ns since 1970 have more digits than a float64, which keeps them to 0.3 us
+        return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     if pa.types.is_boolean(kind):
         return column.cast(pa.uint8()).cast(pa.float64()).to_numpy(zero_copy_only=False)
     if pa.types.is_null(kind):

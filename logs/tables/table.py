@@ -58,6 +58,8 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
             table = form.read(path, damage)
             if not len(table):
                 raise damage.refuse("rows", "the file has columns and no samples", "record it again")
+            if len(table) == 1:
+                raise damage.refuse("rows", "the file has one sample, and a motion takes at least two", "record it again")
             return table
     known = ", ".join(form.name for form in formats)
     raise damage.refuse("byte 0", "unrecognised format", f"supported: MCAP, a ROS bag, or a table: {known}")

@@ -1,0 +1,53 @@
+"""Tables as other people's recorders and shells write them: units in brackets, whole nanoseconds, UTF-16."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.errors import BadLog
+from tests.logs.test_tables import DQ, PLAIN, TAU, WIDE, Q, T, csv_text, same, taken
+
+
+@pytest.mark.parametrize("brackets", ["[]", "()"])
+def test_units_in_brackets_behind_a_name(tmp_path: Path, brackets: str) -> None:
+    """`q1 [deg]` is joint 1 in degrees and no joint called deg; a joint may stand in brackets all the same."""
+    file, (left, right) = tmp_path / "a.csv", brackets
+    stems = (("angle {} ", "deg"), ("speed {} ", "°/s"), ("torque {} ", "N*mm"))
+    head = f"Time {left}ms{right}," + ",".join(
+        f"{stem.format(j)}{left}{unit}{right}" for stem, unit in stems for j in (1, 2, 3)
+    )
+    file.write_text(csv_text(head, [1e3 * T, *np.degrees(Q).T, *np.degrees(DQ).T, *(1e3 * TAU).T]), encoding="utf-8")
+    log = taken(file)
+    assert log.joint_names == ("joint1", "joint2", "joint3")
+    same(log, rtol=1e-9)
+    named = "t," + ",".join(f"{stem}[{j}]" for stem in ("pos", "vel", "tau") for j in ("A", "B", "deg1"))
+    file.write_text(csv_text(named, WIDE))
+    assert taken(file).joint_names == ("A", "B", "deg1")
+
+
+def test_whole_nanoseconds_since_1970(tmp_path: Path) -> None:
+    """As ROS writes them: more digits than a float64 has, which keeps a quarter of a microsecond."""
+    file = tmp_path / "a.csv"
+    for name in ("t", "timestamp_ns", "stamp [ns]"):
+        file.write_text(
+            csv_text(PLAIN.replace("t,", f"{name},", 1), [1_700_000_000 * 10**9 + np.rint(1e9 * T).astype(int), *WIDE[1:]])
+        )
+        log = taken(file)
+        np.testing.assert_allclose(log.t - log.t[0], T, atol=1e-6)
+        np.testing.assert_allclose(log.q, Q)
+
+
+def test_utf_16_as_a_windows_shell_writes_it(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text(csv_text(PLAIN, WIDE), encoding="utf-16")
+    same(taken(file))
+
+
+def test_one_sample_is_no_recording(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text(csv_text(PLAIN, [x[:1] for x in WIDE]))
+    with pytest.raises(BadLog, match="one sample"):
+        taken(file)
