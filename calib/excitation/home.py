@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.excitation.climb import Slack, climbed
 from calib.excitation.design import fitted_to_room
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.nearness import CLEARANCE_MARGIN
@@ -22,6 +23,8 @@ from sim.errors import AnswerIsNo, ConfigError
 # random postures at a time, and how often more are drawn until twice LOOKED_AT are clear and can be held
 POSTURES, DRAWS = 1000, 8
 LOOKED_AT = 15
+# of half a joint's range, or of pi where that is less: postures are drawn from so far about its middle
+ABOUT_MIDDLE = 0.6
 # share of random postures that are clear and can be held, below which there is little choice
 SCARCE = 0.1
 # of random postures, the share that must be free for capsules to do
@@ -89,18 +92,24 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             )
         return given
     middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
-    parts = []
+    parts: list[tuple[np.ndarray, ...]] = []
+    slack: Slack | None = None
     for _ in range(DRAWS):
-        q = middle + 0.6 * half * rng.uniform(-1, 1, (POSTURES, arm.n))
-        clearances, names = room.nearness.clearances(q)
-        parts.append((q, clearances.min(axis=1), room.holding(q), (clearances < CLEARANCE_MARGIN).mean(axis=0)))
-        q, free, taken = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        q = middle + ABOUT_MIDDLE * half * rng.uniform(-1, 1, (POSTURES, arm.n))
+        (clearances, names), holding = room.nearness.clearances(q), room.holding(q)
+        slack = slack or Slack(clearances, holding)
+        near = (clearances < CLEARANCE_MARGIN).mean(axis=0)
+        parts.append((q, clearances.min(axis=1), holding, slack.of(clearances, holding), near))
+        q, free, taken, spare = (np.concatenate([part[k] for part in parts]) for k in range(4))
         clear, share = free >= CLEARANCE_MARGIN, taken.max(axis=1)
         usable = clear & (share <= 1)
         if np.count_nonzero(usable) >= 2 * LOOKED_AT:
             break
-    if not clear.any():
-        near = np.mean([part[3] for part in parts], axis=0)
+    candidates = None
+    if slack and usable.mean() <= SCARCE:  # torque and room leave little choice: postures from which both may change
+        candidates = climbed(room, slack, q, spare, middle, half, rng)
+    if candidates is None and not clear.any():
+        near = np.mean([part[-1] for part in parts], axis=0)
         worst = int(np.argmax(near))
         raise AnswerIsNo(
             f"{arm.name} in {cell.name}: none of {len(q)} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
@@ -111,7 +120,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
                 else ""
             )
         )
-    if not usable.any():
+    if candidates is None and not usable.any():
         best = int(np.argmin(np.where(clear, share, np.inf)))
         j = int(np.argmax(taken[best]))
         raise AnswerIsNo(
@@ -120,15 +129,13 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with "
             f"--home{missing_facts(arm, j)}"
         )
-    free = np.where(share <= 1, free, -np.inf)
-    # the roomiest first, or where torque and room leave little choice those with a good share of both
-    both = np.where(usable, np.minimum(free / free.max(), 1 - share), -np.inf)
-    first = -free if usable.mean() > SCARCE else -both
+    if candidates is None:  # the roomiest first
+        candidates = q[np.argsort(-np.where(share <= 1, free, -np.inf))]
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     # where torque leaves no motion about any of them, the free postures that it takes least to hold
-    for order in (first, np.where(free >= CLEARANCE_MARGIN, share, np.inf)):
-        chosen = free_postures(room, q[np.argsort(order)[: 2 * LOOKED_AT]])
+    for ranked_postures in (candidates, q[np.argsort(np.where(clear, share, np.inf))]):
+        chosen = free_postures(room, ranked_postures[: 2 * LOOKED_AT])
         scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
         ranked = np.argsort(scores)[::-1].tolist()
         if scores[ranked[0]] > 0:

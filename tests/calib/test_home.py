@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.excitation.climb import FAR, Slack, climbed
 from calib.excitation.fourier import Fourier
 from calib.excitation.home import free_postures, home_of, open_cell
 from calib.excitation.nearness import CLEARANCE_MARGIN
@@ -134,3 +135,33 @@ def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
     assert len(near) == 20
     np.testing.assert_array_equal(free_postures(room, np.concatenate([near, free])), free)
     np.testing.assert_array_equal(free_postures(room, near), near[:15])
+
+
+def test_where_few_postures_can_be_held_those_with_slack_on_every_side_are_climbed_to() -> None:
+    arm = load_arm("ur10e")
+    weak = replace(arm, tau_max=np.array([330.0, 150.0, 150.0, 56.0, 56.0, 56.0]))
+    room, rng = Room(weak, open_cell(arm)), np.random.default_rng(0)
+    middle, half = (arm.q_max + arm.q_min) / 2, np.minimum((arm.q_max - arm.q_min) / 2, np.pi)
+    q = middle + 0.6 * half * rng.uniform(-1, 1, (200, arm.n))
+    clearances, holding = room.nearness.clearances(q)[0], room.holding(q)
+    slack = Slack(clearances, holding)
+    values = slack.of(clearances, holding)
+    found = climbed(room, slack, q, values, middle, half, rng)
+    assert found is not None
+    after = slack.of(room.nearness.clearances(found)[0], room.holding(found))
+    assert np.all(after > 0)
+    assert after[0] == after.max()
+    assert after[0] > 1.05 * values.max()
+    assert np.all(np.abs(found - middle) <= FAR * half + 1e-12)
+    helpless = Room(replace(arm, tau_max=np.full(6, 1e-3)), room.cell)
+    holding = helpless.holding(q)
+    slack = Slack(clearances, holding)
+    assert climbed(helpless, slack, q, slack.of(clearances, holding), middle, half, rng) is None
+
+
+def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> None:
+    """Two neighbours are 5 mm apart in every posture: the posture that is far from what moves has more slack all the same."""
+    neighbours = 0.005 + 1e-4 * np.array([0.0, 1.0, -1.0, 0.0])
+    clearances = np.column_stack([np.full(4, np.inf), neighbours, [0.3, 0.1, 0.01, 0.2]])
+    slack = Slack(clearances, np.full((4, 2), 0.5)).of(clearances, np.full((4, 2), 0.5))
+    assert np.argsort(slack).tolist() == [2, 1, 3, 0]

@@ -1,0 +1,53 @@
+"""Postures with slack on every side, where torque and clearance leave few: drawn ones, moved a little at random, the best kept.
+
+The slack of a posture is the least of (clearance - CLEARANCE_MARGIN) over all pairs of bodies and of (1 - share) over all torque limits, each
+as a share of the most that random postures have of it. In metres a pair that is near in every posture, as two neighbours are, would hide
+all others, and a torque limit has no metres at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.room import Room
+
+# rounds, postures that are kept and how many are tried about each; the first step as a share of half the range, and of it the next
+ROUNDS, KEPT, ABOUT = 6, 30, 16
+STEP, FINER = 0.2, 0.8
+# of half the range: nearer to an end a joint has no room to move
+FAR = 0.75
+# m and share of a limit: what no random posture has more of is no slack
+LEAST = 1e-6
+
+
+class Slack:
+    """The slack of postures of one arm in one room, as shares of the most over the postures of `clearances` (N, pairs) and `holding` (N, n)."""
+
+    def __init__(self, clearances: np.ndarray, holding: np.ndarray) -> None:
+        self._counts = np.all(np.isfinite(clearances), axis=0)
+        self._apart = np.maximum(clearances[:, self._counts].max(axis=0) - CLEARANCE_MARGIN, LEAST)
+        self._torque = np.maximum(1 - holding.min(axis=0), LEAST)
+
+    def of(self, clearances: np.ndarray, holding: np.ndarray) -> np.ndarray:
+        """(N,), above zero where a posture is clear and can be held."""
+        apart = ((clearances[:, self._counts] - CLEARANCE_MARGIN) / self._apart).min(axis=1, initial=np.inf)
+        return np.asarray(np.minimum(apart, ((1 - holding) / self._torque).min(axis=1)))
+
+
+def climbed(
+    room: Room, slack: Slack, q: np.ndarray, values: np.ndarray, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator
+) -> np.ndarray | None:
+    """(K, n) rad, at most KEPT with slack, most first; None where none has any: from postures q (N, n) of slack `values` (N,), within FAR of
+    `half` (n,) rad about `middle` (n,).
+    """
+    for k in range(ROUNDS + 1):
+        best = np.argsort(-values, kind="stable")[:KEPT]
+        q, values = q[best], values[best]
+        if k == ROUNDS:
+            break
+        moved = q[:, None] + STEP * FINER**k * half * rng.normal(size=(len(q), ABOUT, len(half)))
+        new = np.clip(moved.reshape(-1, len(half)), middle - FAR * half, middle + FAR * half)
+        found = slack.of(room.nearness.clearances(new)[0], room.holding(new))
+        q, values = np.concatenate([q, new]), np.concatenate([values, found])
+    return q[values > 0] if values[0] > 0 else None
