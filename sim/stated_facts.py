@@ -22,6 +22,8 @@ DRIVE_FACTS = {
     "viscous": ("N m s/rad", "viscous", 0.3),
     "inertia": ("kg m^2", "rotor", 0.1),
 }
+# relative standard deviation of a stated stiffness: springs are made to about a tenth, which is two of them
+SPRING = 0.05
 
 
 def with_limits(arm: Arm, limits: Mapping[str, list[float]]) -> Arm:
@@ -64,6 +66,23 @@ def with_drives(arm: Arm, facts: Mapping[str, list[float]]) -> Arm:
             arm = with_effect(arm, ArmEffect(effect, joint, {parameter: value}))
         unknown = [k for k in arm.prior.unknown if k != prior]
         arm = replace(arm, prior=arm.prior.model_copy(update={"unknown": unknown, prior: spread}))
+    return arm
+
+
+def with_springs(arm: Arm, springs: Mapping[str, list[float]]) -> Arm:
+    """The arm with springs: joint -> stiffness N m/rad and rest angle rad; a soft one with a far rest angle pulls with about one torque.
+
+    ConfigError for a joint that the arm has not, and for a spring that is none.
+    """
+    for joint, numbers in springs.items():
+        if joint not in arm.joint_names:
+            raise ConfigError(f"--spring {joint}: there is no such joint; {nearest(joint, arm.joint_names)}")
+        if len(numbers) != 2 or not np.all(np.isfinite(numbers)) or not numbers[0] > 0:
+            raise ConfigError(
+                f"--spring {joint} = {numbers}: write JOINT=K,Q0, the stiffness in N m/rad, above zero, and the angle without torque in rad"
+            )
+        spring = {"stiffness": numbers[0], "rest_angle": numbers[1]}
+        arm = with_effect(arm, ArmEffect("joint_spring", joint, spring, {"stiffness": SPRING * numbers[0]}))
     return arm
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calib.terminal import console, options
-from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, TorqueAt, locked_joint, numbers_of
+from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, Spring, TorqueAt, locked_joint, numbers_of
 from sim.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def new(
     name: Name = None,
     limit: Limit = None,
     drives: Drive = None,
+    springs: Spring = None,
     joints: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="Joints that move, by name or pattern; the others stand still at 0.")
     ] = None,
@@ -75,7 +76,7 @@ def new(
     """
     from calib.excitation.home import FREE, free_share
     from sim.new_arm import Choice, read_model, staging_folder
-    from sim.stated_facts import with_drives
+    from sim.stated_facts import with_drives, with_springs
 
     person = sys.stdin.isatty() and not json
     if numbers is None and not geometry_only and person:
@@ -99,6 +100,7 @@ def new(
         if arm.prior.numbers is None:
             console.warn("the source of the masses is unknown, so they count as guessed; state it with --numbers")
         arm = with_drives(arm, dict(numbers_of("--drive", text) for text in drives or []))
+        arm = with_springs(arm, dict(numbers_of("--spring", text) for text in springs or []))
         _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
 
 

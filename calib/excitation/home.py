@@ -19,6 +19,7 @@ from safety.reach import spine
 from sim.arm import Arm
 from sim.cell import Cell, CellTable, MotionTable
 from sim.errors import AnswerIsNo, ConfigError
+from sim.rigid_body import RigidBody
 
 # random postures at a time, and how often more are drawn until twice LOOKED_AT are clear and can be held
 POSTURES, DRAWS = 1000, 8
@@ -127,7 +128,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             f"{arm.name}: in none of {clear.sum()} postures that are clear of itself and the cell do its torque limits hold it, with what nobody knows of "
             f"its masses: {arm.joint_names[j]} may take {share[best]:.0%} of its limit (less margin) where it is best. Correct tau_max "
             f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with "
-            f"--home{missing_facts(arm, j)}"
+            f"--home{_unsupported(arm, q[clear], j)}{missing_facts(arm, j)}"
         )
     if candidates is None:  # the roomiest first
         candidates = q[np.argsort(-np.where(share <= 1, free, -np.inf))]
@@ -142,6 +143,17 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
             break
     best = next((k for k in ranked if scores[k] > 0 and sweepable(room, chosen[k])), ranked[0])
     return np.round(chosen[best], 3)
+
+
+def _unsupported(arm: Arm, q: np.ndarray, joint: int) -> str:
+    """What is likely missing where the masses of the file alone are too heavy in most postures q (N, n): a real arm holds itself up."""
+    weight = np.abs(RigidBody(arm).inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, joint])
+    if np.median(weight) <= arm.tau_max[joint]:
+        return ""
+    return (
+        f". The file's own masses take {np.median(weight):.3g} N m of {arm.joint_names[joint]} in the median posture: if a spring or a "
+        f"counterbalance carries them, state it (`calib arm new --spring`)"
+    )
 
 
 def free_postures(room: Room, q: np.ndarray) -> np.ndarray:

@@ -44,6 +44,15 @@ Drive = Annotated[
         "(kg m^2, reflected to the joint). Repeatable.",
     ),
 ]
+Spring = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--spring",
+        metavar="JOINT=K,Q0",
+        help="A spring or counterbalance that carries a joint: stiffness K (N m/rad) and the angle Q0 (rad) without torque; model files seldom have it. "
+        "Repeatable.",
+    ),
+]
 At = Annotated[
     TorqueAt,
     typer.Option(

@@ -141,6 +141,21 @@ def test_a_fact_of_a_drive_that_states_nothing_is_refused(gripper, tmp_path, cap
     assert not (tmp_path / "arm").exists()
 
 
+def test_a_spring_that_is_stated_is_the_arms_with_its_tolerance(gripper, tmp_path, capsys):
+    command = ["arm", "new", str(gripper), "--tool", "hand", "--numbers", "cad"]
+    assert main([*command, "--out", str(tmp_path / "bare")]) == 0
+    joint = load_arm(tmp_path / "bare").joint_names[0]
+    assert main([*command, "--spring", f"{joint}=3,-12.5", "--out", str(tmp_path / "arm")]) == 0
+    spring = load_arm(tmp_path / "arm").effect("joint_spring", joint)
+    assert spring is not None
+    assert spring.parameters == {"stiffness": 3.0, "rest_angle": -12.5}
+    assert spring.std == {"stiffness": pytest.approx(0.15)}
+    for fact in ("nowhere=3,0", f"{joint}=0,0", f"{joint}=3", f"{joint}=3,nan", f"{joint}=-1,0"):
+        assert main([*command, "--spring", fact, "--out", str(tmp_path / "no")]) == 2
+        assert "--spring" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
 def test_a_drive_on_a_bench_is_an_arm_of_one_joint(tmp_path):
     limits = ["--limit", "tau_max=2", "--limit", "dq_max=6"]
     assert main(["arm", "drive", "pendulum", "--load", "0.49,0.1", *limits, "--out", str(tmp_path / "p")]) == 0

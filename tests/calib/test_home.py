@@ -14,6 +14,8 @@ from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import Room
 from sim.arm import load_arm
 from sim.errors import AnswerIsNo
+from sim.rigid_body import RigidBody
+from sim.stated_facts import with_springs
 from sim.tree import Shape
 from tests.calib.drives import silent
 
@@ -165,3 +167,20 @@ def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> Non
     clearances = np.column_stack([np.full(4, np.inf), neighbours, [0.3, 0.1, 0.01, 0.2]])
     slack = Slack(clearances, np.full((4, 2), 0.5)).of(clearances, np.full((4, 2), 0.5))
     assert np.argsort(slack).tolist() == [2, 1, 3, 0]
+
+
+def test_masses_that_no_motor_holds_ask_for_a_spring_which_takes_of_their_torque() -> None:
+    """A shoulder lift that takes more than its motor gives in most postures, unless a counterbalance pulls as the masses do."""
+    of = load_arm("ur10e")
+    arm = replace(of, q_max=np.where(np.arange(6) == 1, -0.3, of.q_max), q_min=np.where(np.arange(6) == 1, -1.0, of.q_min))
+    arm = replace(arm, tau_max=np.array([330.0, 60.0, 150.0, 56.0, 56.0, 56.0]))
+    cell = open_cell(arm)
+    with pytest.raises(
+        AnswerIsNo, match=r"take \S+ N m of shoulder_lift_joint in the median posture: .*`calib arm new --spring`"
+    ):
+        home_of(Room(arm, cell), cell, None, np.random.default_rng(0))
+    q = arm.q_min + (arm.q_max - arm.q_min) * np.random.default_rng(1).uniform(0.2, 0.8, (200, arm.n))
+    gravity = np.median(RigidBody(arm).inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, 1])
+    # torque of the spring, k (q - q_0), opposite in the middle of the range
+    held = with_springs(arm, {"shoulder_lift_joint": [20.0, -0.65 + gravity / 20.0]})
+    assert np.median(Room(held, cell).holding(q)[:, 1]) < 0.8 * np.median(Room(arm, cell).holding(q)[:, 1])
