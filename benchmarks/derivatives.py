@@ -17,7 +17,8 @@ from filterpy.kalman import KalmanFilter
 from benchmarks.known_truth import HOME, fitting_motion
 from calib.excitation.fourier import Basis
 from calib.identification.model import TorqueModel
-from calib.measurement.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
+from calib.measurement.derivatives import DerivativeFilter
+from calib.measurement.filtering import Decimator
 from sim.arm import load_arm
 
 CUTOFF, SLOW_CUTOFF = 8.0, 2.0
@@ -27,7 +28,7 @@ NOISES = (2e-5, 1e-3)
 
 def savitzky_golay(q: np.ndarray, rate: float, sigma: float, rough: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
     """dq and ddq by the window that the filter's cutoff asks for; sigma and rough play no part."""
-    smooth = SavitzkyGolay.of_bandwidth(rate, SG_OVER_BANDWIDTH * cutoff)
+    smooth = DerivativeFilter.of_cutoff(rate, cutoff)
     return smooth.derivative(q, 1), smooth.derivative(q, 2)
 
 

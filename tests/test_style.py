@@ -19,7 +19,6 @@ LONGEST = 250  # lines of a Python file
 # private names that tests import from another file still; each leaves this list, and none comes to it
 PRIVATE = {
     "calib.diagnosis.names._beyond_ordinary",
-    "calib.diagnosis.motion._kernels",
 }
 CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", re.DOTALL)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -190,8 +189,7 @@ class LogModel:
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """d x / dt of samples (N, ...), stretch by stretch."""
-        t, starts = self.link.t, self.measurement.starts
-        return np.concatenate([np.gradient(x[lo:hi], t[lo:hi], axis=0) for lo, hi in itertools.pairwise(starts)])
+        return self.measurement.rate_of_change(x)
 
     def _channel(self) -> list[ArmEffect]:
         return [item for _, _, item in self.stages[Stage.CHANNEL]]

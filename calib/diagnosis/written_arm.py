@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -138,8 +137,7 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
     for m in measurements:
         tau = predict(arm, m.trajectory, m.warming)
         if lead:
-            pairs = itertools.pairwise(m.starts)
-            tau = tau + lead * np.concatenate([np.gradient(tau[a:b], m.trajectory.t[a:b], axis=0) for a, b in pairs])
+            tau = tau + lead * m.rate_of_change(tau)
         out.append(m.rows(m.tau - tau)[m.row_moving])
     return np.concatenate(out)
 

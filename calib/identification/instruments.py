@@ -8,9 +8,9 @@ for robots).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtr
@@ -19,7 +19,7 @@ from calib.identification.least_squares import Solution
 from calib.identification.normal_equations import Prior, inverse
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
-from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
 from logs import Log
 from sim.trajectory import Trajectory
@@ -62,10 +62,8 @@ def commanded(log: Log, m: Measurement) -> Measurement | None:
 
     delays = np.arange(0.0, LATEST, 0.5 / m.rate)
     best = min(delays, key=lambda d: float(np.square(at(d, t[few]) - q[few]).sum()))
-    smooth = SavitzkyGolay.of_bandwidth(m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff)
-    wanted = at(best, t)
-    parts = [[smooth.derivative(wanted[lo:hi], k) for k in range(3)] for lo, hi in itertools.pairwise(m.starts)]
-    return replace(m, trajectory=Trajectory(t, *(np.concatenate([p[k] for p in parts]) for k in range(3))))
+    smooth, wanted = DerivativeFilter.of_cutoff(m.rate, m.decimator.cutoff), at(best, t)
+    return replace(m, trajectory=Trajectory(t, *(m.by_stretch(partial(smooth.derivative, order=k), wanted) for k in range(3))))
 
 
 def instrumental(

@@ -6,7 +6,6 @@ parameters, and left in they pull dry friction, viscous friction and rotor inert
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,8 +22,7 @@ def reversal_rows(m: Measurement, arm: Arm) -> np.ndarray:
     """(R, n) rows to which samples slower than SLOW give more than SHARE of the filter's weight."""
     dq = np.abs(m.trajectory.dq)
     slow = dq < SLOW * np.where(np.isfinite(arm.dq_max), arm.dq_max, dq.max(axis=0))
-    pairs = itertools.pairwise(m.starts)
-    return np.concatenate([m.decimator.share_of(slow[lo:hi]) for lo, hi in pairs]) > SHARE
+    return m.by_stretch(m.decimator.share_of, slow) > SHARE
 
 
 def reverses_often(measurements: Sequence[Measurement], arm: Arm) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Zero-phase filters as finite symmetric windows: the same one acts on the torque and on every regressor column.
+"""A zero-phase filter as a finite symmetric window: the same one acts on the torque and on every regressor column.
 
 Finite windows make three things exact that recursive filters only approximate: no phase at all, a known reach (so a gap or a
 clipped sample spoils a known stretch and no more), and block-wise work on logs of any length.
@@ -10,44 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import convolve1d
-from scipy.signal import firwin, savgol_coeffs
+from scipy.signal import firwin
 
-SG_ORDER = 4
-SG_OVER_BANDWIDTH = 2.5
 ROWS_PER_CUTOFF = 2.5
-
-
-@dataclass(frozen=True)
-class SavitzkyGolay:
-    """q, dq, ddq of a sampled position: least-squares polynomial of `order` in a window of `window` samples.
-
-    The window follows from the wanted bandwidth f (Hz): half width M = ((order + 1) / (2 f / rate) + 4.6) / 3.2, the fit of
-    R. W. Schafer, "What is a Savitzky-Golay filter?", IEEE Signal Processing Magazine 28(4), 2011.
-    """
-
-    rate: float
-    window: int
-    order: int
-
-    @staticmethod
-    def of_bandwidth(rate: float, bandwidth: float, order: int = SG_ORDER) -> SavitzkyGolay:
-        """The window whose -3 dB frequency is `bandwidth` Hz; never shorter than order + 3 samples."""
-        half = ((order + 1) / (2 * bandwidth / rate) + 4.6) / 3.2
-        return SavitzkyGolay(rate, max(2 * round(half) + 1, order + 3 - order % 2), order)
-
-    @property
-    def reach(self) -> int:
-        """Samples on each side that take part in one value."""
-        return self.window // 2
-
-    def derivative(self, x: np.ndarray, order: int) -> np.ndarray:
-        """d^order x / dt^order of samples (N, ...) at `rate`; the first and last `reach` values repeat the end sample."""
-        return convolve1d(x, self.coefficients(order), axis=0, mode="nearest")
-
-    def coefficients(self, order: int) -> np.ndarray:
-        """Window (window,) that scipy's convolution takes, units 1/s^order."""
-        return savgol_coeffs(self.window, self.order, deriv=order, delta=1 / self.rate)
 
 
 @dataclass(frozen=True)

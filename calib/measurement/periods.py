@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.measurement.derivatives import OVER_CUTOFF, DerivativeFilter
 from calib.measurement.preprocessing import Measurement
 from sim.trajectory import Trajectory
 
@@ -37,12 +37,12 @@ def averaged(m: Measurement) -> Measurement:
         return m
     start, samples, count = found
     whole = slice(start, start + samples * count)
-    band = SG_OVER_BANDWIDTH * m.decimator.cutoff
-    smooth = SavitzkyGolay.of_bandwidth(m.rate, band)
+    band = OVER_CUTOFF * m.decimator.cutoff
+    smooth = DerivativeFilter.of_bandwidth(m.rate, band)
     ddq = m.trajectory.ddq[whole].reshape(count, samples, m.n)
-    noise = m.q_noise * np.linalg.norm(smooth.coefficients(2))
+    noise = m.q_noise * smooth.noise_gain(2)
     apart = (np.abs(ddq - ddq.mean(axis=0)) > SIGMAS * noise).any(axis=(0, 2))
-    apart = maximum_filter1d(apart, 2 * smooth.window + 1, mode="wrap")
+    apart = maximum_filter1d(apart, 2 * smooth.size + 1, mode="wrap")
     if apart.mean() > MOST_APART:
         return m
     mean = m.trajectory.q[whole].reshape(count, samples, m.n).mean(axis=0)

@@ -7,12 +7,13 @@ readings are found and named, never repaired.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
+from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.exclusions import (
     Exclusion,
     clipped_samples,
@@ -20,7 +21,7 @@ from calib.measurement.exclusions import (
     listed_exclusions,
     standing_samples,
 )
-from calib.measurement.filtering import SG_OVER_BANDWIDTH, Decimator, SavitzkyGolay
+from calib.measurement.filtering import Decimator
 from calib.measurement.joint_torque import joint_torque
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
@@ -35,7 +36,7 @@ CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
 class Measurement:
     """N samples of n joints on a uniform grid, in stretches between gaps.
 
-    trajectory  q dq ddq (N, n), Savitzky-Golay; t (N,) s on the device clock, with steps of 1/rate inside a stretch
+    trajectory  q dq ddq (N, n), by the windows of calib.measurement.derivatives; t (N,) s on the device clock, with steps of 1/rate inside a stretch
     tau         (N, n) N m, resampled but not filtered
     inside      (N,) whether the derivatives' window lies within the stretch
     usable      (N, n) False where a joint stands, its torque is clipped or missing, or the window reaches over an end
@@ -80,35 +81,39 @@ class Measurement:
         samples long."""
         d = self.decimator
         rows_at_once = max(1, most // d.step)
-        for lo, hi in zip(self.starts[:-1], self.starts[1:], strict=True):
+        for lo, hi in itertools.pairwise(self.starts):
             count = len(d.centres(hi - lo))
             for first in range(0, count, rows_at_once):
                 rows = min(rows_at_once, count - first)
                 start = lo + first * d.step
                 yield slice(int(start), int(start + (rows - 1) * d.step + len(d.taps)))
 
+    def by_stretch(self, of: Callable[..., np.ndarray], *x: np.ndarray) -> np.ndarray:
+        """of(samples of a stretch) for arrays x (N, ...), one stretch after the other."""
+        return by_stretch(self.starts, of, *x)
+
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered, decimated rows (R, ...) of samples x (N, ...)."""
-        parts = [self.decimator.rows(x[lo:hi]) for lo, hi in zip(self.starts[:-1], self.starts[1:], strict=True)]
-        return np.concatenate(parts)
+        return self.by_stretch(self.decimator.rows, x)
+
+    def rate_of_change(self, x: np.ndarray) -> np.ndarray:
+        """d x / dt of samples (N, ...) by central differences."""
+        return self.by_stretch(lambda part, t: np.gradient(part, t, axis=0), x, self.trajectory.t)
 
     @cached_property
     def row_samples(self) -> np.ndarray:
         """(R,) the sample in the middle of every row's window."""
-        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
-        return np.concatenate([lo + self.decimator.centres(hi - lo) for lo, hi in pairs])
+        return np.concatenate([lo + self.decimator.centres(hi - lo) for lo, hi in itertools.pairwise(self.starts)])
 
     @cached_property
     def row_usable(self) -> np.ndarray:
         """(R, n) rows to which no unusable sample contributes."""
-        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
-        return np.concatenate([self.decimator.clean_rows(self.usable[lo:hi]) for lo, hi in pairs])
+        return self.by_stretch(self.decimator.clean_rows, self.usable)
 
     @cached_property
     def row_moving(self) -> np.ndarray:
         """(R,) rows between the first and the last motion of any joint, reversals and standing joints and all."""
-        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
-        out = np.concatenate([self.decimator.clean_rows(self.inside[lo:hi, None])[:, 0] for lo, hi in pairs])
+        out = self.by_stretch(self.decimator.clean_rows, self.inside)
         moving = np.flatnonzero(self.row_usable.any(axis=1))
         out[: moving[0] if len(moving) else len(out)] = False
         out[moving[-1] + 1 if len(moving) else 0 :] = False
@@ -119,8 +124,7 @@ class Measurement:
         """(R, n) (N m)^2: what bridged gaps add to the variance of every row."""
         if self.doubt is None:
             return np.zeros((len(self.row_samples), self.n))
-        pairs = zip(self.starts[:-1], self.starts[1:], strict=True)
-        return np.concatenate([self.decimator.variance_of(self.doubt[lo:hi]) for lo, hi in pairs])
+        return self.by_stretch(self.decimator.variance_of, self.doubt)
 
     @property
     def samples_moving(self) -> slice:
@@ -134,8 +138,17 @@ class Measurement:
         return np.searchsorted(self.starts, self.row_samples, side="right") - 1
 
 
-def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
+def by_stretch(starts: Sequence[int] | np.ndarray, of: Callable[..., np.ndarray], *x: np.ndarray) -> np.ndarray:
+    """of(samples of a stretch) for arrays x (N, ...), one stretch after the other; starts (S+1,)."""
+    return np.concatenate([of(*(a[lo:hi] for a in x)) for lo, hi in itertools.pairwise(starts)])
+
+
+def prepare(
+    log: Log, arm: Arm, cutoff: float | None = None, windows: Callable[[float], DerivativeFilter] | None = None
+) -> Measurement:
     """The measurement in a log of this arm; `cutoff` Hz of the common filter follows from the motion where it is not given.
+
+    windows(rate) differentiate; those of the cutoff where none are given.
 
     ConfigError where the torque is unknown (no effort, and no torque constant in the arm); BadLog where time runs backwards, a value
     is beyond what the arm can do, or too little is left.
@@ -146,36 +159,28 @@ def prepare(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
     finite = np.isfinite(log.q).all(axis=1)
     rate = 1 / float(np.median(np.diff(log.t)))
     cutoff = cutoff or motion_cutoff(log)
-    smooth = SavitzkyGolay.of_bandwidth(rate, SG_OVER_BANDWIDTH * cutoff)
+    smooth = windows(rate) if windows else DerivativeFilter.of_cutoff(rate, cutoff)
     decimator = Decimator.of_cutoff(rate, cutoff)
     measured = arm.speed_from == "measured" and bool(np.isfinite(log.dq[finite]).all())
     readings = np.column_stack([torque, log.dq]) if measured else torque
-    t, q, tau, starts, lost = resampled(
-        log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.window
-    )
+    t, q, tau, starts, lost = resampled(log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.size)
     tau, speed = tau[:, : arm.n], tau[:, arm.n :]
     excluded = [Exclusion(None, "gaps and readings that are not finite", lost)] if lost > 0.5 / rate else []
     if len(t) < 2:
         raise BadLog(
-            f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.window) / rate:.2f} s, which a filter "
+            f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.size) / rate:.2f} s, which a filter "
             f"of {cutoff:.3g} Hz needs; record again without losses, or give a higher --cutoff"
         )
-    pairs = list(itertools.pairwise(starts))
-    parts = [
-        [smooth.derivative(q[lo:hi], 0), *(smooth.derivative(speed[lo:hi], k) for k in range(2))]
-        if measured
-        else [smooth.derivative(q[lo:hi], k) for k in range(3)]
-        for lo, hi in pairs
-    ]
-    q_s, dq, ddq = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (q, 1), (q, 2)]
+    q_s, dq, ddq = (by_stretch(starts, partial(smooth.derivative, order=k), x) for x, k in of)
     q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
     usable = np.isfinite(tau)
-    dq_noise = q_noise * np.linalg.norm(smooth.coefficients(1))
+    dq_noise = q_noise * smooth.noise_gain(1)
     fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))
     standing = standing_samples(np.abs(dq) < np.maximum(1e-3 * fastest, 4 * dq_noise), starts, rate)
     clipped = clipped_samples(tau, arm.tau_max)
     inside = np.ones(len(t), dtype=bool)
-    for lo, hi in pairs:
+    for lo, hi in itertools.pairwise(starts):
         inside[lo : lo + smooth.reach] = inside[max(hi - smooth.reach, lo) : hi] = False
     usable &= inside[:, None]
     ends = ends_of_motion(standing)

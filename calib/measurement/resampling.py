@@ -10,13 +10,15 @@ from logs.bridging import bridging_error
 
 # samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
 GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
+# samples on either side of an instant: at 125 Hz, 7 Hz between two samples comes out 5e-5 too small (1e-3 by two on either side)
+BESIDE = 3
 MOST_LOST = 100  # samples in a row; a gap of GAP_SECONDS has more only above 10 kHz
 
 
 def resampled(
     t: np.ndarray, q: np.ndarray, tau: np.ndarray, rate: float, shortest: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Samples on grids of 1/rate between gaps: position by the cubic through four neighbours, torque by the line through two.
+    """Samples on grids of 1/rate between gaps: position by the polynomial through six neighbours, torque by the line through two.
 
     Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
     """
@@ -24,11 +26,11 @@ def resampled(
     grids, qs, taus, starts = [], [], [], [0]
     for lo, hi in itertools.pairwise(edges):
         count = int((t[hi - 1] - t[lo]) * rate + 1e-6) + 1
-        if count < shortest or hi - lo < 4:
+        if count < shortest or hi - lo < 2 * BESIDE:
             continue
         grid = t[lo] + np.arange(count) / rate
         grids.append(grid)
-        qs.append(_cubic(t[lo:hi], q[lo:hi], grid))
+        qs.append(_interpolated(t[lo:hi], q[lo:hi], grid))
         taus.append(np.stack([np.interp(grid, t[lo:hi], x) for x in tau[lo:hi].T], axis=1))
         starts.append(starts[-1] + count)
     lost = float(t[-1] - t[0]) - sum(len(g) - 1 for g in grids) / rate
@@ -56,15 +58,14 @@ def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) 
     return np.asarray(g[:, None] * error[g] ** 2)
 
 
-def _cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Lagrange's cubic through the two samples before and the two after each instant of `at`; x (N, n)."""
-    k = np.clip(np.searchsorted(t, at, side="right") - 2, 0, len(t) - 4)
-    nodes = [t[k + i] for i in range(4)]
+def _interpolated(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Lagrange's polynomial through BESIDE samples before and as many after each instant of `at`; x (N, n)."""
+    first = np.clip(np.searchsorted(t, at, side="right") - BESIDE, 0, len(t) - 2 * BESIDE)
+    nodes = [t[first + i] for i in range(2 * BESIDE)]
     out = np.zeros((len(at), x.shape[1]))
-    for i in range(4):
+    for i, own in enumerate(nodes):
         weight = np.ones(len(at))
-        for j in range(4):
-            if j != i:
-                weight *= (at - nodes[j]) / (nodes[i] - nodes[j])
-        out += weight[:, None] * x[k + i]
+        for other in nodes[:i] + nodes[i + 1 :]:
+            weight *= (at - other) / (own - other)
+        out += weight[:, None] * x[first + i]
     return out

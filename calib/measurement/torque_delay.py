@@ -8,7 +8,6 @@ lags behind the motion by itself. A delay that is left in looks like elasticity,
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +70,7 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
     """Delay and standard deviation from the rows of joint j; NaN where they are not informative."""
     dq = m.trajectory.dq[:, j]
     sliding = m.usable[:, j] & (np.abs(dq) >= SLOW)
-    use = np.concatenate([m.decimator.clean_rows(sliding[lo:hi, None])[:, 0] for lo, hi in itertools.pairwise(m.starts)])
+    use = m.by_stretch(m.decimator.clean_rows, sliding)
     if use.sum() < ROWS_LEAST:
         return np.nan, np.nan
     samples = np.column_stack([model, dq, np.sign(dq), np.ones(len(dq))])
@@ -85,7 +84,7 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
     for _ in range(ROUNDS):
         torque = m.rows(_earlier(m, m.tau[:, j], delay))[use]
         theta = inverse @ (u.T @ torque)
-        slope = -m.rows(_rate_of_change(m, samples @ (theta / size)))[use]
+        slope = -m.rows(m.rate_of_change(samples @ (theta / size)))[use]
         slope -= u @ (u.T @ slope)
         residual = torque - rows @ theta
         delay += float(slope @ residual / (slope @ slope))
@@ -99,9 +98,4 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
 
 def _earlier(m: Measurement, tau: np.ndarray, by: float) -> np.ndarray:
     """tau(t + by) on the samples of every stretch."""
-    t = m.trajectory.t
-    return np.concatenate([np.interp(t[lo:hi] + by, t[lo:hi], tau[lo:hi]) for lo, hi in itertools.pairwise(m.starts)])
-
-
-def _rate_of_change(m: Measurement, y: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.gradient(y[lo:hi], 1 / m.rate) for lo, hi in itertools.pairwise(m.starts)])
+    return m.by_stretch(lambda t, x: np.interp(t + by, t, x), m.trajectory.t, tau)

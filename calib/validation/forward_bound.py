@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from calib.identification.known import Known
 from calib.identification.model import TorqueModel
-from calib.measurement.filtering import SG_OVER_BANDWIDTH, SavitzkyGolay
+from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 
@@ -26,8 +26,7 @@ def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, k
     n, model = arm.n, TorqueModel.of_arm(arm)
     rotor = np.array([e.parameters["inertia"] if (e := arm.effect("rotor_inertia", j)) else 0.0 for j in arm.joint_names])
     viscous = np.array([e.parameters["viscous"] if (e := arm.effect("viscous_friction", j)) else 0.0 for j in arm.joint_names])
-    smooth = SavitzkyGolay.of_bandwidth(m.rate, SG_OVER_BANDWIDTH * m.decimator.cutoff)
-    speed_variance = (m.q_noise * np.linalg.norm(smooth.coefficients(1))) ** 2
+    speed_variance = (m.q_noise * DerivativeFilter.of_cutoff(m.rate, m.decimator.cutoff).noise_gain(1)) ** 2
     dt = steps / m.rate / STEPS
     total = np.zeros(n)
     for k in starts:

@@ -7,21 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.motion import PASS, _kernels, measured, warmed
+from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm
 from tests.calib.diagnosis.conftest import recording
-
-
-@pytest.mark.parametrize("rate", [125.0, 200.0, 500.0])
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_kernels_differentiate_exactly_in_the_pass_band(rate: float, order: int) -> None:
-    kernel = _kernels(rate)[order]
-    k = np.arange(len(kernel)) - len(kernel) // 2
-    for f in (0.1, 0.5, 2.0, 7.0, 12.0):
-        response = np.sum(kernel * np.exp(-2j * np.pi * f * k / rate))
-        assert response == pytest.approx((2j * np.pi * f) ** order, rel=2e-4)
-    stopped = np.sum(kernel * np.exp(-2j * np.pi * 50.0 * k / rate))
-    assert abs(stopped) < 0.01 * (2 * np.pi * PASS) ** order
 
 
 def test_rows_beside_a_pause_are_not_usable(ur10e: Arm) -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.measurement.filtering import Decimator, SavitzkyGolay
+from calib.measurement.derivatives import DerivativeFilter
+from calib.measurement.filtering import Decimator
 from calib.measurement.preprocessing import motion_cutoff, prepare
 from logs.log import Log
 from sim.arm import load_arm
@@ -111,8 +112,8 @@ def test_filters_pass_what_is_slow_and_stop_what_is_fast() -> None:
     t = np.arange(4000) / 500.0
     assert np.allclose(d.rows(np.sin(2 * np.pi * 1.0 * t)), np.sin(2 * np.pi * t[d.centres(4000)]), atol=3e-3)
     assert np.abs(d.rows(np.sin(2 * np.pi * 14.0 * t))).max() < 5e-3
-    s = SavitzkyGolay.of_bandwidth(500.0, 20.0)
-    response = np.abs(np.sum(s.coefficients(0) * np.exp(2j * np.pi * 20.0 / 500 * np.arange(s.window))))
+    s = DerivativeFilter.of_bandwidth(500.0, 20.0)
+    response = np.abs(np.sum(s.windows[0] * np.exp(2j * np.pi * 20.0 / 500 * np.arange(s.size))))
     assert response == pytest.approx(1 / np.sqrt(2), abs=0.05)
 
 
@@ -147,7 +148,7 @@ def test_bridged_rows_are_as_wrong_as_stated() -> None:
     """Torque with content up to 15 Hz at 500 Hz, three samples lost every 0.3 s: the error that this adds to the rows, against its variance."""
     rng = np.random.default_rng(3)
     t, q = sine(60.0)
-    tau = 20 * q + SavitzkyGolay.of_bandwidth(500.0, 15.0).derivative(rng.normal(size=q.shape) * 10, 0)
+    tau = 20 * q + DerivativeFilter.of_bandwidth(500.0, 15.0).derivative(rng.normal(size=q.shape) * 10, 0)
     whole = prepare(log_of(t, q, tau), ARM, 8.0)
     assert whole.doubt is None
     assert not whole.row_doubt.any()
