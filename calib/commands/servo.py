@@ -81,7 +81,7 @@ def look(
         console.print_json({"schema": "servo/1", "cell": table.name, "drives": [_plain(look) for look in looks]})
     else:
         console.table(
-            ["joint", "serial", "state", "angle rad", "torque N*m", "degC", "watchdog ms", "angle range rad", "torque range N*m"],
+            ["joint", "serial", "state", "angle rad", "torque N m", "degC", "watchdog ms", "angle range rad", "torque range N m"],
             [
                 [k.joint, k.identity.serial or "not reported", _state(k), k.reading.q, k.reading.tau, k.reading.temperature,
                  1e3 * k.identity.watchdog, k.identity.ranges.q, k.identity.ranges.tau]
@@ -159,7 +159,7 @@ def scan(
         found = result.found
         if not as_json:
             console.table(
-                ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad rad/s N*m"],
+                ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad, rad/s, N m"],
                 [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, _on(f), f.described.q,
                   1e3 * f.described.watchdog, _ranges(f)] for f in found],
             )  # fmt: skip

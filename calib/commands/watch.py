@@ -12,6 +12,7 @@ import typer
 
 from calib.run_folder import new_run
 from calib.terminal import console, options
+from calib.terminal.quantity import rounded
 from sim.errors import AnswerIsNo, ConfigError
 
 if TYPE_CHECKING:
@@ -103,11 +104,11 @@ def _json_line(data: dict[str, Any]) -> None:
 def _show(found: Watched) -> None:
     p = found.picture
     rows = [
-        [joint, float(p.seconds[j]), f.coulomb.value, f"± {2 * f.coulomb.std:.2g}", f.viscous.value, f"± {2 * f.viscous.std:.2g}",
+        [joint, float(p.seconds[j]), rounded(f.coulomb.value, 2 * f.coulomb.std), rounded(f.viscous.value, 2 * f.viscous.std),
          float(p.residual[j]), f.temperature]
         for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
     ]  # fmt: skip
-    console.table(["joint", "motion [s]", "Coulomb [N m]", "", "viscous [N m s/rad]", "", "residual RMS [N m]", "[degC]"], rows)
+    console.table(["joint", "motion [s]", "Coulomb [N m]", "viscous [N m s/rad]", "residual RMS [N m]", "[degC]"], rows)
     com = (
         ""
         if p.com is None
@@ -115,7 +116,7 @@ def _show(found: Watched) -> None:
     )
     console.say(f"{p.sentence[0].upper()}{p.sentence[1:]}{com}.")
     console.say(
-        f"{len(found.events)} events in {found.seconds:.1f} s; filter consistency (NIS per degree of freedom, 1 expected): {console.cell(p.nis)}."
+        f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s; filter consistency (NIS per degree of freedom, 1 expected): {console.cell(p.nis)}."
     )
     for kind, count in p.faults.items():
         console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")

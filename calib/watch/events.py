@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Any
 
+from calib.terminal.quantity import rounded
 from logs.recording import ERROR, INFO, WARN
 
 SCHEMA = "watch-event/1"
@@ -39,14 +40,14 @@ _ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number with its standard deviation and unit."""
+    """A number with its standard deviation and unit; as text with its 95 % interval, both to the interval's second digit."""
 
     value: float
     std: float
     unit: str
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} ± {2 * self.std:.2g} {self.unit}"
+        return rounded(self.value, 2 * self.std, self.unit)
 
 
 @dataclass(frozen=True, slots=True)

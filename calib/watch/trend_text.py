@@ -13,6 +13,7 @@ PLOTS_MOST = 4
 
 def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
     """The trends in one sentence, the largest first."""
+    count = f"{len(runs)} run{'' if len(runs) == 1 else 's'}"
     worn = sorted((s for s in slopes if s.wears), key=lambda s: -abs(s.per_100_days or 0.0))
     if worn:
         changes = ", ".join(
@@ -20,10 +21,10 @@ def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
             for s in worn
             if s.interval is not None and s.per_100_days is not None
         )
-        return f"{arm}, {len(runs)} runs: {changes}"
+        return f"{arm}, {count}: {changes}"
     if all(s.interval is None for s in slopes):
-        return f"{arm}, {len(runs)} runs: too few for a trend"
-    return f"{arm}, {len(runs)} runs: no joint's friction changes for sure"
+        return f"{arm}, {count}: too few for a trend"
+    return f"{arm}, {count}: no joint's friction changes for sure"
 
 
 def terminal_plot(runs: list[RunRecord], slopes: list[Slope]) -> str:

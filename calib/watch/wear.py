@@ -124,7 +124,7 @@ class WearWatch:
         now = Quantity(float(value), float(std), unit)
         joint = self._arm.joint_names[j]
         text = (
-            f"{word} friction of {joint} is {now}, {change.value:+.0%} ± {2 * change.std:.0%} from {self._reference[which, j]:.3g} {unit}: "
+            f"{word} friction of {joint} is {now}, {change.value:+.0%} ± {2 * change.std:.0%} from {self._reference[which, j]:.3g} {unit.replace('*', ' ')}: "
             f"more than warming explains; look at grease, belt and bearing, and at calib watch --trend"
         )
         return WatchEvent(
