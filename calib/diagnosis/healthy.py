@@ -14,6 +14,7 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import ORDER, ResidualRows, solve
 from calib.regression.noise import Noise, noise_of
+from calib.regression.normal_equations import inverse_root
 from sim.effects import effect_named
 
 # Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
@@ -87,10 +88,7 @@ class Folds:
         """The law of all healthy logs but one."""
         a = np.diag(self.prior) + np.sum([x for k, (x, _) in enumerate(self.parts) if k != without], axis=0)
         g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
-        d = 1 / np.sqrt(np.diag(a))
-        value, vector = np.linalg.eigh(a * np.outer(d, d))
-        value = np.maximum(value, 1e-10)
-        root = d[:, None] * vector / np.sqrt(value)
+        root = inverse_root(a, 1e-10)
         return HealthyLaw(self.scale, root @ (root.T @ g), root)
 
 

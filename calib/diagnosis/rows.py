@@ -14,8 +14,8 @@ import numpy as np
 
 from calib.diagnosis.model import LogModel
 from calib.regression.noise import Noise, filtered, neighbours
+from calib.regression.normal_equations import bounded
 
-HOLDS = 4
 # of the noise. Of low-passed readings AICC takes order 4, whose innovations are 0.85 of those of order 1. All prices and thresholds
 # of calib.diagnosis were found with order 1, the wider of the two; with order 4 three of ten cases of the exam that were right got another name.
 ORDER = 1
@@ -204,16 +204,5 @@ def solve(rows: ResidualRows, noise: Noise) -> Solved:
     xw, rw = [w.x for w in white], [w.r for w in white]
     a = np.eye(rows.p) + np.sum([w.xx for w in white], axis=0)
     g = rows.mean + np.sum([w.xr for w in white], axis=0)
-    held = np.zeros(rows.p, dtype=bool)
-    theta, inverse = np.zeros(rows.p), np.zeros((rows.p, rows.p))
-    for _ in range(HOLDS):
-        free = np.flatnonzero(~held)
-        inner = np.linalg.inv(a[np.ix_(free, free)])
-        theta[held] = rows.least[held]
-        theta[free] = inner @ (g[free] - a[np.ix_(free, np.flatnonzero(held))] @ theta[held])
-        below = ~held & (theta < rows.least)
-        if not below.any():
-            break
-        held |= below
-    inverse[np.ix_(free, free)] = inner
-    return Solved(rows, noise, xw, rw, inverse, np.maximum(theta, rows.least))
+    theta, inverse = bounded(a, g, rows.least)
+    return Solved(rows, noise, xw, rw, inverse, theta)

@@ -23,8 +23,8 @@ from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.sums import Other, Point, Solver, SummedSolution, best_other, others_of, portion
-from calib.identification.portions import Kept, digest_of
 from calib.regression.information import JointInformation, merged_joints, of_arrays, to_arrays
+from calib.regression.stored import Kept, digest_of
 from logs.log import Log
 from logs.pieces import Pieces
 from sim.arm import Arm
@@ -127,11 +127,11 @@ class _Summed:
         if self._kept is None:
             return portion(point, piece, others)
         context, name = f"diagnosis {point.digest} {others}", digest_of(piece)
-        arrays = self._kept.arrays(context, name)
+        arrays = self._kept.get(context, name)
         if arrays is not None:
             return of_arrays("factor", arrays)
         part = portion(point, piece, others)
-        self._kept.put_arrays(context, name, to_arrays("factor", part))
+        self._kept.put(context, name, to_arrays("factor", part))
         return part
 
 

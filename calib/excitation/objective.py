@@ -17,7 +17,7 @@ from calib.excitation.geometry import Geometry
 from calib.excitation.room import MARGIN, Room
 from calib.identification.known import FILE, Known
 from calib.identification.model import FRICTION, TorqueModel
-from calib.identification.normal_equations import inverse
+from calib.regression.normal_equations import inverse
 from drivers.driver import DeviceStop
 from safety.parameters import friction_of, parameter_box
 from safety.torque import POWER_MAX

@@ -153,8 +153,8 @@ def identifiable(model: TorqueModel, information: Information, motion: Fourier) 
     Samples at 25 Hz count as independent, which is what a filter of about 8 Hz leaves.
     """
     from calib.identification.estimates import CONTRACTION, RELATIVE
-    from calib.identification.normal_equations import inverse
     from calib.identification.prior import nominal_prior
+    from calib.regression.normal_equations import inverse
 
     path = motion.sampled(25.0)
     a = model.columns(path.q, path.dq, path.ddq)

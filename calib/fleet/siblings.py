@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtr
 
+from calib.regression.normal_equations import inverse
+
 LEAST = 4  # arms of a model from which on a spread can be distinguished from chance
 FREEDOM = 4.0  # of Student's t
 ROUNDS = 200
@@ -51,7 +53,7 @@ def compare(theta: np.ndarray, covariance: Sequence[np.ndarray]) -> Siblings | N
     scale = np.maximum(np.median(np.abs(theta), axis=0), np.median(own, axis=0))
     scale = np.where(scale > 0, scale, 1.0)
     x = theta / scale
-    precision = np.array([_inverse(c / np.outer(scale, scale)) for c in covariance])
+    precision = np.array([inverse(c / np.outer(scale, scale)) for c in covariance])
     mean, variance, weight = _settle(x, precision)
     shrunk, posterior = np.empty_like(x), np.empty_like(precision)
     score = np.empty_like(x)
@@ -116,10 +118,3 @@ def _weighted_median(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
     total = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
     middle = np.argmax(total >= 0.5 * total[-1], axis=0)
     return np.take_along_axis(x, np.take_along_axis(order, middle[None], axis=0), axis=0)[0]
-
-
-def _inverse(covariance: np.ndarray) -> np.ndarray:
-    std = np.sqrt(np.diag(covariance))
-    value, vector = np.linalg.eigh(covariance / np.outer(std, std))
-    value = np.maximum(value, 1e-12 * value[-1])
-    return ((vector / value) @ vector.T) / np.outer(std, std)

@@ -25,7 +25,7 @@ from calib.gate.commands import require
 from calib.identification.base_fit import survey
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Identification, identify
-from calib.identification.portions import Kept
+from calib.regression.stored import Kept
 from calib.terminal.console import plain
 from calib.validation.validate import Validation, validate
 from logs import Log, Pieces, open_pieces

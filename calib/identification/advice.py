@@ -15,7 +15,7 @@ import numpy as np
 from calib.identification.estimates import CONTRACTION, RELATIVE
 from calib.identification.least_squares import Solution
 from calib.identification.model import TorqueModel
-from calib.identification.normal_equations import Prior, inverse
+from calib.regression.normal_equations import Prior, inverse
 from sim.trajectory import Trajectory
 
 SECONDS, RATE = 20.0, 20.0

@@ -12,7 +12,7 @@ from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.least_squares import Solution, estimate
 from calib.identification.model import TorqueModel
-from calib.identification.portions import Kept, LogSums, context_of, digest_of, joined
+from calib.identification.portions import LogSums, context_of, joined
 from calib.identification.prior import nominal_prior
 from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.row_weights import reference
@@ -22,6 +22,7 @@ from calib.identification.sums import Reference, Sums
 from calib.measurement.exclusions import Exclusion
 from calib.measurement.periods import averaged
 from calib.measurement.preprocessing import Measurement, motion_cutoff, prepare
+from calib.regression.stored import Kept, digest_of
 from logs import Log, Pieces
 from sim.arm import Arm
 from sim.prediction import torque_path
@@ -104,12 +105,13 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
             return LogSums.of(own[k], weights, measured[k])
         log = logs[k]
         piece = digest_of(log) if kept else ""
-        found = kept.get(context, piece) if kept else None
-        if found is None:
-            m = measure(log, arm, cutoff)
-            found = LogSums.of(RegressorRows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
-            if kept:
-                kept.put(context, piece, found)
+        stored = kept.get(context, piece) if kept else None
+        if stored is not None:
+            return LogSums.of_arrays(stored)
+        m = measure(log, arm, cutoff)
+        found = LogSums.of(RegressorRows(model, [m], {0: reversal_rows(m, arm) & ~often}), weights, m)
+        if kept:
+            kept.put(context, piece, found.arrays())
         return found
 
     sums, names, excluded = joined(portion(k) for k in range(len(logs)))

@@ -7,7 +7,7 @@ import numpy as np
 from calib.identification.consistency import PossibleArm
 from calib.identification.least_squares import Solution
 from calib.identification.model import TorqueModel, parameter_unit
-from calib.identification.normal_equations import Prior, inverse
+from calib.regression.normal_equations import Prior, inverse
 from calib.result import Estimate
 
 # A parameter counts as identified where the data leave it less than a third of what was known before, or fix it to a tenth of itself

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification.model import FRICTION, TorqueModel
-from calib.identification.normal_equations import Prior, inverse
 from calib.measurement.preprocessing import Measurement
+from calib.regression.normal_equations import Prior, inverse
 
 SHORTEST_SECONDS = 0.4
 

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from calib.identification.least_squares import Solution
-from calib.identification.normal_equations import Prior, inverse
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
+from calib.regression.normal_equations import Prior, inverse
 from logs import Log
 from sim.trajectory import Trajectory
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.identification.model import TorqueModel
-from calib.identification.normal_equations import inverse
 from calib.identification.prior import nominal_prior
+from calib.regression.normal_equations import inverse
 from sim.arm import Arm
 from sim.errors import ConfigError
 

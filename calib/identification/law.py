@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.identification.model import FRICTION, TorqueModel
-from calib.identification.normal_equations import Prior
 from calib.measurement.filtering import Decimator
 from calib.measurement.preprocessing import Measurement
 from calib.regression.friction_fit import FrictionFit, Part, fit_friction, left_out_error
+from calib.regression.normal_equations import Prior
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
 from sim.effects.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw

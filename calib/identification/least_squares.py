@@ -11,21 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.identification.joint_equations import placed, prior_in_use, residual_variance, together
 from calib.identification.model import TorqueModel
-from calib.identification.normal_equations import (
-    Prior,
-    inverse,
-    placed,
-    prior_in_use,
-    residual_variance,
-    solution_of,
-    together,
-    wider,
-)
 from calib.identification.row_weights import reference
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, summed
 from calib.regression.information import InformationMatrix
+from calib.regression.normal_equations import Prior, inverse, solution_of, wider
 
 
 @dataclass(frozen=True)

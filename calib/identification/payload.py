@@ -16,7 +16,7 @@ from calib.identification.consistency import GAMMA
 from calib.identification.least_squares import Solution
 from calib.identification.log_cholesky import Pull, body, coordinates, nearest, slope
 from calib.identification.model import TorqueModel
-from calib.identification.normal_equations import inverse
+from calib.regression.normal_equations import inverse
 from sim.errors import AnswerIsNo
 from sim.rigid_body import link_inertia, link_parameters
 

@@ -1,13 +1,11 @@
-"""Sums piece by piece: of each piece of log only its sums are kept, on disk if requested, so that work that was done is not done again."""
+"""Sums piece by piece: of each piece of log only its sums are kept (calib.regression.stored)."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, Sums, summed
 from calib.measurement.exclusions import Exclusion
 from calib.measurement.preprocessing import Measurement
-from logs.log import Log
 from sim.arm import Arm
 from sim.version import program_version
 
@@ -33,52 +30,16 @@ class LogSums:
         """The sums over the rows of one measurement."""
         return LogSums(m.name, summed(rows, weights), m.excluded)
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything by name, to be kept in a file."""
+        words = {"name": self.name, "excluded": [[e.joint, e.reason, e.seconds] for e in self.excluded]}
+        return self.sums.arrays() | {"words": np.array(json.dumps(words))}
 
-class Kept:
-    """Portions in a folder, one file each, whole or not there at all; `context` is a digest of everything that they depend on."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def get(self, context: str, piece: str) -> LogSums | None:
-        """The portion of that piece, or None where it was never finished."""
-        arrays = self.arrays(context, piece)
-        if arrays is None:
-            return None
-        words = json.loads(str(arrays.pop("words")))
+    @staticmethod
+    def of_arrays(arrays: dict[str, np.ndarray]) -> LogSums:
+        """The sums that `arrays` were made of."""
+        words = json.loads(str(arrays["words"]))
         return LogSums(words["name"], Sums.of_arrays(arrays), tuple(Exclusion(*e) for e in words["excluded"]))
-
-    def put(self, context: str, piece: str, portion: LogSums) -> None:
-        """Keep a portion."""
-        words = {"name": portion.name, "excluded": [[e.joint, e.reason, e.seconds] for e in portion.excluded]}
-        self.put_arrays(context, piece, portion.sums.arrays() | {"words": np.array(json.dumps(words))})
-
-    def arrays(self, context: str, piece: str) -> dict[str, np.ndarray] | None:
-        """What was kept of a piece by name, or None where it was never finished."""
-        file = self._file(context, piece)
-        if not file.is_file():
-            return None
-        with np.load(file, allow_pickle=False) as stored:
-            return {key: stored[key] for key in stored.files}
-
-    def put_arrays(self, context: str, piece: str, arrays: dict[str, np.ndarray]) -> None:
-        """Keep arrays by name."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        file = self._file(context, piece)
-        draft = file.with_name(f".{os.getpid()}-{file.name}")
-        np.savez(draft, allow_pickle=False, **arrays)
-        os.replace(draft, file)
-
-    def _file(self, context: str, piece: str) -> Path:
-        return self.folder / f"{hashlib.sha256(f'{context} {piece}'.encode()).hexdigest()[:32]}.npz"
-
-
-def digest_of(log: Log) -> str:
-    """A digest of the samples that an identification uses, wherever they are kept."""
-    digest = hashlib.blake2b(log.path.name.encode() if log.path else b"")
-    for values in (log.t, log.q, log.dq, log.tau, log.current):
-        digest.update(np.ascontiguousarray(values).data)
-    return digest.hexdigest()
 
 
 def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarray, weights: Reference) -> str:

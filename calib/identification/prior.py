@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.identification.model import FRICTION, TorqueModel
-from calib.identification.normal_equations import Prior
+from calib.regression.normal_equations import Prior
 from sim.arm import Arm
 from sim.prior import spread, torque_scale
 from sim.rigid_body import link_parameters

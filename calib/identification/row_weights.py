@@ -7,20 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from calib.identification.absorbed import leverage, residual_noise, spread
-from calib.identification.normal_equations import (
-    RIDGE_ABOVE,
-    Prior,
-    inverse,
-    prior_in_use,
-    residual_variance,
-    scaled_condition,
-    solution_of,
-    together,
-)
+from calib.identification.joint_equations import RIDGE_ABOVE, prior_in_use, residual_variance, together
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, plain, weighted
 from calib.regression.information import InformationMatrix
 from calib.regression.noise import Noise, filtered
+from calib.regression.normal_equations import Prior, inverse, scaled_condition, solution_of
 from calib.regression.robust import HUBER
 
 WORSE = 0.05

@@ -23,7 +23,6 @@ ROUNDS = 4  # of giving back
 LEAST_ROWS = 8
 CLIP = 3.0  # robust standard deviations: a few reversals do not widen the noise
 LARGEST_POLE = 0.98
-HUBER = 3.0
 SMALLEST = 1e-9  # N m
 
 

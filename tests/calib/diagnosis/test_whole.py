@@ -12,9 +12,9 @@ from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.sums import Point, Solver, others_of, portion
 from calib.diagnosis.whole import Whole, diagnose_pieces, spread
-from calib.identification.portions import Kept
 from calib.regression.information import merged_joints
 from calib.regression.noise import Noise
+from calib.regression.stored import Kept
 from logs import Pieces
 from logs.log import Log
 from sim.arm import Arm, ArmEffect

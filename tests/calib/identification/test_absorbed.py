@@ -10,12 +10,12 @@ from calib.identification.base_fit import Options, fitted
 from calib.identification.findings import findings
 from calib.identification.least_squares import estimate
 from calib.identification.model import TorqueModel
-from calib.identification.normal_equations import Prior, inverse
 from calib.identification.row_weights import reference
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import Reference, correlated, summed, whitened
 from calib.measurement.preprocessing import prepare
 from calib.regression.noise import LARGEST_POLE, stable
+from calib.regression.normal_equations import Prior, inverse
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.trajectory import Trajectory

@@ -1,0 +1,45 @@
+"""Arrays of pieces of recordings in a folder, so that work that was done is not done again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from logs.log import Log
+
+
+class Kept:
+    """Arrays in a folder, one file a piece, whole or not there at all; `context` is a digest of everything that they depend on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def get(self, context: str, piece: str) -> dict[str, np.ndarray] | None:
+        """What was kept of a piece by name, or None where it was never finished."""
+        file = self._file(context, piece)
+        if not file.is_file():
+            return None
+        with np.load(file, allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}
+
+    def put(self, context: str, piece: str, arrays: dict[str, np.ndarray]) -> None:
+        """Keep arrays by name."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file = self._file(context, piece)
+        draft = file.with_name(f".{os.getpid()}-{file.name}")
+        np.savez(draft, allow_pickle=False, **arrays)
+        os.replace(draft, file)
+
+    def _file(self, context: str, piece: str) -> Path:
+        return self.folder / f"{hashlib.sha256(f'{context} {piece}'.encode()).hexdigest()[:32]}.npz"
+
+
+def digest_of(log: Log) -> str:
+    """A digest of the samples that an identification uses, wherever they are kept."""
+    digest = hashlib.blake2b(log.path.name.encode() if log.path else b"")
+    for values in (log.t, log.q, log.dq, log.tau, log.current):
+        digest.update(np.ascontiguousarray(values).data)
+    return digest.hexdigest()
