@@ -150,6 +150,16 @@ class Effect:
             return {p.name: p.upper for p in self.parameters}
         return {p.name: p.grid[0] if p.zero is None else p.zero for p in self.parameters}
 
+    def scaled(self, p: Values, factor: float) -> dict[str, float]:
+        """The effect `factor` times as strong: what vanishes at a zero in proportion, else every parameter, which is a stiffness or a limit, over it."""
+        if all(x.zero is None for x in self.parameters):
+            return {x.name: float(np.clip(p[x.name] / factor, x.lower, x.upper)) for x in self.parameters}
+        return dict(p) | {
+            x.name: float(np.clip(x.zero + factor * (p[x.name] - x.zero), x.lower, x.upper))
+            for x in self.parameters
+            if x.zero is not None
+        }
+
     def probes(self, own: Values | None) -> list[Probe]:
         """Where to try the effect, beside the values that the arm has (None where it has none).
 

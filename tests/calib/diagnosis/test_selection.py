@@ -1,0 +1,70 @@
+"""Candidates whose linear promise misleads: one that is not admissible, and one whose torque grows in no proportion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis import selection
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.scoring import Scored
+from calib.measurement.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from sim.effects import with_effect
+from sim.prediction import predict
+from sim.trajectory import Trajectory
+from tests.calib.diagnosis.conftest import recording
+
+JOINT = "elbow_joint"
+Started = tuple[list[Measurement], Fit]
+
+
+def started(arm: Arm, hidden: ArmEffect) -> Started:
+    def added(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        return predict(with_effect(arm, hidden), motion) - predict(arm, motion)
+
+    measurements = warmed([measured(recording(arm, seed, added), arm) for seed in (1, 2)])
+    return measurements, selection.started(measurements, Hypothesis.nominal(arm))
+
+
+@pytest.fixture(scope="module")
+def sprung(ur10e: Arm) -> Started:
+    return started(ur10e, ArmEffect("joint_spring", JOINT, {"stiffness": 12.0, "rest_angle": 0.4}))
+
+
+def test_a_weaker_promise_is_tried_where_the_strongest_is_not_admissible(
+    sprung: Started, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measurements, baseline = sprung
+    right = ArmEffect("joint_spring", JOINT, {"stiffness": 10.0, "rest_angle": 0.3})
+    refused = ArmEffect("torque_gain", JOINT, {"gain": 1.1})
+    monkeypatch.setattr(selection, "admissible", lambda f: all(e.effect != refused.effect for e in f.accepted))
+    found = selection.best_next(measurements, baseline, [Scored(refused, 1000.0, 1), Scored(right, 100.0, 2)])
+    assert found is not None
+    assert [e.effect for e in found.accepted] == [right.effect]
+
+
+def test_what_is_not_worth_its_price_is_not_the_next(sprung: Started) -> None:
+    measurements, baseline = sprung
+    useless = ArmEffect("torque_offset", "wrist_3_joint", {"offset": 0.01})
+    assert selection.best_next(measurements, baseline, [Scored(useless, 20.0, 1)]) is None
+
+
+def test_a_width_begun_too_narrow_to_matter_is_found_from_a_larger_one(ur10e: Arm) -> None:
+    """Bristles narrower than what every bearing has change nothing, so nothing shows which way to go."""
+    hidden = ArmEffect("presliding_friction", JOINT, {"stiffness": 3000.0})
+    measurements, baseline = started(ur10e, hidden)
+    width = baseline.hypothesis.width[ur10e.joint_index(JOINT)]
+    level = next(e for e in ur10e.effects if (e.effect, e.joint) == ("coulomb_friction", JOINT)).parameters["coulomb"]
+    narrow = ArmEffect(hidden.effect, JOINT, {"stiffness": 1.5 * level / width})
+
+    def brought(item: ArmEffect) -> tuple[float, float]:
+        found = selection.add(measurements, baseline, Scored(item, 100.0, 1))
+        return baseline.objective - found.objective, found.accepted[0].parameters["stiffness"]
+
+    (most, there), (found, stiffness) = brought(hidden), brought(narrow)
+    assert most > 50.0
+    assert found == pytest.approx(most, rel=0.1)
+    assert stiffness == pytest.approx(there, rel=0.1)
