@@ -23,7 +23,7 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.law import Law, Refitted
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import SIGNIFICANT, WORSE
-from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WORSE_ELSEWHERE, WrittenArm, as_written, ways_of
+from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WORSE_ELSEWHERE, WrittenArm, as_written, links_kept, ways_of
 from calib.measurement.preprocessing import Measurement
 from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm, ArmEffect
@@ -133,6 +133,8 @@ def promoted(
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
         f = fit(measurements, f.hypothesis.with_effects(rest), 3, f.solved.noise, f.models)
+    if plain.laws and not apart:
+        plain = links_kept(as_written(measurements, baseline), plain, shown, limits, pieces)
     if (
         plain is not bare
         and (plain.laws or limits)

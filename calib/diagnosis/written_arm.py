@@ -103,6 +103,19 @@ def ways_of(
     return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
 
 
+def links_kept(
+    f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int
+) -> WrittenArm:
+    """The laws of `way` with friction and rotors of their joints alone, every link as it was, where each joint of a law is predicted nearly as well.
+
+    The recordings that were fitted cannot say whether a refit of everything else predicts others better.
+    """
+    joints = [f.hypothesis.start.joint_index(str(law.effect.joint)) for law in way.laws]
+    refit = with_laws(f, Split.of(f, pieces), joints, limits, joints)
+    alone = WrittenArm.of(refit.change, refit.laws, f.hypothesis.start, shown)
+    return alone if np.all(alone.rms[joints] <= (1 + WORSE_ELSEWHERE) * way.rms[joints]) else way
+
+
 def _where_better(
     f: Fit, split: Split, way: WrittenArm, kept: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect]
 ) -> list[WrittenArm]:

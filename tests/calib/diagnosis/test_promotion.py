@@ -20,6 +20,7 @@ from calib.diagnosis.written_arm import WrittenArm
 from calib.measurement.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect, load_arm
+from sim.slip import slip_along
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import Hidden, at, recording
 
@@ -92,6 +93,29 @@ def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as
     promotion = promoted(those, baseline, baseline, warmed([measured(recording(ur10e, 3), ur10e)]), [limit])
     assert promotion.change == ArmChange({}, (limit,))
     assert promotion.laws == ()
+
+
+def test_a_law_alone_leaves_links_and_other_joints_as_they_were(ur10e: Arm) -> None:
+    """The elbow drags behind a reversal and wrist 3 turns a little stiffer; without a recording held out, nobody knows whether that lasts."""
+    stiffer = at(5, lambda q, dq: 0.3 * dq)
+
+    def dragging(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = stiffer(motion, tau)
+        for level, width in ((9.0, 0.02), (-6.0, 0.15)):
+            drag = slip_along(motion.t, motion.q[:, ELBOW], motion.dq[:, ELBOW], np.full(len(motion.t), width), 0.0)
+            out[:, ELBOW] += level * drag
+        return out
+
+    measurements = warmed([measured(recording(ur10e, seed, dragging), ur10e) for seed in (1, 2, 3)])
+    baseline = started(measurements, Hypothesis.nominal(ur10e))
+    promotion = promoted(measurements, baseline, baseline, [])
+    assert [law.effect.joint for law in promotion.laws] == ["elbow_joint"]
+    assert promotion.laws[0].with_it < 0.8 * promotion.laws[0].without
+    assert promotion.change is not None
+    assert promotion.change.inertials == {}
+    written = promotion.change.of(ur10e)
+    for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
+        assert written.effect(effect, "wrist_3_joint") == ur10e.effect(effect, "wrist_3_joint")
 
 
 def _viscous(arm: Arm, joint: str) -> float:
