@@ -20,8 +20,9 @@ from sim.torque_path import Stage
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
-# Of an effect, beside its linear promise: a gap or a width acts on torque in no proportion. Share of the promise that needs no other one.
-STRENGTHS, KEPT = (1.0, 0.5, 2.0), 0.5
+# Of an effect without a zero, over its linear promise: a width or a twist acts on torque in no proportion; bristles narrower than what every
+# bearing has change nothing at all. KEPT: share of the promise with which no other strength is tried.
+STRENGTHS, KEPT = (0.5, 2.0), 0.5
 
 
 @dataclass
@@ -60,7 +61,7 @@ def grown(
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
         better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and not at_full_joint(s, best)])
-        if better is None:
+        if better is None or cost(better) >= cost(best):
             break
         best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
     found.best = best
@@ -74,33 +75,32 @@ def at_full_joint(s: Scored, f: Fit) -> bool:
 
 
 def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
-    """The best fit with one of the candidates, better than without it: of those that promise nearly as much as the first, and of the next
-    ones where none of them is; None where none is. A gear's twist or gap may bring many times what its linear promise says.
-    """
+    """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none is admissible."""
     left, tried = ranked, 0
     while left and tried < MOST_TRIED:
         some = [s for s in left[:TRIED] if s.gain > CLOSE * left[0].gain]
         best = min((g for s in some if admissible(g := add(measurements, f, s))), key=cost, default=None)
-        if best is not None and cost(best) < cost(f):
+        if best is not None:
             return best
         left, tried = [s for s in left if s not in some], tried + len(some)
     return None
 
 
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
-    """The fit with one more effect; begun again from other strengths of it where the first one keeps too little of the promise."""
-    best = None
-    for strength in STRENGTHS:
-        parameters = effect_named(s.effect.effect).scaled(s.effect.parameters, strength)
-        item = s.effect if strength == 1.0 else replace(s.effect, parameters=parameters)
-        hypothesis = f.hypothesis.with_effects((*f.accepted, item), s.log)
-        found = fit(measurements, hypothesis, noise=f.solved.noise, like=f.models, touched=joints_of(item, f.hypothesis.arm))
-        if best is None or found.objective < best.objective:
-            best = found
-        if f.objective - best.objective > KEPT * s.gain:
+    """The fit with one more effect; a width or a twist that keeps too little of its promise is begun again from other strengths."""
+    found = _added(measurements, f, s)
+    effect = effect_named(s.effect.effect)
+    for strength in STRENGTHS if all(p.zero is None for p in effect.parameters) else ():
+        if f.objective - found.objective > KEPT * s.gain:
             break
-    assert best is not None
-    return best
+        other = replace(s, effect=replace(s.effect, parameters=effect.scaled(s.effect.parameters, strength)))
+        found = min(found, _added(measurements, f, other), key=lambda g: g.objective)
+    return found
+
+
+def _added(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
+    hypothesis = f.hypothesis.with_effects((*f.accepted, s.effect), s.log)
+    return fit(measurements, hypothesis, noise=f.solved.noise, like=f.models, touched=joints_of(s.effect, f.hypothesis.arm))
 
 
 def joints_of(item: ArmEffect, arm: Arm) -> list[int]:

@@ -103,9 +103,7 @@ def ways_of(
     return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
 
 
-def links_kept(
-    f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int
-) -> WrittenArm:
+def links_kept(f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> WrittenArm:
     """The laws of `way` with friction and rotors of their joints alone, every link as it was, where each joint of a law is predicted nearly as well.
 
     The recordings that were fitted cannot say whether a refit of everything else predicts others better.

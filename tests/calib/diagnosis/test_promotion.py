@@ -96,11 +96,10 @@ def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as
 
 
 def test_a_law_alone_leaves_links_and_other_joints_as_they_were(ur10e: Arm) -> None:
-    """The elbow drags behind a reversal and wrist 3 turns a little stiffer; without a recording held out, nobody knows whether that lasts."""
-    stiffer = at(5, lambda q, dq: 0.3 * dq)
+    """The elbow drags behind a reversal; without a recording held out, nobody knows whether a refit of all else would predict others better."""
 
     def dragging(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
-        out = stiffer(motion, tau)
+        out = np.zeros_like(tau)
         for level, width in ((9.0, 0.02), (-6.0, 0.15)):
             drag = slip_along(motion.t, motion.q[:, ELBOW], motion.dq[:, ELBOW], np.full(len(motion.t), width), 0.0)
             out[:, ELBOW] += level * drag
@@ -109,13 +108,15 @@ def test_a_law_alone_leaves_links_and_other_joints_as_they_were(ur10e: Arm) -> N
     measurements = warmed([measured(recording(ur10e, seed, dragging), ur10e) for seed in (1, 2, 3)])
     baseline = started(measurements, Hypothesis.nominal(ur10e))
     promotion = promoted(measurements, baseline, baseline, [])
-    assert [law.effect.joint for law in promotion.laws] == ["elbow_joint"]
-    assert promotion.laws[0].with_it < 0.8 * promotion.laws[0].without
+    laws = {str(law.effect.joint): law for law in promotion.laws}
+    assert laws["elbow_joint"].with_it < 0.8 * laws["elbow_joint"].without
     assert promotion.change is not None
     assert promotion.change.inertials == {}
-    written = promotion.change.of(ur10e)
-    for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
-        assert written.effect(effect, "wrist_3_joint") == ur10e.effect(effect, "wrist_3_joint")
+    written, others = promotion.change.of(ur10e), set(ur10e.joint_names) - set(laws)
+    assert len(others) >= 3
+    for joint in others:
+        for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
+            assert written.effect(effect, joint) == ur10e.effect(effect, joint)
 
 
 def _viscous(arm: Arm, joint: str) -> float:

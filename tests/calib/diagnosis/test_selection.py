@@ -46,12 +46,6 @@ def test_a_weaker_promise_is_tried_where_the_strongest_is_not_admissible(
     assert [e.effect for e in found.accepted] == [right.effect]
 
 
-def test_what_is_not_worth_its_price_is_not_the_next(sprung: Started) -> None:
-    measurements, baseline = sprung
-    useless = ArmEffect("torque_offset", "wrist_3_joint", {"offset": 0.01})
-    assert selection.best_next(measurements, baseline, [Scored(useless, 20.0, 1)]) is None
-
-
 def test_a_width_begun_too_narrow_to_matter_is_found_from_a_larger_one(ur10e: Arm) -> None:
     """Bristles narrower than what every bearing has change nothing, so nothing shows which way to go."""
     hidden = ArmEffect("presliding_friction", JOINT, {"stiffness": 3000.0})
