@@ -24,9 +24,11 @@ ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no
 
 
 def force_spread(arm: Arm) -> float:
-    """Prior standard deviation of a contact's force component, N."""
-    reach = float(sum(np.linalg.norm(x) for x in arm.tree.position[1:]))
-    return FORCE_SHARE * float(np.max(arm.tau_max)) / max(reach, 1e-3)
+    """Prior standard deviation of a contact's force component, N; where no joint's torque limit is stated, a share of the arm's own weight."""
+    reach, known = float(sum(np.linalg.norm(x) for x in arm.tree.position[1:])), arm.tau_max[np.isfinite(arm.tau_max)]
+    if not len(known):
+        return FORCE_SHARE * float(np.sum(arm.tree.mass) * np.linalg.norm(arm.tree.gravity))
+    return FORCE_SHARE * float(np.max(known)) / max(reach, 1e-3)
 
 
 def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]:

@@ -23,6 +23,8 @@ CLEARLY = 8.0  # -2 log likelihood
 
 def paired(measurements: Sequence[Measurement], found: SearchResult) -> None:
     """Replace `found.best` where, at a joint with structure beside its names, another pair fits clearly better."""
+    if found.hopeless:
+        return
     bank = Bank()
     for joint in [r.joint for r in rests(found.baseline, found.best) if r.odd]:
         names = [i for i, e in enumerate(found.best.accepted) if e.joint == joint]

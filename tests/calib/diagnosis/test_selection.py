@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from calib.diagnosis import selection
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.pairs import paired
 from calib.diagnosis.scoring import Scored
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
@@ -44,6 +46,25 @@ def test_a_weaker_promise_is_tried_where_the_strongest_is_not_admissible(
     found = selection.best_next(measurements, baseline, [Scored(refused, 1000.0, 1), Scored(right, 100.0, 2)])
     assert found is not None
     assert [e.effect for e in found.accepted] == [right.effect]
+
+
+def test_the_search_ends_where_a_joint_is_beyond_the_catalogue(ur10e: Arm) -> None:
+    """A load that swings at 1 Hz behind the elbow: three effects there leave most of it."""
+
+    def strange(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        dt, w = float(np.median(np.diff(motion.t))), 2 * np.pi
+        x = lfilter([0.0, -(dt**2)], [1.0, -2.0 + 0.1 * w * dt, 1.0 - 0.1 * w * dt + (w * dt) ** 2], motion.ddq[:, 2])
+        out = np.zeros_like(tau)
+        out[:, 2] = 80.0 * x / np.std(x)
+        return out
+
+    measurements = warmed([measured(recording(ur10e, seed, strange), ur10e) for seed in (1, 2)])
+    found = selection.search(measurements, Hypothesis.nominal(ur10e))
+    assert found.hopeless
+    assert len(found.best.accepted) < selection.MOST_EFFECTS
+    before = found.best
+    paired(measurements, found)
+    assert found.best is before
 
 
 def test_a_width_begun_too_narrow_to_matter_is_found_from_a_larger_one(ur10e: Arm) -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.acceptance import is_nothing
+from calib.diagnosis.contact import force_spread
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.motion import measured
 from calib.diagnosis.unstated import unstated_keys, with_unstated
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.prior import spread
 from tests.calib.diagnosis.conftest import at, recording
 
@@ -68,3 +69,11 @@ def test_a_size_within_two_standard_deviations_of_none_is_nothing(value: float, 
     assert is_nothing(ArmEffect("rotor_inertia", "elbow_joint", {"inertia": value}), {"inertia": 1.0}) == nothing
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": value, "rest_angle": 5.0})
     assert is_nothing(spring, {"stiffness": 1.0, "rest_angle": 0.01}) == nothing
+
+
+def test_a_force_has_a_prior_where_torque_limits_are_not_stated() -> None:
+    arm = load_arm("ur10e")
+    most = int(np.argmax(arm.tau_max))
+    unstated = np.where(np.arange(arm.n) == most, arm.tau_max, np.nan)
+    assert force_spread(replace(arm, tau_max=unstated)) == force_spread(arm)
+    assert 10.0 < force_spread(replace(arm, tau_max=np.full(arm.n, np.nan))) < 1000.0
