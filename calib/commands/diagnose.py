@@ -88,7 +88,8 @@ def command(
         console.table(["effect", "joint", "parameter", "value", "nominal", "confidence"], rows, "identified effects")
     gap = answer["gap"]
     if gap["before"]:
-        columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], gap["noise_floor"], strict=True)
+        noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
+        columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], noise, strict=True)
         title = f"residual RMS [N m] on {gap['log']}"
         console.table(["joint", "before", "after parameter refit", "after", "noise floor"], [list(c) for c in columns], title)
     for check in answer["data_checks"]:

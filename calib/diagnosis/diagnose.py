@@ -61,9 +61,10 @@ def diagnose(
     if change is None and refused:
         result["arm_out"] = None
     result["gap"]["held_out"] = bool(apart)
-    result["gap"]["noise_floor"] = [float(x) for x in found.best.solved.noise.sigma]
+    noise = found.best.solved.noise
+    result["gap"]["noise_floor"] = [] if noise.bound else [float(x) for x in noise.sigma]
     result |= {
-        "noise_source": "what an additive basis and all candidate effects leave of the recordings",
+        "noise_source": None if noise.bound else "what an additive basis and all candidate effects leave of the recordings",
         "false_names": _false_names(found, names),
         "possible": _possible(fitted, found, names, [*names.effects, *limits, *(r.effect for r in promotion.refused)]),
         "refused": refused,

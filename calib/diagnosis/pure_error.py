@@ -26,7 +26,8 @@ FILLED = 0.12
 def measured_noise(f: Fit) -> Noise:
     """The noise of the recordings of a fit.
 
-    A short recording takes as many of the columns as it has rows for, the basis before the candidates.
+    A short recording takes as many of the columns as it has rows for, the ordinary parameters before the basis and the candidates; where it has
+    too few even for these, the arm's own error remains in it, and the noise is a bound.
     """
     rows, basis, n = f.solved.rows, AdditiveBasis(f.models), f.hypothesis.arm.n
     own: list[list[np.ndarray]] = [[] for _ in range(n)]
@@ -34,7 +35,7 @@ def measured_noise(f: Fit) -> Noise:
         if not effect_named(c.effect).many:
             for j in c.columns[0]:
                 own[j].append(rows.take(j, [x[j] for x in c.columns]))
-    found = []
+    found, bound = [], False
     for j in range(n):
         most, taken, count = FILLED * len(rows.r[j]), [np.zeros((len(rows.r[j]), 0))], 0
         for part in (rows.x[j], *[rows.take(j, x) for x in basis.groups(j).values()], *own[j]):
@@ -42,8 +43,9 @@ def measured_noise(f: Fit) -> Noise:
             if count + varied.shape[1] <= most:
                 taken.append(varied)
                 count += varied.shape[1]
+        bound |= len(rows.r[j]) > 0 and rows.p > most
         found.append(pure_error(np.concatenate(taken, axis=1), rows.r[j], rows.joined[j]))
-    return Noise(np.concatenate([e.sigma for e in found]), np.concatenate([e.ar for e in found]))
+    return Noise(np.concatenate([e.sigma for e in found]), np.concatenate([e.ar for e in found]), bound)
 
 
 def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> Noise:

@@ -28,10 +28,14 @@ SMALLEST = 1e-9  # N m
 
 @dataclass(frozen=True)
 class Noise:
-    """sigma (n,) N m of e and ar (n, k), zeros beyond a joint's order."""
+    """sigma (n,) N m of e and ar (n, k), zeros beyond a joint's order.
+
+    bound: whether sigma holds errors of a model too, so that it is only an upper bound of the noise.
+    """
 
     sigma: np.ndarray
     ar: np.ndarray
+    bound: bool = False
 
     @staticmethod
     def of_innovations(drive: np.ndarray, ar: np.ndarray) -> Noise:

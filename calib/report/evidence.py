@@ -67,10 +67,11 @@ def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
     gap = diagnosis.get("gap") or {}
     if gap.get("before"):
         unit = unit_of(gap["unit"])
-        columns = ["noise_floor", "before", "refit", "after"]
+        columns = ["before", "refit", "after"]
+        noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
         page.section("The residual in numbers").table(
             ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
-            [[joint, *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
+            [[joint, noise[k], *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
             f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
         )
     motion = diagnosis.get("motion") or []

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib import evidence
 from calib.diagnosis import selection
 from calib.diagnosis.acceptance import APART, LEAST, SECOND, SECOND_ALONE, Assessed
 from calib.diagnosis.answer import Diagnosis
@@ -18,6 +19,7 @@ from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.prices import price
 from calib.diagnosis.scoring import Bank, scored
+from calib.report.diagnosis import write as write_page
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
@@ -136,6 +138,19 @@ def test_what_the_model_lacks_is_no_noise(ur10e: Arm) -> None:
     (clean, _), (springy, left) = shares
     assert left > 5 * springy
     assert springy == pytest.approx(clean, rel=0.25)
+
+
+def test_a_recording_too_short_to_measure_noise_has_no_floor(ur10e: Arm, tmp_path: Path) -> None:
+    """With fewer rows than what measures noise takes beside the ordinary parameters, the arm's own error would be the floor."""
+    log = recording(ur10e, 1, seconds=6.0)
+    found = diagnose(ur10e, [log])
+    assert found.answer["gap"]["noise_floor"] == []
+    assert found.answer["noise_source"] is None
+    page = write_page(tmp_path / "report.html", found.answer, evidence.of_diagnosis(ur10e, ur10e, log, found), ur10e)
+    assert "not measured" in page.read_text(encoding="utf-8")
+    longer = diagnose(ur10e, [recording(ur10e, seed) for seed in (1, 2)])
+    assert len(longer.answer["gap"]["noise_floor"]) == ur10e.n
+    assert longer.answer["noise_source"]
 
 
 def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_path: Path) -> None:
