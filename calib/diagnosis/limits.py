@@ -27,6 +27,7 @@ CALM = 0.3
 # 26112402 and 26112501, and practice), 2285 and more in the two with one that shows here.
 USUALLY, BEHIND = 130.0, 250.0
 LEAST_TIMES = 2
+LEAST_STEP = 1e-6  # rad, or m
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,18 @@ def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
     if not under.any():
         return
     calm = np.sort(error[under])[: max(1, int(CALM * under.sum()))]
-    usual = max(float(np.sqrt(np.mean(calm**2))), 1e-6)
+    usual = max(float(np.sqrt(np.mean(calm**2))), _resolution(log.q[:, j]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], torque > TOP * most, [0]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         stand = torque[first:end]
         if end - first >= SHORTEST * rate and stand.std() < FLAT * most:
             yield float(error[first : end + round(AFTER * rate)].max()) / usual, float(np.median(stand))
+
+
+def _resolution(q: np.ndarray) -> float:
+    """The smallest step of a reading: an error below it may read as none at all."""
+    steps = np.abs(np.diff(q))
+    return float(np.min(steps[steps > LEAST_STEP], initial=1.0)) if np.any(steps > LEAST_STEP) else LEAST_STEP
 
 
 def _smoothed(log: Log, j: int) -> np.ndarray:

@@ -57,6 +57,18 @@ def test_the_way_back_from_a_limit_is_no_usual_error(ur10e: Arm) -> None:
     assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
 
 
+def test_an_error_of_some_encoder_steps_is_no_lag(ur10e: Arm) -> None:
+    """A joint of coarse encoder that reads just what was commanded, but for some steps where its load and friction make the torque flat."""
+    log, step = asked(ur10e, 50.0, 0.0), 1.1e-4
+    q = np.round(log.q / step) * step
+    q_cmd = q.copy()
+    q_cmd[:, ELBOW] += np.where(np.abs(log.tau[:, ELBOW]) > 49.0, 9 * step, 0.0)
+    assert [x.effect.joint for x in limits_reached(ur10e, [replace(log, q=log.q, q_cmd=log.q + (q_cmd - q))])] == [
+        "elbow_joint"
+    ]
+    assert limits_reached(ur10e, [replace(log, q=q, q_cmd=q_cmd)]) == []
+
+
 def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording(
     ur10e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
