@@ -51,16 +51,17 @@ def test_what_a_refit_can_imitate_is_not_counted(ur5e: Arm) -> None:
 
 
 def test_the_chosen_motion_parts_more_than_the_first_that_fits(ur5e: Arm) -> None:
-    room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_ripple", ELBOW))], Basis(5, 10.0)
+    room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW))], Basis(5, 10.0)
     _, first = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=0)
     _, best = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 6, iterations=0)
-    assert best >= first > 0.0
+    assert best >= first > 1.0
 
 
 def test_an_ascent_parts_more_than_where_it_began_and_keeps_the_limits(ur5e: Arm) -> None:
-    room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_ripple", ELBOW))], Basis(4, 10.0)
+    room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW))], Basis(4, 10.0)
     _, first = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=0)
     found, best = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=8)
+    assert first > 1.0  # below it, what is compared is rounding
     assert best > 1.2 * first
     assert room.use(coarse(found)).fits
     assert separation(ur5e, coarse(found), *pairs[0]) == pytest.approx(best)
