@@ -10,27 +10,29 @@ from logs.bridging import bridging_error
 
 # samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
 GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
-# samples on either side of an instant: at 125 Hz, 7 Hz between two samples comes out 5e-5 too small (1e-3 by two on either side)
-BESIDE = 3
+# samples on either side of an instant. Three follow a motion between coarse samples (7 Hz at 125 Hz: 5e-5 too small, by two 1e-3), but carry
+# more of the noise of the time stamps into the derivatives; from FINE Hz on two are as good (6e-5)
+BESIDE, BESIDE_FINE, FINE = 3, 2, 250.0
 MOST_LOST = 100  # samples in a row; a gap of GAP_SECONDS has more only above 10 kHz
 
 
 def resampled(
     t: np.ndarray, q: np.ndarray, tau: np.ndarray, rate: float, shortest: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Samples on grids of 1/rate between gaps: position by the polynomial through six neighbours, torque by the line through two.
+    """Samples on grids of 1/rate between gaps: position by the polynomial through its neighbours, torque by the line through two.
 
     Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
     """
+    beside = BESIDE if rate < FINE else BESIDE_FINE
     edges = [0, *(np.flatnonzero(np.diff(t) > max(GAP_STEPS / rate, GAP_SECONDS)) + 1), len(t)]
     grids, qs, taus, starts = [], [], [], [0]
     for lo, hi in itertools.pairwise(edges):
         count = int((t[hi - 1] - t[lo]) * rate + 1e-6) + 1
-        if count < shortest or hi - lo < 2 * BESIDE:
+        if count < shortest or hi - lo < 2 * beside:
             continue
         grid = t[lo] + np.arange(count) / rate
         grids.append(grid)
-        qs.append(_interpolated(t[lo:hi], q[lo:hi], grid))
+        qs.append(_interpolated(t[lo:hi], q[lo:hi], grid, beside))
         taus.append(np.stack([np.interp(grid, t[lo:hi], x) for x in tau[lo:hi].T], axis=1))
         starts.append(starts[-1] + count)
     lost = float(t[-1] - t[0]) - sum(len(g) - 1 for g in grids) / rate
@@ -58,10 +60,10 @@ def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) 
     return np.asarray(g[:, None] * error[g] ** 2)
 
 
-def _interpolated(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Lagrange's polynomial through BESIDE samples before and as many after each instant of `at`; x (N, n)."""
-    first = np.clip(np.searchsorted(t, at, side="right") - BESIDE, 0, len(t) - 2 * BESIDE)
-    nodes = [t[first + i] for i in range(2 * BESIDE)]
+def _interpolated(t: np.ndarray, x: np.ndarray, at: np.ndarray, beside: int) -> np.ndarray:
+    """Lagrange's polynomial through `beside` samples before and as many after each instant of `at`; x (N, n)."""
+    first = np.clip(np.searchsorted(t, at, side="right") - beside, 0, len(t) - 2 * beside)
+    nodes = [t[first + i] for i in range(2 * beside)]
     out = np.zeros((len(at), x.shape[1]))
     for i, own in enumerate(nodes):
         weight = np.ones(len(at))
