@@ -22,6 +22,7 @@ WARMTH_SPREAD = 0.015
 WARMING_SPREAD = 0.03
 # of the differences that stand for the derivatives by width (a factor) and lead (s)
 WIDER, LATER = 1.3, 1e-3
+BEYOND = 3.0  # prior standard deviations
 OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth")
 # effect, parameter and prior of the first of OWN: none of them can be negative
 POSITIVE = (
@@ -85,3 +86,9 @@ def own_columns(
 def friction_lost(t: np.ndarray, warming: np.ndarray | None) -> np.ndarray:
     """(N,) share of friction lost at times t (N,) s, one standard deviation of the prior; warming (N,): of the joint, None if not measured."""
     return WARMTH_SPREAD * t / 60.0 if warming is None else WARMING_SPREAD * warming
+
+
+def within_prior(names: Sequence[str], theta: np.ndarray) -> np.ndarray:
+    """theta (p,) with warmth and delay, which no arm folder holds, within BEYOND prior standard deviations: what is more is an effect."""
+    free = np.array([name.startswith("warmth_") or name == "delay" for name in names])
+    return np.where(free, np.clip(theta, -BEYOND, BEYOND), theta)
