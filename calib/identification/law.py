@@ -10,7 +10,7 @@ import numpy as np
 from calib.identification.model import FRICTION, TorqueModel
 from calib.measurement.filtering import Decimator
 from calib.measurement.preprocessing import Measurement
-from calib.regression.friction_fit import FrictionFit, Part, fit_friction, left_out_error
+from calib.regression.friction_fit import HELD, FrictionFit, Part, fit_friction, left_out_error
 from calib.regression.normal_equations import Prior
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
@@ -24,7 +24,7 @@ FREE = 3.0
 # is made of noise. Chosen on that cobot; ten-second logs of the mock give the same answers with 2 and 3.
 BREAKAWAY = 3.0
 CLEARLY = 0.05  # share of the error by which one reading must be better
-SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
+SLIP, STRIBECK = (tuple(TERMS.index(name) for name in FAMILIES[family]) for family in ("slip", "stribeck"))
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,23 @@ class Laws:
 
 def fitted_laws(
     model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior, sigma: np.ndarray | None = None
-) -> Laws:
+) -> list[Laws]:
     """Hysteresis of several widths at the joints where it predicts parts of the recordings left out better than the model alone.
 
     The prior of the links is the nominal arm's; friction and offsets are free. The Coulomb level is all dry friction that is left once
     a joint slides, whatever the width over which each part of it builds up. sigma (n,) N m of the rows: those over bridged gaps then
-    count as much less as they are less sure.
+    count as much less as they are less sure. Where viscous friction comes out negative, laws without it stand first if they predict
+    nearly as well: friction that drives a joint makes a simulation unstable.
     """
-    arm = model.arm
     parts = [_part(model, m, sigma=sigma) for m in measurements]
     samples = [_part(model, m, filtered=False) for m in measurements]
-    found = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal))
+    free = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal), [SLIP])
+    dry = _without_falling(model, parts, samples, nominal, free)
+    return [_laws(model, found) for found in (dry, free) if found is not None]
+
+
+def _laws(model: TorqueModel, found: FrictionFit) -> Laws:
+    arm = model.arm
     theta, effects = found.theta.copy(), []
     for j in range(arm.n):
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
@@ -68,9 +74,14 @@ def fitted_laws(
 
 
 def _with_laws(
-    model: TorqueModel, parts: Sequence[Part], samples: Sequence[Part], mean: np.ndarray, precision: np.ndarray
+    model: TorqueModel,
+    parts: Sequence[Part],
+    samples: Sequence[Part],
+    mean: np.ndarray,
+    precision: np.ndarray,
+    sets: Sequence[Sequence[int]],
 ) -> FrictionFit:
-    """Laws that also predict the torque as it was read, before any filter, no worse than none, and build up to no more than BREAKAWAY.
+    """Laws of some of the terms `sets` that also predict the torque as it was read, before any filter, no worse than none, and build up to no more than BREAKAWAY.
 
     A filter hides what a law does within some milliseconds of a reversal: terms of both signs can add up to a spike that is not there.
     """
@@ -78,12 +89,36 @@ def _with_laws(
     without = fit_friction(parts, mean, precision, [])
     bare, joints = _squares(samples, without), list(range(n))
     while True:
-        found = fit_friction(parts, mean, precision, [SLIP], joints)
+        found = fit_friction(parts, mean, precision, sets, joints)
         after = _squares(samples, found)
         spoilt = [j for j in found.joints if after[j] > bare[j] or _overshoots(model, found, j)]
         if not spoilt:
             return found
         joints = [j for j in found.joints if j not in spoilt]
+
+
+def _without_falling(
+    model: TorqueModel, parts: Sequence[Part], samples: Sequence[Part], nominal: Prior, found: FrictionFit
+) -> FrictionFit | None:
+    """The laws without negative viscous friction at the joints at which dry friction that falls with speed predicts parts left out as well, or nearly.
+
+    None where there are none.
+    """
+    free = _free(model, parts, nominal)
+    held = {j: k for j in range(model.arm.n) if found.theta[k := model.friction_column("viscous", j)] < 0}
+    while held:
+        mean, precision = nominal.mean.copy(), free.copy()
+        for k in held.values():
+            precision[k, :] = precision[:, k] = mean[k] = 0.0
+            precision[k, k] = HELD
+        dry = _with_laws(model, parts, samples, mean, precision, (SLIP, STRIBECK, (*SLIP, *STRIBECK)))
+        worse = {j for j in held if dry.predicted[j] > (1 + CLEARLY) * found.predicted[j]}
+        if not worse:
+            theta = dry.theta.copy()
+            theta[list(held.values())] = 0.0
+            return replace(dry, theta=theta) if _ratio(dry.predicted, found.predicted) < 1 + CLEARLY else None
+        held = {j: k for j, k in held.items() if j not in worse}
+    return None
 
 
 def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:

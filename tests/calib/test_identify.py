@@ -72,10 +72,10 @@ def test_where_no_joint_has_a_law_the_parameters_that_leave_less_are_kept(ur5e: 
     truth = varied(stated, 1)
     logs = [recorded(truth, fourier_motion(stated, seed), seed) for seed in (1, 2)]
 
-    def spoilt(model: TorqueModel, *rest: object) -> Laws:
+    def spoilt(model: TorqueModel, *rest: object) -> list[Laws]:
         theta = TorqueModel.of_arm(truth).nominal()
         theta[model.friction_column("coulomb", 2)] *= 0.5
-        return Laws((), theta, np.eye(model.p) * 1e-9, np.zeros(6), np.zeros(6))
+        return [Laws((), theta, np.eye(model.p) * 1e-9, np.zeros(6), np.zeros(6))]
 
     monkeypatch.setattr("calib.identification.identify.fitted_laws", spoilt)
     fit = identify(stated, logs)

@@ -42,7 +42,7 @@ def logs_of(truth: Arm, nominal: Arm) -> list[Log]:
 
 def laws(arm: Arm, truth: Arm) -> dict[str, dict[str, float]]:
     model = TorqueModel.of_arm(arm)
-    found = fitted_laws(model, [prepare(log, arm, CUTOFF) for log in logs_of(truth, arm)], nominal_prior(arm, model))
+    found, *_ = fitted_laws(model, [prepare(log, arm, CUTOFF) for log in logs_of(truth, arm)], nominal_prior(arm, model))
     return {str(e.joint): e.parameters for e in found.effects}
 
 
@@ -58,6 +58,20 @@ def test_hidden_hysteresis_is_found_at_its_joint(arm: Arm) -> None:
 
 def test_an_arm_without_memory_gets_no_law(arm: Arm) -> None:
     assert laws(arm, varied(arm, 5, 0.03)) == {}
+
+
+@pytest.mark.parametrize("drives", [False, True])
+def test_friction_that_falls_with_speed_drives_no_joint_unless_the_readings_do(arm: Arm, drives: bool) -> None:
+    """Friction that falls from its level at rest has a law without negative damping; a torque of the sign of the speed's opposite needs it."""
+    level = 20.0
+    terms = {"slip_1e-4": level / 4, "power_1": -level} if drives else {"stribeck_0.4": level}
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | terms
+    truth = with_effect(varied(arm, 5, 0.03), ArmEffect("friction_law", arm.joint_names[JOINT], law))
+    truth = with_effect(truth, ArmEffect("viscous_friction", arm.joint_names[JOINT], {"viscous": 0.0}))
+    found = laws(arm, truth)[arm.joint_names[JOINT]]
+    assert (found["power_1"] < -0.5 * level) if drives else (found["power_1"] == 0.0)
+    if not drives:
+        assert sum(found[name] for name in FAMILIES["stribeck"]) == pytest.approx(level, rel=0.25)
 
 
 @pytest.mark.parametrize("better", ["measured", "position"])
@@ -90,7 +104,7 @@ def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
     log = recorded_on_mock(truth, arm, fourier_motion(arm, 60, seconds=8.0), 1)
     model = TorqueModel.of_arm(arm)
     m = prepare(log, arm)
-    found = fitted_laws(model, [m], nominal_prior(arm, model))
+    found, *_ = fitted_laws(model, [m], nominal_prior(arm, model))
     for law in found.effects:
         assert sum(abs(law.parameters[name]) for name in FAMILIES["slip"]) < 0.5 * arm.tau_max[arm.joint_index(str(law.joint))]
     motion = fourier_motion(arm, 70, seconds=8.0)
@@ -105,7 +119,8 @@ def test_a_law_does_not_build_up_far_beyond_what_slides() -> None:
     truth = replace(truth, effects=tuple(e for e in truth.effects if e.effect != "torque_offset"))
     log = recorded_on_mock(truth, ur10e, fitting_motion(ur10e, 3, 10.0), 1, timestep=0.002)
     model = TorqueModel.of_arm(ur10e)
-    assert fitted_laws(model, [prepare(log, ur10e)], nominal_prior(ur10e, model)).effects == ()
+    found, *_ = fitted_laws(model, [prepare(log, ur10e)], nominal_prior(ur10e, model))
+    assert found.effects == ()
 
 
 def test_next_to_no_friction_builds_up_over_nothing() -> None:
@@ -121,11 +136,11 @@ def test_a_law_is_kept_only_where_every_joint_is_explained_as_well(
     """A law that helps its joint, beside parameters with too much friction at another one."""
     other = arm.joint_names[1]
 
-    def fitted(model: TorqueModel, *rest: Any) -> Laws:
-        found = fitted_laws(model, *rest)
+    def fitted(model: TorqueModel, *rest: Any) -> list[Laws]:
+        found, *_ = fitted_laws(model, *rest)
         theta = found.theta.copy()
         theta[model.friction_column("viscous", 1)] *= 1 + wrong_by
-        return replace(found, theta=theta)
+        return [replace(found, theta=theta)]
 
     monkeypatch.setattr(identification, "fitted_laws", fitted)
     found = identification.identify(arm, logs_of(with_hysteresis(varied(arm, 5, 0.03), 8.0), arm))
