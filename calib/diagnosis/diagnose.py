@@ -49,7 +49,7 @@ def diagnose(
     names = names_of(fitted, found, apart, limits, progress)
     progress("testing the corrected arm")
     promotion = promoted(fitted, names.written, found.baseline, apart, limits)
-    names = names.without([r.effect for r in promotion.refused])
+    names = names.without([r.effect for r in promotion.refused if not r.by_law])
     refit = correction(as_written(fitted, found.baseline))
     change = promotion.change or (refit if start is not arm else None)
     shown = apart or every[-1:]

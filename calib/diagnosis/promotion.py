@@ -27,6 +27,7 @@ from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WORSE_ELSEWH
 from calib.measurement.preprocessing import Measurement
 from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm, ArmEffect
+from sim.effects.friction_law import FORMS
 
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
 RISEN = 0.05  # of the RMS torque error of an effect's joints on recordings kept apart, whether significant or not: one that raises it does not help
@@ -44,6 +45,7 @@ class Refusal:
     """An effect that was fitted and is left out: the joint that decided, and its RMS N m without the effect and with it.
 
     Without a joint, the simulated motion decided: RMS m of the flange. on: which recordings; instead: the arm without the effect.
+    by_law: it predicts better than the arm as it was, and worse than a law of friction, which is written in its place.
     """
 
     effect: ArmEffect
@@ -52,6 +54,7 @@ class Refusal:
     with_it: float
     on: str
     instead: str
+    by_law: bool = False
 
     @property
     def text(self) -> str:
@@ -59,7 +62,11 @@ class Refusal:
         what, unit = (
             (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
         )
-        left_out = f"{self.effect.title} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+        left_out = (
+            f"{self.effect.title} is written into the corrected arm as a friction law: on {self.on} the {what} is "
+            if self.by_law
+            else f"{self.effect.title} was fitted and is left out of the corrected arm: on {self.on} the {what} is "
+        )
         with_it = f"{self.with_it:.4g} {unit} with it" if np.isfinite(self.with_it) else "unbounded with it"
         return f"{left_out}{with_it} and {self.without:.4g} {unit} with {self.instead}"
 
@@ -141,6 +148,7 @@ def promoted(
         and np.all(plain.rms <= (1 + WORSE) * bare.rms)
         and not motion.rises(plain.change)
     ):
+        refused = [replace(r, by_law=bool(apart) and has_law(r, plain)) for r in refused]
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(ArmChange({}, tuple(limits)) if limits else None, (), tuple(refused))
 
@@ -176,6 +184,12 @@ def _harmful(
         j = max(there, key=lambda j: way.rms[j] / max(better[j].rms[j], 1e-12))
         out.append(Refusal(e, start.joint_names[j], float(better[j].rms[j]), float(way.rms[j]), on, better[j].words))
     return out
+
+
+def has_law(r: Refusal, plain: WrittenArm) -> bool:
+    """Whether a law of friction stands in the place of an effect of friction that lost to it alone."""
+    there = any(law.effect.joint == r.effect.joint for law in plain.laws)
+    return r.effect.effect in FORMS and r.instead == REFIT_WITH_LAWS and there
 
 
 class _Motion:

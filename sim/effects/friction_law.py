@@ -28,6 +28,13 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "stribeck": ("stribeck_0.02", "stribeck_0.1", "stribeck_0.4"),
     "load": ("load", "load_2", "load_driving"),
 }
+# effect -> the family of terms that describe the same in a freer form
+FORMS = {
+    "presliding_friction": "slip",
+    "nonlinear_viscous_friction": "speed",
+    "stribeck_friction": "stribeck",
+    "load_dependent_friction": "load",
+}
 SYMBOLS = {
     **{name: f"z({w:g})" for name, w in zip(FAMILIES["slip"], WIDTHS, strict=True)},
     **{name: f"sign(dq) |dq|^{p:g}" for name, p in zip(FAMILIES["speed"], POWERS, strict=True)},
