@@ -1,0 +1,35 @@
+"""What counts on recordings kept apart: numbers that no arm folder holds only as far as is ordinary, and structure that both sides see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.nuisance import BEYOND, nuisance_names, within_prior
+from calib.diagnosis.structure import LEAST, LEAST_APART, Structure
+
+
+def test_warmth_and_delay_count_only_as_far_as_is_ordinary() -> None:
+    """A joint that loses a third of its friction (11 deviations) is an effect, and no rival of its own name."""
+    names = nuisance_names(2)
+    theta = np.full(len(names), -11.0)
+    theta[names.index("warmth_1")] = 11.0
+    theta[names.index("delay")] = 1.0
+    kept = dict(zip(names, within_prior(names, theta), strict=True))
+    assert (kept["warmth_1"], kept["warmth_2"], kept["delay"]) == (BEYOND, -BEYOND, 1.0)
+    assert {value for name, value in kept.items() if not name.startswith("warmth") and name != "delay"} == {-11.0}
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "real"),
+    [
+        (1.1 * LEAST, 1.1 * LEAST_APART, True),
+        (1.1 * LEAST, 0.75 * LEAST_APART, False),
+        (2.4 * LEAST, 0.75 * LEAST_APART, True),
+        (9.0 * LEAST, 0.4 * LEAST_APART, False),
+        (0.9 * LEAST, 9.0 * LEAST_APART, False),
+        (1.1 * LEAST, np.nan, True),
+    ],
+)
+def test_structure_needs_less_on_one_side_where_the_other_shows_it_clearly(fitted: float, held_out: float, real: bool) -> None:
+    assert Structure("elbow_joint", "time", fitted, held_out, 0.1, 1.0).real is real
