@@ -18,9 +18,9 @@ from calib.regression.robust import huber
 # Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
 SPREAD = 9.0
 BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
-# On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that; what is stronger on one side, such as
-# a pedestal that swings (90 and 7, seed 26112821), needs less on the other: their product decides, from LEAST and half of LEAST_APART on.
-LEAST, LEAST_APART = 38.0, 8.0
+# On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that. What is CLEARLY times as strong where it
+# was fitted needs as much less on the others: a pedestal that swings brought 90 and 7 (seed 26112821), what a neighbour's drag left 48 and 7.
+LEAST, LEAST_APART, CLEARLY = 38.0, 8.0, 2.0
 LEAST_SHARE = 0.02  # a long recording sees more than is worth an answer
 
 
@@ -44,10 +44,9 @@ class Structure:
     @property
     def real(self) -> bool:
         """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring, and worth a word."""
-        if np.isnan(self.held_out):
-            return self.fitted > LEAST and self.share > LEAST_SHARE
-        both = self.fitted * self.held_out > LEAST * LEAST_APART
-        return self.fitted > LEAST and self.held_out > LEAST_APART / 2 and both and self.share > LEAST_SHARE
+        clear = self.fitted > CLEARLY * LEAST
+        enough = LEAST_APART / CLEARLY if clear else LEAST_APART
+        return self.fitted > LEAST and not self.held_out < enough and self.share > LEAST_SHARE
 
 
 def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:

@@ -25,6 +25,7 @@ def test_warmth_and_delay_count_only_as_far_as_is_ordinary() -> None:
     [
         (1.1 * LEAST, 1.1 * LEAST_APART, True),
         (1.1 * LEAST, 0.75 * LEAST_APART, False),
+        (1.3 * LEAST, 0.9 * LEAST_APART, False),
         (2.4 * LEAST, 0.75 * LEAST_APART, True),
         (9.0 * LEAST, 0.4 * LEAST_APART, False),
         (0.9 * LEAST, 9.0 * LEAST_APART, False),
