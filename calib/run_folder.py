@@ -6,6 +6,7 @@ and, once it has ended, `[end]` with the exit code and the sentence. A run's fil
 
 from __future__ import annotations
 
+import re
 import sys
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -16,8 +17,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import tomli_w
 
 from calib.file_lock import is_locked, locked
-from calib.past_runs import FILE, RUNS, read_run
-from sim.errors import ConfigError, DeviceError
+from calib.past_runs import FILE, RUNS, Run, read_run
+from sim.errors import CalibError, ConfigError, DeviceError
 from sim.files import is_name, read_toml
 from sim.version import software_version
 
@@ -46,8 +47,10 @@ def new_run(
 ) -> Path:  # fmt: skip
     """runs/<utc>-<arm>-<verb>/, or `out`, with run.toml in it; `extra` is written as it is.
 
-    ConfigError where `out` is a run already, or holds other files: results never overwrite anything. With `continues`, an ended run of
-    the same verb goes on in its folder; how it began and ended before stays in run-1.toml, run-2.toml, ...
+    Call it when the inputs have been read: a command that was given a wrong name makes no folder. ConfigError where `out` is a run
+    already, or holds other files: results never overwrite anything. A run that was refused and wrote nothing gives its folder to the
+    corrected command, and with `continues` an ended run of the same verb goes on in its own; how it began and ended before stays in
+    run-1.toml, run-2.toml, ...
     """
     name = arm if isinstance(arm, str) else arm.name
     if not is_name(name):
@@ -136,22 +139,41 @@ def _fresh(now: datetime, name: str, verb: str) -> Path:
     raise ConfigError(f"{RUNS / stem}: a hundred runs began in this second; name a folder with --out")
 
 
+def require_free(out: Path | None) -> None:
+    """ConfigError where `new_run` would refuse `out`: before anything long is read or computed."""
+    if out is not None:
+        _require_place(out, None)
+
+
 def _own(out: Path, continues: str | None) -> Path:
+    if _require_place(out, continues):
+        k = next(k for k in range(1, 10**6) if not (out / f"run-{k}.toml").exists())
+        (out / FILE).rename(out / f"run-{k}.toml")
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def _require_place(out: Path, continues: str | None) -> bool:
+    """Whether `out` holds an ended run that may go on; ConfigError where it is neither that nor a place for a new run."""
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a new folder")
     if (out / FILE).exists():
-        if continues is None or read_run(out).verb != continues or is_locked(out / FILE):
+        run = read_run(out)
+        if not (run.verb == continues or _was_refused(run)) or is_locked(out / FILE):
             raise _taken(out)
-        k = next(k for k in range(1, 10**6) if not (out / f"run-{k}.toml").exists())
-        (out / FILE).rename(out / f"run-{k}.toml")
-        return out
+        return True
     # a *.log is the caller's record of the call, often begun before it: nothing here writes or overwrites one
     if out.is_dir() and any(f.suffix != ".log" for f in out.iterdir()):
         raise ConfigError(
             f"--out {out}: holds files that are not those of a run; name a new folder, so that nothing is overwritten"
         )
-    out.mkdir(parents=True, exist_ok=True)
-    return out
+    return False
+
+
+def _was_refused(run: Run) -> bool:
+    """Whether the run ended as one of wrong usage, configuration or data and wrote nothing beside its own record."""
+    written = [f.name for f in run.folder.iterdir() if f.suffix != ".log" and not re.fullmatch(r"run(-\d+)?\.toml", f.name)]
+    return run.exit_code == CalibError.exit_code and not written
 
 
 def _taken(folder: Path) -> ConfigError:

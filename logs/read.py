@@ -18,6 +18,8 @@ from sim.errors import BadLog, EmptyLog
 from sim.files import open_regular
 from sim.resources import nearest
 
+HEAD = 1024  # bytes from which the format is recognised
+
 
 def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:
     """The recording at `path`: our MCAP, a ROS 2 bag (MCAP or SQLite, file or folder), a ROS 1 bag, or a ur_rtde CSV file.
@@ -36,9 +38,10 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
     if path.is_dir():
         return read_mcap(bag_parts(path, damage), wanted, damage)
     with open_regular(path, BadLog, "give a recording: .mcap, .csv or a rosbag2 folder") as file:
-        head = file.read(1024)
-    if not head:
-        raise EmptyLog(f"{path}: file: it is empty: nothing was recorded; record it again")
+        head = file.read(HEAD)
+    if len(head) < HEAD and not head.strip():
+        size = f"{len(head)} bytes" + (", all of them blank" if head else "")
+        raise EmptyLog(f"{path}: file: it is empty ({size}): nothing was recorded or copied; copy it or record it again")
     if head.startswith(MAGIC):
         recovered(path)
         return read_mcap([path], wanted, damage)

@@ -21,16 +21,20 @@ def config_folders(own: Path | None, kind: str) -> list[Path]:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The part of an error message that helps: the nearest known word, and all of them.
+    """The part of an error message that helps: the nearest known word, and all of them."""
+    known = list(known)
+    return f"{did_you_mean(word, known)}known: {', '.join(known) if known else 'none'}"
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """The question with the nearest known word, or nothing where none is near.
 
     Capitals do not count, and the beginning of a long word is as near as the whole of it: `stribek` is nearest `stribeck_friction`.
     """
-    known = list(known)
 
     def likeness(candidate: str) -> float:
         a, b = word.lower(), candidate.lower()
         return max(difflib.SequenceMatcher(None, a, part).ratio() for part in (b, b[: len(a)], b[: len(a) + 1]))
 
     best = max(known, key=likeness, default="")
-    hint = f"did you mean {best!r}? " if best and likeness(best) >= 0.6 else ""
-    return f"{hint}known: {', '.join(known) if known else 'none'}"
+    return f"did you mean {best!r}? " if best and likeness(best) >= 0.6 else ""

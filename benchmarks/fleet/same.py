@@ -14,6 +14,7 @@ from benchmarks.fleet.pace import what
 from benchmarks.fleet.recordings import plant
 from benchmarks.fleet.workers import kill_a_worker, loopback, row
 from calib.fleet.fleet import Fleet, Progress, Settings, run_fleet
+from calib.fleet.inventory import inventory
 
 
 def same(folder: Path, arms: int, seconds: float, diagnose: bool = True) -> list[dict[str, Any]]:
@@ -42,13 +43,13 @@ def same(folder: Path, arms: int, seconds: float, diagnose: bool = True) -> list
         *_killed(place, local, arms, diagnose),
     ]
     begin = time.perf_counter()
-    again = run_fleet(str(place / "logs"), place / "local", Settings(workers=2, diagnose=diagnose))
+    again = run_fleet(inventory(str(place / "logs")), place / "local", Settings(workers=2, diagnose=diagnose))
     return [*rows, row("second call: arms done again", len(again.done), "", "0", f"{time.perf_counter() - begin:.1f} s")]
 
 
 def _timed(place: Path, name: str, settings: Settings) -> tuple[Fleet, float]:
     begin = time.perf_counter()
-    return run_fleet(str(place / "logs"), place / name, settings), time.perf_counter() - begin
+    return run_fleet(inventory(str(place / "logs")), place / name, settings), time.perf_counter() - begin
 
 
 def _killed(place: Path, reference: Fleet, arms: int, diagnose: bool) -> list[dict[str, Any]]:
@@ -62,7 +63,7 @@ def _killed(place: Path, reference: Fleet, arms: int, diagnose: bool) -> list[di
         if len(seen) >= max(1, arms // 3) and not deaths:
             deaths.append(kill_a_worker())
 
-    found = run_fleet(str(place / "logs"), place / "killed", Settings(workers=2, diagnose=diagnose), show)
+    found = run_fleet(inventory(str(place / "logs")), place / "killed", Settings(workers=2, diagnose=diagnose), show)
     names = [r["arm"] for r in found.rows]
     lost = arms - sum(r["status"] == "done" for r in found.rows)
     twice = len(names) - len(set(names)) + len(seen) - len(set(seen))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout", "--baseline")
@@ -53,12 +53,13 @@ def command(
     subject, given = arm_and_logs(arm, log, configs)
     require_identified(subject)
     require_unseen([*given, *(baseline or [])], holdout or [])
-    folder = new_run(subject, "diagnose", out)
+    require_free(out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, subject, Path(scratch), accept_partial, assume)
-        apart = read_logs(holdout or [], subject, accept_partial, assume) if holdout else []
+        apart = read_logs(holdout or [], subject, accept_partial, assume)
+        healthy = read_logs(baseline or [], subject, accept_partial, assume)
+        folder = new_run(subject, "diagnose", out)
         if baseline:
-            healthy = read_logs(baseline, subject, accept_partial, assume)
             found = diagnose_changes(subject, list(logs), apart, healthy, progress=lambda text: advance(0, text))
         else:
             found, _ = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))

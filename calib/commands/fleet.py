@@ -46,6 +46,7 @@ def command(
 
     with needing("fleet", "calib fleet"):
         from calib.fleet.fleet import Progress, Settings, run_fleet
+        from calib.fleet.inventory import inventory
         from calib.fleet.summary import arm_rows, deviation_rows, sentence
         from calib.report import fleet as page
 
@@ -55,6 +56,7 @@ def command(
         )
 
     place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
+    there = inventory(folder)
     run = new_run("fleet", "fleet", place, continues=True, recordings=folder)
     settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
     with console.progress("fleet", None) as advance:
@@ -67,7 +69,7 @@ def command(
                 advance(1, f"{count[0]} of {progress.total}, {progress.arm_id}: {progress.status.name.lower()}")
 
         count = [0]
-        found = run_fleet(folder, run, settings, show, configs)
+        found = run_fleet(there, run, settings, show, configs)
         page.write(run / "report.html", folder, found)
     outcome = sentence(found)
     conclude(outcome)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout", "--loaded")
@@ -68,17 +68,18 @@ def command(
 
     nominal, given = arm_and_logs(arm, log, configs)
     require_unseen(given, holdout or [])
-    folder = new_run(nominal, "identify", out)
+    require_free(out)
     with console.progress("identify") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, nominal, Path(scratch), accept_partial, assume)
         held = read_logs(holdout or [], nominal, accept_partial, assume)
+        carrying = read_logs(loaded or [], nominal, accept_partial, assume)
+        folder = new_run(nominal, "identify", out)
         chosen = Options(cutoff=cutoff, robust=not no_robust, masses_only=masses_only, max_error=max_error)
 
         def show(stage: str, share: float) -> None:
             advance(0, f"{stage} {share:.0%}" if share else stage)
 
         if loaded:
-            carrying = read_logs(loaded, nominal, accept_partial, assume)
             found, _ = identify_with_load(nominal, logs, carrying, held, chosen, known_mass, show)
         elif known_mass is not None:
             found = identify_with_own_load(nominal, logs, held, chosen, known_mass, show)

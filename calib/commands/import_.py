@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import new_run, require_free
 from calib.terminal import console, options
 
 MAP = "map.toml"
@@ -91,9 +91,10 @@ def command(
     from logs import read_log
     from logs.convert import import_recording, table_of
     from sim.arm import load_arm
-    from sim.errors import AnswerIsNo, BadLog, ConfigError, EmptyLog
+    from sim.errors import AnswerIsNo, BadLog, ConfigError
 
     require(file)
+    require_free(out)
     words = list(assume or ())
     model = load_arm(arm, configs) if arm else None
     table = table_of(file)
@@ -111,25 +112,22 @@ def command(
     if words and not arm:
         raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")
     if table is None:
-        try:
-            read_log(file, model.joint_names if model else None, accept_partial=True)
-        except EmptyLog as error:
-            conclude(f"{error}; there is nothing to import")
-            console.say(f"{error}; there is nothing to import.")
-            return
+        read_log(file, model.joint_names if model else None, accept_partial=True)
     folder = new_run(model or "log", "import", out)
-    if table is not None and chosen is not None:
-        (folder / MAP).write_text(chosen.text(), encoding="utf-8")
-        if not complete and not yes:
-            confirm(chosen, doubts, table, folder / MAP)
-        elif not complete:
+    if table is not None and chosen is not None and not complete:
+        if yes:
             for doubt in doubts:
                 console.warn(f"taken as likely, with --yes: {doubt}")
+        else:
+            (folder / MAP).write_text(chosen.text(), encoding="utf-8")  # the question names it: whoever answers no corrects it
+            confirm(chosen, doubts, table, folder / MAP)
     change = None
     if model is not None:
         change = passed(model, tuple(words), configs)
     with console.progress(f"import {file.name}"):
         done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change)
+        if chosen is not None:
+            (folder / MAP).write_text(chosen.text(), encoding="utf-8")
         delay, no_delay = None, ""
         if model is not None:
             try:

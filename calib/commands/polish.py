@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
 
 LIST_OPTIONS = ("--holdout",)
@@ -50,9 +50,10 @@ def command(
             "a polish is accepted only by recordings that take no part in it; name one of another motion with --holdout"
         )
     require_unseen(given, holdout)
-    folder = new_run(subject, "polish", out)
+    require_free(out)
     with console.progress("polish") as advance:
         logs, held = (read_logs(paths, subject, accept_partial, assume) for paths in (given, holdout))
+        folder = new_run(subject, "polish", out)
         require(subject, [*logs, *held])
         found = polish(
             subject,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
 
 
@@ -47,9 +47,10 @@ def command(
     from calib.verdict import Verdict
 
     subject, given = arm_and_logs(arm, log, configs)
-    folder = new_run(subject, "validate", out)
+    require_free(out)
     with console.progress("validate") as advance:
         logs = read_logs(given, subject, accept_partial, assume)
+        folder = new_run(subject, "validate", out)
         found = validate(subject, logs, forward, cutoff, lambda stage, share: advance(0, f"{stage} {share:.0%}"), max_error)
         found.write(folder)
         write_predictions(folder, subject, logs, found.checks)

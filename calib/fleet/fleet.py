@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from calib.fleet.engine import cluster, results
-from calib.fleet.inventory import Recorded, by_arm, inventory
+from calib.fleet.inventory import Recorded, by_arm
 from calib.fleet.job import Answer, ArmStatus, Job, refusal
 from calib.fleet.parcel import unpacked
 from calib.fleet.shrinkage import ShrinkageEstimate, packed_estimate
@@ -61,16 +61,16 @@ class Fleet:
 
 
 def run_fleet(
-    address: str,
+    found: tuple[list[Recorded], list[tuple[str, str]]],
     out: Path,
     settings: Settings,
     progress: Callable[[Progress], None] = lambda p: None,
     configs: Path | None = None,
 ) -> Fleet:
-    """Every arm below `address`, into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those of
+    """Every arm of an `inventory`, into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those of
     an answer in `out` keeps that answer.
     """
-    recordings, unassigned = inventory(address)
+    recordings, unassigned = found
     answers: dict[str, Answer] = {}
     arms: dict[str, Arm] = {}
     jobs: dict[str, Job] = {}

@@ -22,11 +22,13 @@ from logs.about import ARM_FOLDER, attachments, is_inside
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError, EmptyLog
 from sim.files import is_name
-from sim.resources import nearest
+from sim.resources import did_you_mean
 
 T = TypeVar("T", Log, Pieces)
 
 SUFFIXES = (".mcap", ".csv")
+GIVE = "give the path of a recording: an .mcap or .csv file or a rosbag2 folder"
+MOST_NAMES = 8  # of the recordings that a message lists
 
 
 def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
@@ -34,6 +36,8 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
     logs = list(logs or [])
     if first == LATEST and not Path(first).exists():
         first = str(latest_arm())
+    if Path(first).suffix in SUFFIXES:  # no arm is named so: a name that is none is a misspelt recording
+        require(Path(first))
     if is_log(first):
         return recorded_arm(Path(first), configs), [Path(first), *logs]
     arm = load_arm(first, configs)
@@ -146,14 +150,18 @@ def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
 
 
 def require(path: Path) -> None:
-    """ConfigError with the nearest name where there is no such file."""
+    """ConfigError with what may be given, and the recordings beside it, where there is no such file."""
     if path.exists():
         return
     folder = path.parent
     if not folder.is_dir():
-        raise ConfigError(f"{path}: there is no folder {folder}; give the path of a recording: .mcap, .csv or a rosbag2 folder")
-    there = sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES)
-    raise ConfigError(f"there is no recording {str(path)!r}; {nearest(str(path), there)}")
+        raise ConfigError(f"{path}: there is no folder {folder}; {GIVE}")
+    there = sorted(str(p) for p in folder.iterdir() if p.suffix in {*SUFFIXES, path.suffix} - {""})
+    near = did_you_mean(str(path), there)
+    listed = ", ".join(there[:MOST_NAMES]) + (", ..." if len(there) > MOST_NAMES else "")
+    beside = f"; there are {listed}" if there and not near else ""
+    why = f" (`{LATEST}` names a run or an arm)" if str(path) == LATEST else ""
+    raise ConfigError(f"there is no recording {str(path)!r}{why}; {near}{GIVE}{beside}")
 
 
 def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from calib.gate.commands import read_as, require
 from calib.gate.correction import AS_RECORDED
 from calib.measurement.recordings import recorded_arm
+from calib.measurement.recordings import require as require_file
 from calib.watch.picture import Declared
 from drivers import open_driver
 from logs import read_log
@@ -105,6 +106,7 @@ def from_log(
     path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False, assume: Sequence[str] = ()
 ) -> Source:  # fmt: skip
     """The readings of a log, of the arm that it names or that is named for it; BadLog where it cannot be that arm's."""
+    require_file(path)
     about = read_log(path, accept_partial=accept_partial)
     arm_of_log = about.metadata.get("arm")
     if not (arm or arm_of_log):

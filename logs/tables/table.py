@@ -52,7 +52,7 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
         with path.open("rb") as file:
             head = file.read(4096)
         if not head:
-            raise damage.refuse("file", "it is empty", "record it again")
+            raise damage.refuse("file", "it is empty", "copy it or record it again")
     for form in formats:
         if form.recognises(head, path):
             table = form.read(path, damage)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from calib.past_runs import latest, list_runs, read_run
-from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run
+from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run, require_free
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
 
@@ -80,6 +80,23 @@ def test_a_run_that_goes_on_keeps_how_it_began_and_ended_before() -> None:
     assert read_run(first).exit_code is None
     with pytest.raises(ConfigError, match="is a run already"):
         new_run("ur10e", "plan", first, continues=True)
+
+
+def test_a_refused_run_gives_its_folder_to_the_corrected_command(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    end_run(new_run("ur10e", "identify", out), 2, "the unit is wrong")
+    require_free(out)
+    assert new_run("ur10e", "identify", out) == out
+    assert tomllib.loads((out / "run-1.toml").read_text())["end"]["sentence"] == "the unit is wrong"
+    with pytest.raises(ConfigError, match="is a run already"):  # it has not ended
+        require_free(out)
+    end_run(out, 2, "the unit is wrong still")
+    (out / "result.json").touch()
+    with pytest.raises(ConfigError, match="is a run already"):  # something was written
+        require_free(out)
+    end_run(new_run("ur10e", "plan", tmp_path / "no"), 1, "there is no such motion")
+    with pytest.raises(ConfigError, match="is a run already"):  # an answer
+        require_free(tmp_path / "no")
 
 
 @pytest.mark.parametrize("name", ["../x", "", ".hidden", "a/b", "a" * 65, "x\x1b[2J", "-rf", "ä"])

@@ -87,7 +87,7 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
 
     first = {r["arm"]: r for r in table}
     shutil.rmtree(out / "arms" / "ur5e+cell-3+S-cell-3")
-    found = run_fleet(str(plant), out, HERE)
+    found = run_fleet(inventory(str(plant)), out, HERE)
     assert found.done == ("ur5e+cell-3+S-cell-3",)
     for r in read_table(out / "fleet.parquet"):
         assert {k: v for k, v in r.items() if k != "cpu_seconds"} == {
@@ -98,10 +98,10 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
 def test_a_new_recording_is_news_for_its_arm_only(tmp_path: Path, ur5e: Arm) -> None:
     for k in range(2):
         write_recording(tmp_path / "plant" / f"cell-{k}" / "a.mcap", ur5e, varied(ur5e, k), k)
-    assert len(run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done) == 2
-    assert run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done == ()
+    assert len(run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "out", HERE).done) == 2
+    assert run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "out", HERE).done == ()
     write_recording(tmp_path / "plant" / "cell-1" / "b.mcap", ur5e, varied(ur5e, 1), 5, day=0.5)
-    assert run_fleet(str(tmp_path / "plant"), tmp_path / "out", HERE).done == ("ur5e+cell-1+S-cell-1",)
+    assert run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "out", HERE).done == ("ur5e+cell-1+S-cell-1",)
 
 
 def test_recordings_are_read_from_any_address(tmp_path: Path, ur5e: Arm) -> None:
@@ -110,7 +110,7 @@ def test_recordings_are_read_from_any_address(tmp_path: Path, ur5e: Arm) -> None
     memory = fsspec.filesystem("memory")
     memory.pipe("/plant-x/cell-0/a.mcap", file.read_bytes())
     try:
-        found = run_fleet("memory://plant-x", tmp_path / "out", HERE)
+        found = run_fleet(inventory("memory://plant-x"), tmp_path / "out", HERE)
     finally:
         memory.rm("/plant-x", recursive=True)
     assert [row["status"] for row in found.rows] == ["done"]

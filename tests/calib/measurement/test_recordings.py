@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 import logs
 from calib.main import main
-from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm
+from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm, require
 from logs import Recorder, State
 from logs.about import About, about_recording, attachments, is_inside
 from logs.convert import write_log
@@ -170,3 +171,58 @@ def test_samples_that_an_import_would_put_right_are_reported(
     assert printed.count("`calib import` puts right what can be") == (0 if what == "neither" else 2)
     assert ("repeat the one before" in printed) == (what == "repeats")
     assert ("the clock was rebuilt" in printed) == (what == "jitter")
+
+
+@pytest.mark.parametrize("out", [None, "out"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["identify", "servo6", "typo.csv"],
+        ["identify", "servo6", "a.mcap", "--holdout", "typo.csv"],
+        ["identify", "servo6", "a.mcap", "--loaded", "typo.csv"],
+        ["identify", "typo.csv"],
+        ["identify", "servo6", "empty.csv"],
+        ["diagnose", "servo6", "typo.csv"],
+        ["diagnose", "servo6", "a.mcap", "--baseline", "typo.csv"],
+        ["validate", "servo6", "a.mcap", "typo.csv"],
+        ["polish", "servo6", "a.mcap", "--holdout", "typo.csv"],
+        ["watch", "typo.csv"],
+        ["import", "typo.csv"],
+        ["import", "empty.csv"],
+        ["import", "header.csv", "--yes"],
+        ["fleet", "typo"],
+    ],
+)
+def test_a_command_that_cannot_read_its_recordings_makes_no_folder(
+    words: list[str], out: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the corrected command would be refused: the folder that it names is a run already."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(SAMPLES / "servo6_excitation.mcap", "a.mcap")
+    Path("empty.csv").touch()
+    Path("header.csv").write_text("t,q1,tau1\n")
+    before = set(tmp_path.iterdir())
+    assert main([*words, *(["--out", out] if out else [])]) == 2
+    assert set(tmp_path.iterdir()) == before
+    assert re.search(r"there is no recording|it is empty|no samples|is not a folder", capsys.readouterr().err)
+
+
+def test_a_place_that_is_taken_is_refused_before_anything_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "thesis.tex").touch()
+    for verb in ("identify", "diagnose", "validate"):
+        assert main([verb, "servo6", str(tmp_path / "typo.csv"), "--out", str(tmp_path)]) == 2
+        assert "holds files that are not those of a run" in capsys.readouterr().err
+
+
+def test_the_sentence_about_a_missing_recording_has_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    give = "give the path of a recording: an .mcap or .csv file or a rosbag2 folder"
+    with pytest.raises(ConfigError, match=rf"^there is no recording 'a\.csv'; {give}$"):
+        require(Path("a.csv"))
+    Path("day-one.csv").touch()
+    with pytest.raises(ConfigError, match=rf"'day-on\.csv'; did you mean 'day-one\.csv'\? {give}$"):
+        require(Path("day-on.csv"))
+    with pytest.raises(ConfigError, match=rf"'x\.mcap'; {give}; there are day-one\.csv$"):
+        require(Path("x.mcap"))
+    with pytest.raises(ConfigError, match=rf"'latest' \(`latest` names a run or an arm\); {give}"):
+        require(Path("latest"))
