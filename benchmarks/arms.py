@@ -28,7 +28,7 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD
 from benchmarks.kept import FOLDER, Kept
-from benchmarks.published_arms import ARMS, DRIVES, FACTS, SHEET, cell_text
+from benchmarks.published_arms import ARMS, DRIVES, FACTS, GIVEN, SHEET, cell_text
 from benchmarks.results import CODE, digest, git
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
@@ -204,7 +204,7 @@ def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, An
             + f"{row['joints']} joints; {row['seconds']:.0f} s: "
             + ", ".join(f"{s} {row[s]:.0f}" for s in STEPS if s in row)
         )
-        after = f" after giving {'; '.join(row['given'])}" if row["given"] else ""
+        after = f" after giving {' and '.join(GIVEN.get(what, what) for what in row['given'])}" if row["given"] else ""
         value = f"failed at {row['ended'].partition(':')[0]}" if row["ended"] else "through"
         out.append({"what": name, "value": value + after, "note": f"{steps}. {row['ended']}"[:900] if row["ended"] else steps})
     return out

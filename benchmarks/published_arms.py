@@ -67,6 +67,14 @@ FACTS: dict[str, dict[str, list[str]]] = {
         ],
     },
 }  # fmt: skip
+# how a table calls what was given, where the sentence that asked for it does not name it
+GIVEN = {
+    "--numbers guessed": "that its masses are guessed",
+    "if a spring or a counterbalance carries them": "the counterbalance of its shoulder",
+    "limits.dq_max = 25": "a lower dq_max",
+    "limits.dq_max = 37": "a lower dq_max",
+    "limits.dq_max = 100": "a lower dq_max",
+}
 # what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
 DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": 0.03, "viscous": 0.03, "inertia": 0.1})
 SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]

@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks import arms, clean_mock, demo, faults, first_day, soak, ur_load
 from benchmarks.faults import TROUBLES
+from benchmarks.published_arms import FACTS, GIVEN
 from benchmarks.reaction import Run
 from drivers.ur_rtde.condition import program, safety, scaling, slider
 from sim.arm import load_arm
@@ -120,6 +121,22 @@ def test_a_program_that_was_ended_and_an_arm_that_nobody_named_show() -> None:
     assert "not: ur30: this looks like a ur20" in wrong["note"]
     assert (models["value"], models["bar"]) == (2, "322")
     assert "neither: ('ur3 3.15.4', 'fault: ended with -11: ')" in models["note"]
+
+
+def test_a_row_names_what_was_given_and_not_the_sentence_that_asked() -> None:
+    row = dict.fromkeys(arms.STEPS, 2.0) | {"arm": "pr2_right", "joints": 7, "seconds": 1.0, "invented": [], "named": []}
+    row |= {
+        "ended": "",
+        "code": "new",
+        "commit": "abc",
+        "given": ["q_min, q_max", "if a spring or a counterbalance carries them"],
+    }
+    assert (
+        arms.rows({"pr2_right": row}, "new")[-1]["value"]
+        == "through after giving q_min, q_max and the counterbalance of its shoulder"
+    )
+    asked = {sentence for facts in FACTS.values() for sentence in facts if not sentence.startswith("missing: ")}
+    assert set(GIVEN) == asked
 
 
 def test_an_arm_that_failed_one_that_was_helped_and_a_wrong_name_are_counted() -> None:
