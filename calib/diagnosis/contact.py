@@ -13,6 +13,7 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
 from sim.motion_view import force_rows
+from sim.urdf import STANDARD_GRAVITY
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration
@@ -24,11 +25,16 @@ ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no
 
 
 def force_spread(arm: Arm) -> float:
-    """Prior standard deviation of a contact's force component, N; where no joint's torque limit is stated, a share of the arm's own weight."""
-    reach, known = float(sum(np.linalg.norm(x) for x in arm.tree.position[1:])), arm.tau_max[np.isfinite(arm.tau_max)]
-    if not len(known):
-        return FORCE_SHARE * float(np.sum(arm.tree.mass) * np.linalg.norm(arm.tree.gravity))
-    return FORCE_SHARE * float(np.max(known)) / max(reach, 1e-3)
+    """Prior standard deviation of a contact's force component, N: a share of the largest force that a stated torque limit gives, at full reach
+    of a joint that turns; where none is stated, of the arm's weight.
+
+    The weight is that on Earth whichever way gravity acts on the model, or none: drives are made for the masses that they move.
+    """
+    known = np.isfinite(arm.tau_max)
+    if not known.any():
+        return FORCE_SHARE * float(np.sum(arm.tree.mass)) * STANDARD_GRAVITY
+    reach = max(float(sum(np.linalg.norm(x) for x in arm.tree.position[1:])), 1e-3)
+    return FORCE_SHARE * float(np.max((arm.tau_max / np.where(arm.tree.prismatic, 1.0, reach))[known]))
 
 
 def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]:

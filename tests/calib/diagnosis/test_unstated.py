@@ -77,3 +77,16 @@ def test_a_force_has_a_prior_where_torque_limits_are_not_stated() -> None:
     unstated = np.where(np.arange(arm.n) == most, arm.tau_max, np.nan)
     assert force_spread(replace(arm, tau_max=unstated)) == force_spread(arm)
     assert 10.0 < force_spread(replace(arm, tau_max=np.full(arm.n, np.nan))) < 1000.0
+
+
+def test_a_force_has_a_prior_where_nothing_loads_the_arm() -> None:
+    arm = load_arm("ur10e")
+    bare = replace(arm, tau_max=np.full(arm.n, np.nan))
+    floating = replace(bare, tree=replace(arm.tree, gravity=np.zeros(3)))
+    assert force_spread(floating) == force_spread(bare) > 10.0
+
+
+def test_a_slide_gives_its_force_without_a_lever() -> None:
+    arm = load_arm("ur10e")
+    gantry = replace(arm, tree=replace(arm.tree, prismatic=np.ones(arm.n, dtype=bool), position=np.zeros((arm.n, 3))))
+    assert force_spread(gantry) == pytest.approx(0.25 * np.max(arm.tau_max))
