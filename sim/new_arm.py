@@ -85,7 +85,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
     numbers: Numbers | None = "unknown" if choice.geometry_only else choice.numbers
     if choice.geometry_only:
         kept = sized(kept)
-        notes.append("masses and inertias are unknown: those in the model only stand for the arm's size")
+        notes.append("masses and inertias are unknown: those in the model are stand-ins, made from the arm's size")
     if whole is None or kept is not whole.tree:
         meshes = sum(s.kind == "mesh" for s in kept.shapes)
         kept = with_pieces(kept, choice.hulls)

@@ -48,6 +48,19 @@ def with_limits(arm: Arm, limits: Mapping[str, list[float]]) -> Arm:
     )  # fmt: skip
 
 
+def limit_sources(own: Arm, arm: Arm, source: str) -> str:
+    """Where each limit of `arm` comes from, in words: `own` is the arm as its model file `source` states it, before any was given."""
+    rows = {key: (getattr(own, key), getattr(arm, key)) for key in LIMIT_UNITS}
+    given = [key for key, (before, after) in rows.items() if not np.array_equal(before, after, equal_nan=True)]
+    read = [key for key, (before, _) in rows.items() if key not in given and np.isfinite(before).any()]
+    part = [key for key in read if not np.isfinite(rows[key][0]).all()]
+    absent = [key for key in LIMIT_UNITS if key not in given and key not in read]
+    words = [
+        (read, f"read from {source}"), (part, "not of every joint"), (given, "given by hand"), (absent, "not stated"),
+    ]  # fmt: skip
+    return "; ".join(f"{', '.join(keys)} {how}" for keys, how in words if keys)
+
+
 def with_drives(arm: Arm, facts: Mapping[str, list[float]]) -> Arm:
     """The arm with what is known of its drives, one number for each joint or one for all: from now on stated, to the deviation of DRIVE_FACTS.
 

@@ -12,6 +12,7 @@ import typer
 
 from calib.terminal import console, options
 from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, Spring, TorqueAt, locked_joint, numbers_of
+from calib.terminal.quantity import significant
 from sim.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -183,8 +184,9 @@ def _finish(
     """Give the arm its limits, write its folder and show what is in it."""
     from sim.arm_folder import write_arm
     from sim.files import is_name
-    from sim.stated_facts import LIMIT_UNITS, missing_limits, with_limits
+    from sim.stated_facts import LIMIT_UNITS, limit_sources, missing_limits, with_limits
 
+    own = arm
     arm = with_limits(arm, dict(numbers_of("--limit", text) for text in limit or []))
     if person:
         arm = _with_entered_limits(arm)
@@ -194,7 +196,7 @@ def _finish(
     folder = out or Path("configs") / "arms" / label
     if (folder / "arm.toml").exists():
         raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")
-    provenance = {"all": f"read from {source}", "limits": "the model's own, and those given to `calib arm new`"}
+    provenance = {"all": f"read from {source}", "limits": limit_sources(own, arm, source)}
     if "shapes" in arm.incomplete:
         console.warn("no motion is cleared until these shapes are in the model; to do without them, say --no-shapes")
     provenance |= {"left out": "; ".join(notes)} if notes else {}
@@ -204,11 +206,15 @@ def _finish(
             {"arm": label, "folder": folder, "joints": written.joint_names, "missing": missing_limits(written), "notes": notes}
         )
         return
-    rows = zip(written.joint_names, written.tree.mass, *(getattr(written, key) for key in LIMIT_UNITS), strict=True)
-    console.table(["joint", "mass kg", *(f"{key} {unit}" for key, unit in LIMIT_UNITS.items())], rows)
+    masses, mass = list(written.tree.mass), "mass kg"
+    if written.prior.numbers == "unknown":  # nobody measured what four digits would claim
+        masses, mass = [f"~{significant(m)}" for m in masses], "mass kg (stand-in)"
+    rows = zip(written.joint_names, masses, *(getattr(written, key) for key in LIMIT_UNITS), strict=True)
+    console.table(["joint", mass, *(f"{key} {unit}" for key, unit in LIMIT_UNITS.items())], rows)
     missing = missing_limits(written)
     if missing:
         console.warn(f"not stated, and needed before a motion: {', '.join(missing)}; write them to {folder / 'arm.toml'}")
+    console.say(f"limits: {provenance['limits']}")
     console.say(f"{folder}")
 
 

@@ -198,3 +198,17 @@ def test_only_a_limit_of_force_is_a_limit_of_torque(tmp_path, joint, actuator, t
 
 def error_text(capsys):
     return " ".join(capsys.readouterr().err.split())
+
+
+def test_stand_in_masses_are_marked_and_limits_say_where_they_come_from(gripper, tmp_path, capsys):
+    command = ["arm", "new", str(gripper), "--tool", "hand", "--limit", "ddq_max=5"]
+    assert main([*command, "--numbers", "cad", "--out", str(tmp_path / "cad")]) == 0
+    assert "stand-in" not in capsys.readouterr().out
+    assert main([*command, "--geometry-only", "--out", str(tmp_path / "bare")]) == 0
+    printed = capsys.readouterr().out
+    mass = load_arm(tmp_path / "bare").tree.mass[0]
+    assert "mass kg (stand-in)" in printed
+    assert f"~{mass:.2g} " in printed
+    sources = "q_min, q_max, dq_max, tau_max read from grip.urdf; ddq_max given by hand; jerk_max not stated"
+    assert f"limits: {sources}" in printed
+    assert f'limits = "{sources}"' in (tmp_path / "bare" / "arm.toml").read_text()
