@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from calib.claims import diagnosis_sentences as diagnosis
-from calib.terminal.quantity import significant
+from calib.terminal.quantity import percentages, significant, significant_beside
 
 MOST_NAMES = 4
 Numbers = Mapping[str, Any]
@@ -21,10 +21,11 @@ def _some(names: Sequence[str]) -> str:
 def _residual(n: Numbers) -> str:
     if n["worst"] is None:
         return f"nothing compared: no joint of {n['arm']} moves long enough in {n['where']} with a torque that the arm can have"
+    left, limit = percentages(n["left"], n["limit"])
     verdict = "wrong arm or wrong model" if n["verdict"] == "wrong arm" else n["verdict"]
     sentence = (
-        f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} is {n['left']:.1%} of the torque std in "
-        f"{n['where']} (limit {100 * n['limit']:.3g}%)"
+        f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} is {left} of the torque std in "
+        f"{n['where']} (limit {limit})"
     )
     others = [joint for joint in n["beyond"] if joint != n["worst"]]
     return f"{sentence}; also above their limits: {_some(others)}" if others else sentence
@@ -63,9 +64,9 @@ def _unstable(n: Numbers) -> str:
 def _bounds(n: Numbers) -> str:
     parts = []
     if n["beyond"]:
+        texts = [significant_beside(r["off_deg"], r["bound_deg"]) for r in n["beyond"]]
         rows = [
-            f"{r['joint']} in {r['log']} ({significant(r['off_deg'])} deg, bound {significant(r['bound_deg'])})"
-            for r in n["beyond"]
+            f"{r['joint']} in {r['log']} ({off} deg, bound {bound})" for r, (off, bound) in zip(n["beyond"], texts, strict=True)
         ]
         parts.append(f"beyond the stated bound: {', '.join(rows)}")
     if n["within"]:
@@ -87,7 +88,7 @@ def _separation(n: Numbers) -> str:
 SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "residual": _residual,
     "worse": _worse,
-    "identified": lambda n: f"{len(n['names'])} of {n['of']} parameters identified",
+    "identified": lambda n: f"{len(n['names'])} of {n['of']} base parameters identified",
     "kept": lambda n: f"{len(n['names'])} not identifiable from these logs, held at nominal",
     "moved": _moved,
     "projected": _of_parameters("changed by more than the standard deviation to make the arm physically consistent"),

@@ -10,6 +10,7 @@ import typer
 
 from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
+from calib.terminal.quantity import percentages
 
 
 def command(
@@ -89,7 +90,10 @@ def command(
     joints = zip(subject.joint_names, found.assessment.left, found.assessment.limit, found.assessment.verdicts, strict=True)
     console.table(
         ["joint", "residual share", "limit", "verdict"],
-        [[j, console.share(x), console.share(limit), v.value] for j, x, limit, v in joints],
+        [
+            [j, *((None, console.share(limit)) if math.isnan(x) else percentages(x, limit)), v.value]
+            for j, x, limit, v in joints
+        ],
         "verdict",
     )
     first, *more = [claim.sentence for claim in found.claims]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+
+MOST_DIGITS = 12
 
 
 def rounded(value: float, std: float | None, unit: str = "") -> str:
@@ -24,3 +27,21 @@ def significant(value: float, digits: int = 2) -> str:
     """`value` to so many digits; a number of hundreds or thousands as a person writes it: 230, and not 2.3e+02."""
     short = float(f"{value:.{digits}g}")
     return f"{short:.0f}" if 10**digits <= abs(short) < 1e6 else f"{value:.{digits}g}"
+
+
+def percentages(value: float, limit: float) -> tuple[str, str]:
+    """A share and its limit in percent: the share to one digit after the point, its limit to three digits; more where both would read the same."""
+    return _distinct(value, limit, lambda x, more: f"{100 * x:.{1 + more}f}%", lambda x: f"{100 * x:.3g}%")
+
+
+def significant_beside(value: float, limit: float) -> tuple[str, str]:
+    """`significant` of a value and of its limit: two digits, or as many as make them differ."""
+    return _distinct(value, limit, lambda x, more: significant(x, 2 + more), significant)
+
+
+def _distinct(value: float, limit: float, text: Callable[[float, int], str], usual: Callable[[float], str]) -> tuple[str, str]:
+    """`text` of both with one more digit at a time until they differ, so that a reader sees which is the larger; `usual` of a limit that differs."""
+    if value == limit or text(value, 0) != text(limit, 0):
+        return text(value, 0), usual(limit)
+    pairs = ((text(value, more), text(limit, more)) for more in range(1, MOST_DIGITS))
+    return next(((a, b) for a, b in pairs if a != b), (text(value, 0), usual(limit)))

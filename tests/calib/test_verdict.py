@@ -48,3 +48,9 @@ def test_max_error_is_the_limit_of_every_joint() -> None:
     assert assess(NAMES, residual, SIGNAL, MOST, most=0.3).verdict is Verdict.GOOD
     assert assess(NAMES, residual, SIGNAL, MOST, most=0.29).verdict is Verdict.POOR
     assert assess(NAMES, residual, SIGNAL, MOST, most=0.0).verdict is Verdict.POOR
+
+
+def test_a_verdict_never_says_that_a_joint_is_beyond_a_limit_that_reads_the_same() -> None:
+    residual = np.array([0.1, 0.2003, 0.1, 0.1]) * SIGNAL
+    sentence = assess(NAMES, residual, SIGNAL, MOST, most=0.2).claim("arm", "the logs").sentence
+    assert "20.03% of the torque std in the logs (limit 20.00%)" in sentence

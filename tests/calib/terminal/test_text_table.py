@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from calib.terminal.quantity import rounded
+from calib.terminal.quantity import percentages, rounded, significant_beside
 from calib.terminal.text_table import lines
 
 JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
@@ -71,3 +71,22 @@ def test_nothing_is_cut_off(width: int) -> None:
 )
 def test_a_number_is_rounded_to_its_uncertainty(value: float, std: float | None, unit: str, text: str) -> None:
     assert rounded(value, std, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "shown"),
+    [
+        (0.166, 0.2, ("16.6%", "20%")),
+        (0.2004, 0.2, ("20.04%", "20.00%")),
+        (0.2 + 3e-7, 0.2, ("20.00003%", "20.00000%")),
+        (0.2, 0.2, ("20.0%", "20%")),
+    ],
+)
+def test_a_share_and_its_limit_read_alike_only_where_they_are(value: float, limit: float, shown: tuple[str, str]) -> None:
+    assert percentages(value, limit) == shown
+
+
+def test_a_size_and_its_bound_read_alike_only_where_they_are() -> None:
+    assert significant_beside(1.24, 1.16) == ("1.24", "1.16")
+    assert significant_beside(3.0, 1.0) == ("3", "1")
+    assert significant_beside(1204.0, 1201.0) == ("1204", "1201")
