@@ -16,6 +16,11 @@ CONTRACTION = 0.3
 RELATIVE = 0.1
 
 
+def is_identified(value: float, std: float, prior_std: float) -> bool:
+    """Whether data that give `value` to `std`, by themselves, identify a parameter that was known to `prior_std` before."""
+    return std < CONTRACTION * prior_std or std < RELATIVE * abs(value)
+
+
 def base_estimates(
     model: TorqueModel, solution: Solution, nominal: Prior, written: np.ndarray | None = None
 ) -> tuple[Estimate, ...]:  # fmt: skip
@@ -25,7 +30,7 @@ def base_estimates(
     out = []
     for k, (name, unit, joint) in enumerate(zip(model.names, model.units, model.joints, strict=True)):
         value = float(solution.theta[k])
-        known = bool(std[k] < CONTRACTION * prior_std[k] or std[k] < RELATIVE * abs(value))
+        known = is_identified(value, float(std[k]), float(prior_std[k]))
         lower = 0.0 if name.startswith(("viscous_", "coulomb_", "Ia_")) and " " not in name else -np.inf
         share = float(1 - min(std[k] ** 2 / (std[k] ** 2 + prior_std[k] ** 2), 1.0))
         out.append(
@@ -57,10 +62,11 @@ def full_estimates(
         share = float(np.clip(1 - (std[k] / scale[k]) ** 2, 0.0, 1.0))
         positive = name.startswith(("m_", "Ia_"))
         value = float(possible.pi[k])
+        of_data = std[k] / np.sqrt(share) if share > 0 else np.inf  # 1/std^2 is the data's information and the prior's
         out.append(
             Estimate(
                 name, value, float(std[k]), parameter_unit(name), model.arm.joint_names[link], float(nominal[k]),
-                0.0 if positive else -np.inf, np.inf, bool(positive and value <= 1e-9), share > 1 - CONTRACTION**2, share,
+                0.0 if positive else -np.inf, np.inf, bool(positive and value <= 1e-9), is_identified(value, float(of_data), float(scale[k])), share,
             )
         )  # fmt: skip
     return tuple(out)

@@ -72,7 +72,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     return [
         ("residual share, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
         ("condition number", significant(result["condition"], 3)),
-        ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} parameters"),
+        ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} base parameters"),
         ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
     ]
 
@@ -119,7 +119,7 @@ def _parameters(page: Page, result: Mapping[str, Any]) -> None:
         if not result.get(key):
             continue
         rows = [
-            [e["name"], e["joint"], *_numbers(e), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e)]
+            [e["name"], e["joint"], *_numbers(e), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e, key == 'full')]
             for e in result[key]
         ]  # fmt: skip
         page.table(headers, rows, title, fold=key == "full")
@@ -141,8 +141,9 @@ def _edge(estimate: Mapping[str, Any], side: int) -> float | None:
     return None if estimate["std"] is None else estimate["value"] + side * 1.96 * estimate["std"]
 
 
-def _note(estimate: Mapping[str, Any]) -> str:
-    notes = [] if estimate["identifiable"] else ["not identifiable from this data"]
+def _note(estimate: Mapping[str, Any], of_link: bool) -> str:
+    single = " by itself" if of_link else ""  # torques depend on links' parameters in combinations
+    notes = [] if estimate["identifiable"] else [f"not identifiable from this data{single}"]
     written, std = estimate.get("written"), estimate["std"]
     if written is not None and std is not None and abs(written - estimate["value"]) > std:
         notes.append(f"written {written:.4g}, to be physically consistent")

@@ -1,6 +1,7 @@
 """The page of a fit is made from what the fit really returns, and opens in a real browser without a complaint."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     assert seen.complaints == []
     assert seen.requests == []
     text = seen.page.inner_text("body")
-    for words in ("saturated <b>", "2 of 3 parameters", "at its bound", "not identifiable from this data", "1.7%"):
+    for words in ("saturated <b>", "2 of 3 base parameters", "at its bound", "not identifiable from this data", "1.7%"):
         assert words in text
 
 
@@ -42,3 +43,13 @@ def test_a_fit_without_held_out_log_says_so(tmp_path: Path) -> None:
     evidence = examples.motion(300) | {"log": "excitation.mcap"}
     html = identification.write(tmp_path / "p.html", fit(holdout=False).as_dict(), evidence).read_text()
     assert "a log that the fit was made from (no log was held out)" in html
+
+
+def test_a_links_parameter_is_not_counted_as_a_base_parameter(tmp_path: Path) -> None:
+    """Of four base parameters all may be identified, and a link's mass not: the page says that they are two things."""
+    known = Estimate("m3 + m4", 4.2, 0.02, "kg", nominal=4.0)
+    mass = Estimate("m_3", 2.0, 0.5, "kg", nominal=2.0, identifiable=False)
+    page = replace(fit(), estimates=(known,), full=(mass,)).as_dict()
+    html = identification.write(tmp_path / "p.html", page, examples.motion(300) | {"log": "a.mcap"}).read_text()
+    assert "1 of 1 base parameters" in html
+    assert html.count("not identifiable from this data by itself") == html.count("not identifiable from this data") > 0
