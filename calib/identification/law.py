@@ -23,6 +23,8 @@ FREE = 3.0
 # C. Canudas de Wit 1994, doi:10.1016/0005-1098(94)90209-7), that of one recorded cobot at nearly three times: a law that builds up to more
 # is made of noise. Chosen on that cobot; ten-second logs of the mock give the same answers with 2 and 3.
 BREAKAWAY = 3.0
+# 1/s: over 0.25 s, the horizon of `calib validate`, a speed then grows threefold
+FASTEST, POSTURES = 4.0, 20
 CLEARLY = 0.05  # share of the error by which one reading must be better
 SLIP, STRIBECK = (tuple(TERMS.index(name) for name in FAMILIES[family]) for family in ("slip", "stribeck"))
 
@@ -45,13 +47,13 @@ def fitted_laws(
 
     The prior of the links is the nominal arm's; friction and offsets are free. The Coulomb level is all dry friction that is left once
     a joint slides, whatever the width over which each part of it builds up. sigma (n,) N m of the rows: those over bridged gaps then
-    count as much less as they are less sure. Where viscous friction comes out negative, laws without it stand first if they predict
-    nearly as well: friction that drives a joint makes a simulation unstable.
+    count as much less as they are less sure. Where viscous friction comes out so negative that a simulation would run away, laws without
+    it stand first if they predict nearly as well.
     """
     parts = [_part(model, m, sigma=sigma) for m in measurements]
     samples = [_part(model, m, filtered=False) for m in measurements]
     free = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal), [SLIP])
-    dry = _without_falling(model, parts, samples, nominal, free)
+    dry = _without_driving(model, measurements, parts, samples, nominal, free)
     return [_laws(model, found) for found in (dry, free) if found is not None]
 
 
@@ -97,15 +99,22 @@ def _with_laws(
         joints = [j for j in found.joints if j not in spoilt]
 
 
-def _without_falling(
-    model: TorqueModel, parts: Sequence[Part], samples: Sequence[Part], nominal: Prior, found: FrictionFit
+def _without_driving(
+    model: TorqueModel,
+    measurements: Sequence[Measurement],
+    parts: Sequence[Part],
+    samples: Sequence[Part],
+    nominal: Prior,
+    found: FrictionFit,
 ) -> FrictionFit | None:
-    """The laws without negative viscous friction at the joints at which dry friction that falls with speed predicts parts left out as well, or nearly.
+    """The laws without negative viscous friction at the joints that it would drive faster than FASTEST, where dry friction that falls with speed
+    predicts parts left out as well, or nearly.
 
     None where there are none.
     """
     free = _free(model, parts, nominal)
-    held = {j: k for j in range(model.arm.n) if found.theta[k := model.friction_column("viscous", j)] < 0}
+    driven = growth(model, measurements, found.theta)
+    held = {j: model.friction_column("viscous", j) for j in np.flatnonzero(driven > FASTEST).tolist()}
     while held:
         mean, precision = nominal.mean.copy(), free.copy()
         for k in held.values():
@@ -119,6 +128,20 @@ def _without_falling(
             return replace(dry, theta=theta) if _ratio(dry.predicted, found.predicted) < 1 + CLEARLY else None
         held = {j: k for j, k in held.items() if j not in worse}
     return None
+
+
+def growth(model: TorqueModel, measurements: Sequence[Measurement], theta: np.ndarray) -> np.ndarray:
+    """(n,) 1/s: -viscous over the joint's own inertia, median over postures: how fast speed grows that nothing else brakes."""
+    q = np.concatenate([m.trajectory.q[:: max(1, len(m.trajectory.q) // POSTURES)] for m in measurements])
+    still, out = np.zeros_like(q), np.zeros(model.arm.n)
+    held = model.joint_columns(q, still, still)
+    for j in range(model.arm.n):
+        push = still.copy()
+        push[:, j] = 1.0
+        inertia = float(np.median((model.joint_columns(q, still, push)[j] - held[j]) @ theta[model.used_by(j)]))
+        drive = -float(theta[model.friction_column("viscous", j)])
+        out[j] = drive / inertia if inertia > 0.0 else np.inf if drive > 0.0 else 0.0
+    return out
 
 
 def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 import calib.identification.identify as identification
 from benchmarks.known_truth import fitting_motion, fourier_motion, recorded, recorded_on_mock, varied
-from calib.identification.law import Laws, fitted_laws, smoothing, speed_reading
+from calib.identification.law import POSTURES, Laws, fitted_laws, growth, smoothing, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
 from calib.measurement.preprocessing import prepare
@@ -20,6 +20,7 @@ from sim.effects import effect_named, with_effect
 from sim.effects.friction_law import FAMILIES
 from sim.effects.presliding_friction import built_up
 from sim.prediction import predict
+from sim.rigid_body import RigidBody
 
 JOINT = 2
 CUTOFF = 12.0
@@ -62,16 +63,30 @@ def test_an_arm_without_memory_gets_no_law(arm: Arm) -> None:
 
 @pytest.mark.parametrize("drives", [False, True])
 def test_friction_that_falls_with_speed_drives_no_joint_unless_the_readings_do(arm: Arm, drives: bool) -> None:
-    """Friction that falls from its level at rest has a law without negative damping; a torque of the sign of the speed's opposite needs it."""
-    level = 20.0
+    """Friction that falls from its level at rest has a law without negative damping; a torque against which the joint moves by itself needs it."""
+    level, joint = 4.0, arm.joint_names[5]
     terms = {"slip_1e-4": level / 4, "power_1": -level} if drives else {"stribeck_0.4": level}
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | terms
-    truth = with_effect(varied(arm, 5, 0.03), ArmEffect("friction_law", arm.joint_names[JOINT], law))
-    truth = with_effect(truth, ArmEffect("viscous_friction", arm.joint_names[JOINT], {"viscous": 0.0}))
-    found = laws(arm, truth)[arm.joint_names[JOINT]]
+    truth = with_effect(varied(arm, 5, 0.03), ArmEffect("friction_law", joint, law))
+    truth = with_effect(truth, ArmEffect("viscous_friction", joint, {"viscous": 0.0}))
+    found = laws(arm, truth)[joint]
     assert (found["power_1"] < -0.5 * level) if drives else (found["power_1"] == 0.0)
     if not drives:
         assert sum(found[name] for name in FAMILIES["stribeck"]) == pytest.approx(level, rel=0.25)
+
+
+def test_growth_is_negative_damping_over_the_joints_own_inertia(arm: Arm) -> None:
+    model = TorqueModel.of_arm(arm)
+    m = prepare(recorded(arm, fourier_motion(arm, 60, seconds=8.0), 1), arm, CUTOFF)
+    theta = model.nominal()
+    theta[model.friction_column("viscous", JOINT)] = -3.0
+    theta[model.friction_column("viscous", 1)] = 3.0
+    found = growth(model, [m], theta)
+    rotor = arm.effect("rotor_inertia", arm.joint_names[JOINT])
+    assert rotor is not None
+    masses = [RigidBody(arm).mass_matrix(q)[JOINT, JOINT] for q in m.trajectory.q[:: len(m.trajectory.q) // POSTURES]]
+    assert found[JOINT] == pytest.approx(3.0 / (np.median(masses) + rotor.parameters["inertia"]), rel=1e-6)
+    assert found[1] < 0.0
 
 
 @pytest.mark.parametrize("better", ["measured", "position"])
