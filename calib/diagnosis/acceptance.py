@@ -9,11 +9,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from calib.diagnosis.candidates import Key, acts_at
-from calib.diagnosis.corrected import ORDINARY
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.nuisance import within_prior
+from calib.diagnosis.nuisance import POSITIVE, within_prior
 from calib.diagnosis.prices import cost, price
 from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.scoring import Bank, beside
@@ -27,9 +26,9 @@ from sim.effects import effect_named
 # Fall of -2 log likelihood beyond its price, on all recordings, below which a name is none. Names of 89 cases of the exam (seeds 26112601 and
 # 26112602, on which it was chosen): below it four wrong ones and one right one; the next right ones at 20, the next wrong one at 127.
 LEAST = 16.0
-# The same of an ordinary number of the arm whose spread is stated: how far it is off counts by itself. The clean cases of three exams bring it to
+# The same of friction and reflected inertia, whose spread is stated: how far it is off counts by itself. The clean cases of three exams bring it to
 # 3.7 deviations at most, below its price; right names begin 10 above it (seed 26112831).
-LEAST_ORDINARY = 6.0
+LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50), or by less than this share of what the name brings, cannot
 # be distinguished: at reversals every model errs by about that much. A constant offset against a friction that differs between directions, 11 cases
 # of the exam (seeds 26112811 and 26112821): the wrong one ahead by up to 13, 0.9 %, the right one by up to 1.2 % where nothing else tells them apart.
@@ -104,10 +103,10 @@ class Assessed:
     def doubtful(self) -> bool:
         """Whether it may as well be nothing, or brings too little.
 
-        Too little is, on all recordings, less than LEAST (LEAST_ORDINARY) beyond its price, or a small share of what a stronger effect of the same joint
+        Too little is, on all recordings, less than LEAST (LEAST_STATED) beyond its price, or a small share of what a stronger effect of the same joint
         brings: that one's own law may have another form there.
         """
-        least = LEAST_ORDINARY if self.effect.effect in ORDINARY else LEAST
+        least = LEAST_STATED if self.effect.effect in STATED else LEAST
         if self.nothing or self.one_sided or self.left < least:
             return True
         return self.lost < (SECOND if self.rivals else SECOND_ALONE) * self.first

@@ -11,7 +11,7 @@ import pytest
 
 from calib import evidence
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, LEAST, SECOND, SECOND_ALONE, Assessed
+from calib.diagnosis.acceptance import APART, LEAST, LEAST_STATED, SECOND, SECOND_ALONE, Assessed
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -190,6 +190,14 @@ def test_weak_evidence_is_no_name() -> None:
     assert assessed(least - 1.0).doubtful
     assert not assessed(least + 1.0).doubtful
     assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
+
+
+def test_friction_and_rotors_need_less_beyond_their_price() -> None:
+    """How far they may be off is stated, and counts by itself."""
+    item = ArmEffect("rotor_inertia", "elbow_joint", {"inertia": 2.0})
+    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 0.0).doubtful
+    assert not Assessed(item, price(item) + LEAST_STATED + 1.0, (), 0.0).doubtful
+    assert LEAST_STATED < LEAST
 
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
