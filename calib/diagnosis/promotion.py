@@ -11,7 +11,7 @@ Worse means significantly (calib.diagnosis.significance), or by more than RISEN 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -148,7 +148,8 @@ def promoted(
         and np.all(plain.rms <= (1 + WORSE) * bare.rms)
         and not motion.rises(plain.change)
     ):
-        refused = [replace(r, by_law=bool(apart) and has_law(r, plain)) for r in refused]
+        before = dict(zip(start.joint_names, bare.rms, strict=True))
+        refused = [replace(r, by_law=bool(apart) and has_law(r, plain, before)) for r in refused]
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(ArmChange({}, tuple(limits)) if limits else None, (), tuple(refused))
 
@@ -186,10 +187,10 @@ def _harmful(
     return out
 
 
-def has_law(r: Refusal, plain: WrittenArm) -> bool:
-    """Whether a law of friction stands in the place of an effect of friction that lost to it alone."""
+def has_law(r: Refusal, plain: WrittenArm, before: Mapping[str, float]) -> bool:
+    """Whether a friction law of `plain` stands for an effect of friction that lowers its joint's RMS error, `before`, and loses to that law alone."""
     there = any(law.effect.joint == r.effect.joint for law in plain.laws)
-    return r.effect.effect in FORMS and r.instead == REFIT_WITH_LAWS and there
+    return r.effect.effect in FORMS and r.instead == REFIT_WITH_LAWS and there and bool(r.with_it < before[r.joint])
 
 
 class _Motion:
