@@ -23,7 +23,7 @@ FREE = 3.0
 # C. Canudas de Wit 1994, doi:10.1016/0005-1098(94)90209-7), that of one recorded cobot at nearly three times: a law that builds up to more
 # is made of noise. Chosen on that cobot; ten-second logs of the mock give the same answers with 2 and 3.
 BREAKAWAY = 3.0
-# 1/s: over 0.25 s, the horizon of `calib validate`, a speed then grows threefold
+# 1/s: over 0.25 s, the shortest horizon of `calib validate`, a speed then grows by e
 FASTEST, POSTURES = 4.0, 20
 CLEARLY = 0.05  # share of the error by which one reading must be better
 SLIP, STRIBECK = (tuple(TERMS.index(name) for name in FAMILIES[family]) for family in ("slip", "stribeck"))

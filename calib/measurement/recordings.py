@@ -36,7 +36,7 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
     logs = list(logs or [])
     if first == LATEST and not Path(first).exists():
         first = str(latest_arm())
-    if Path(first).suffix in SUFFIXES:  # no arm is named so: a name that is none is a misspelt recording
+    if Path(first).suffix in SUFFIXES:  # no arm has such a name: where no file has it either, a recording's name was misspelt
         require(Path(first))
     if is_log(first):
         return recorded_arm(Path(first), configs), [Path(first), *logs]
