@@ -29,10 +29,10 @@ LEAST = 16.0
 # The same of friction and reflected inertia, whose spread is stated: how far it is off counts by itself. The clean cases of three exams bring it to
 # 3.7 deviations at most, below its price; right names begin 10 above it (seed 26112831).
 LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
-# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50), or by less than this share of what the name brings, cannot
-# be distinguished: at reversals every model errs by about that much. A constant offset against a friction that differs between directions, 11 cases
+# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished; nor, where one of them is friction at the
+# joint of the other, by less than this share of what the name brings: at reversals every model of friction errs by about that much. A constant offset against a friction that differs between directions, 11 cases
 # of the exam (seeds 26112811 and 26112821): the wrong one ahead by up to 13, 0.9 %, the right one by up to 1.2 % where nothing else tells them apart.
-APART, APART_SHARE = 8.0, 0.02
+APART, APART_SHARE, FRICTION = 8.0, 0.02, "friction"
 MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
@@ -133,7 +133,7 @@ def assess(
         lost = rest.objective - best.objective
         share = PROMISE if lost < STRONG else PROMISE_STRONG
         near = beside(rest, best, i, share, bank)[:MOST_RIVALS] if ask_rivals else []
-        rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + max(APART, APART_SHARE * lost)]
+        rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + least_apart(item, s.key, lost)]
         without_it = HeldOut.of(rest, apart, with_all.models)
         joints = joints_of(item, best.hypothesis.arm)
         worse = with_all.rise(without_it, joints)
@@ -143,6 +143,12 @@ def assess(
     at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
     strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
     return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
+
+
+def least_apart(item: ArmEffect, rival: Key, lost: float) -> float:
+    """By how much a rival must be worse to be told from an effect that brings `lost`."""
+    friction = item.effect.endswith(FRICTION) or rival[0].endswith(FRICTION)
+    return max(APART, APART_SHARE * lost) if friction and rival[1] == item.joint else APART
 
 
 def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:

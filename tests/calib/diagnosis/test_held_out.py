@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.diagnosis.acceptance import APART, least_apart
+from calib.diagnosis.candidates import Key
 from calib.diagnosis.nuisance import BEYOND, nuisance_names, within_prior
 from calib.diagnosis.structure import LEAST, LEAST_APART, Structure
+from sim.arm import ArmEffect
 
 
 def test_warmth_and_delay_count_only_as_far_as_is_ordinary() -> None:
@@ -34,3 +37,19 @@ def test_warmth_and_delay_count_only_as_far_as_is_ordinary() -> None:
 )
 def test_structure_needs_less_on_one_side_where_the_other_shows_it_clearly(fitted: float, held_out: float, real: bool) -> None:
     assert Structure("elbow_joint", "time", fitted, held_out, 0.1, 1.0).real is real
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "rival", "apart"),
+    [
+        ("torque_offset", "elbow_joint", ("asymmetric_friction", "elbow_joint"), 20.0),
+        ("asymmetric_friction", "elbow_joint", ("torque_offset", "elbow_joint"), 20.0),
+        ("asymmetric_friction", "elbow_joint", ("torque_offset", "wrist_1_joint"), APART),
+        ("payload", None, ("link_inertia", "wrist_2_joint"), APART),
+    ],
+)
+def test_strong_evidence_tells_masses_apart_and_friction_only_by_a_share(
+    effect: str, joint: str | None, rival: Key, apart: float
+) -> None:
+    assert least_apart(ArmEffect(effect, joint, {}), rival, 1000.0) == pytest.approx(apart)
+    assert least_apart(ArmEffect(effect, joint, {}), rival, 100.0) == APART

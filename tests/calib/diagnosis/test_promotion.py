@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +12,14 @@ from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
-from calib.diagnosis.law import Law
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import Promotion, Refusal, has_law, promoted
+from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.selection import add, started
-from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WrittenArm
+from calib.diagnosis.written_arm import WrittenArm
 from calib.measurement.preprocessing import Measurement
 from calib.report.diagnosis import next_steps
 from sim.arm import Arm, ArmEffect, load_arm
-from sim.effects import effect_named
 from sim.slip import slip_along
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import Hidden, at, recording
@@ -212,41 +209,3 @@ def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_pat
         assert abs(moved["to"] - moved["from"]) >= moved["prior_std"]
         assert 0 <= moved["gap_share"] <= 1
     assert not any("Nothing to do" in step for step in next_steps(answer))
-
-
-@pytest.mark.parametrize("by_law", [False, True])
-def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
-    ur10e: Arm, monkeypatch: pytest.MonkeyPatch, by_law: bool
-) -> None:
-    """The arm is written with the law, and what is missing has its name."""
-
-    def promote(*asked: Any) -> Promotion:
-        refused = [
-            Refusal(e, "elbow_joint", 1.0, 2.0, "the held-out recordings", REFIT_WITH_LAWS, by_law) for e in asked[1].accepted
-        ]
-        return Promotion(None, (), tuple(refused))
-
-    monkeypatch.setattr("calib.diagnosis.diagnose.promoted", promote)
-    answer = diagnose(ur10e, [recording(ur10e, seed, SPRING) for seed in (1, 2)], [recording(ur10e, 3, SPRING)]).answer
-    assert [e["effect"] for e in answer["effects"]] == ["joint_spring"] * by_law
-    assert ("is written into the corrected arm as a friction law" in answer["refused"][0]) == by_law
-
-
-@pytest.mark.parametrize(
-    ("effect", "joint", "instead", "before", "stands"),
-    [
-        ("stribeck_friction", "elbow_joint", REFIT_WITH_LAWS, 3.0, True),
-        ("stribeck_friction", "elbow_joint", REFIT_WITH_LAWS, 1.9, False),  # the effect itself does not lower the error
-        ("stribeck_friction", "wrist_1_joint", REFIT_WITH_LAWS, 3.0, False),
-        ("stribeck_friction", "elbow_joint", AS_IT_WAS, 3.0, False),
-        ("joint_spring", "elbow_joint", REFIT_WITH_LAWS, 3.0, False),
-    ],
-)
-def test_a_law_stands_for_friction_that_helps_at_its_own_joint(
-    effect: str, joint: str, instead: str, before: float, stands: bool
-) -> None:
-    terms = {p.name: 0.0 for p in effect_named("friction_law").parameters}
-    law = Law(ArmEffect("friction_law", "elbow_joint", terms), 2.0, 1.0)
-    plain = WrittenArm(ArmChange({}, ()), (law,), np.ones((2, 6)), np.ones(6))
-    refusal = Refusal(ArmEffect(effect, joint, {}), joint, 1.0, 2.0, "the held-out recordings", instead)
-    assert has_law(refusal, plain, {joint: before}) is stands
