@@ -57,6 +57,7 @@ class Assessed:
     nothing   whether every size of it is within NOTHING standard deviations of none
     first     `lost` of the strongest other effect at its joint, or at the one that it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
+    imitator  what is no effect of the catalogue and explains the recordings better in its place, by how much; None where nothing does
     """
 
     effect: ArmEffect
@@ -67,6 +68,7 @@ class Assessed:
     nothing: bool = False
     first: float = 0.0
     one_sided: bool = False
+    imitator: tuple[str, float] | None = None
 
     @property
     def vetoed(self) -> bool:
@@ -91,13 +93,17 @@ class Assessed:
 
     @property
     def refusal(self) -> str:
-        """Why motions that were not fitted speak against it."""
+        """Why motions that were not fitted speak against it, or what explains those that were better."""
+        left_out = f"{self.effect.title} was fitted and is left out:"
+        if self.imitator is not None:
+            what, more = self.imitator
+            return f"{left_out} {what} at its joint explains the recordings better, by {more:.1f} of -2 log likelihood"
         why = (
             f"the torque error of the joints that it concerns rises by {self.worse:.0%}"
             if self.worse > 0.0
             else f"-2 log likelihood rises by {-self.held_out:.1f}"
         )
-        return f"{self.effect.title} was fitted and is left out: with it, on the held-out recordings, {why}"
+        return f"{left_out} with it, on the held-out recordings, {why}"
 
     @property
     def doubtful(self) -> bool:
@@ -139,7 +145,8 @@ def assess(
         worse = with_all.rise(without_it, joints)
         nothing = is_nothing(item, stds[i])
         held_out = without_it.loss - with_all.loss
-        out.append(Assessed(item, lost, tuple(rivals), held_out, worse, nothing, one_sided=_one_sided(item, rest, best)))
+        one_sided, imitator = _one_sided(item, rest, best), _imitator(item, rest, lost)
+        out.append(Assessed(item, lost, tuple(rivals), held_out, worse, nothing, one_sided=one_sided, imitator=imitator))
     at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
     strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
     return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
@@ -160,6 +167,23 @@ def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:
     fall = np.array([a @ a - b @ b for a, b in zip(rest.solved.left(), best.solved.left(), strict=True)])[[j - 1, j]]
     weight = (np.array([ratio, 1.0]) / best.solved.noise.sigma[[j - 1, j]]) ** 2
     return bool(np.any(fall < SHOWN * fall.sum() * weight / weight.sum()))
+
+
+def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | None:
+    """What imitates an effect and brings more than APART beyond it in its place, beside everything that `rest` leaves free; and how much more."""
+    if item.joint is None:
+        return None
+    j, rows, best = rest.hypothesis.arm.joint_index(item.joint), rest.solved.rows, None
+    per_log = [effect_named(item.effect).imitators(m, j) for m in rest.models]
+    for what in per_log[0]:
+        white = rows.whiten(
+            rest.solved.noise, j, rows.take(j, [m.rows(x[what]) for m, x in zip(rest.models, per_log, strict=True)])
+        )
+        size = np.maximum(np.linalg.norm(white, axis=0), 1e-12)
+        more = float(rest.joint.gain({j: white / size})[0]) - lost
+        if more > max(APART, best[1] if best else 0.0):
+            best = (what, more)
+    return best
 
 
 def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:

@@ -186,6 +186,13 @@ class Effect:
         elif joint is not None and self.stage is not Stage.RIGID:
             yield from behind_the_load(self, views, joint)
 
+    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
+        """What is no effect of the catalogue and looks like this one: its name -> samples (N, k) whose sums are torques of that joint.
+
+        Where one of them explains recordings better than the effect does, the effect is not named.
+        """
+        return {}
+
     def joint_before(self, joint: int | None) -> int:
         """Index of the joint through which that joint is driven; ConfigError for the first."""
         if not joint:

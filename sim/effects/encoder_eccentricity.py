@@ -6,9 +6,12 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Unbounded, Values
 from sim.interval import Interval
+from sim.motion_view import MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
+
+TURNS = (1, 2, 3, 4)  # waves of drag along a turn, of which a gear that sits off its centre has one
 
 
 class EncoderEccentricity(Effect):
@@ -89,3 +92,9 @@ class EncoderEccentricity(Effect):
             return Probe({"amplitude": 0.0, "cycles": cycles, "phase": 0.0}, points, combine)
 
         return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]
+
+    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
+        """Drag of a gear that sits off its centre: dq sin(N q) and dq cos(N q) for N in TURNS."""
+        q, dq = view.link.q[:, joint], view.link.dq[:, joint]
+        waves = [wave(n * q) * dq for n in TURNS for wave in (np.sin, np.cos)]
+        return {"drag that varies along the angle": np.stack(waves, axis=1)}

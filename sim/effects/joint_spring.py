@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Mjcf
+from sim.motion_view import MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
+
+RELAXATION = 3.0  # s; cables and hoses creep within 1 to 10 s, and one time within a factor of three looks like another
 
 
 class JointSpring(Effect):
@@ -50,3 +54,10 @@ class JointSpring(Effect):
         one = {"stiffness": k + 1.0, "rest_angle": shift / (k + 1.0)}
         two = {"stiffness": k + 1.0, "rest_angle": (shift + 1.0) / (k + 1.0)}
         return [Probe(base, (one, two), combine)]
+
+    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
+        """A cable that creeps: torque in proportion to the angle less where the cable has crept to, c' = (q - c) / RELAXATION."""
+        q = view.link.q[:, joint]
+        decay = np.exp(-float(np.median(np.diff(view.link.t))) / RELAXATION)
+        crept = lfilter([1 - decay], [1, -decay], q - q[0]) + q[0]
+        return {"a pull that relaxes within seconds": (q - crept)[:, None]}

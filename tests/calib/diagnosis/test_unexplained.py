@@ -77,3 +77,41 @@ def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e
     assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
     assert "hysteresis:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
     assert variable("hysteresis:shoulder_pan_joint") == "the way since a reversal of shoulder_pan_joint"
+
+
+def creeping(seconds: float, stiffness: float) -> Hidden:
+    """A cable at the wrist whose pull relaxes."""
+
+    def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out, dt, crept = np.zeros_like(tau), motion.t[1] - motion.t[0], motion.q[0, WRIST]
+        for k, q in enumerate(motion.q[:, WRIST]):
+            crept += dt * (q - crept) / seconds
+            out[k, WRIST] = stiffness * (q - crept)
+        return out
+
+    return hidden
+
+
+def dragging(waves: float, most: float) -> Hidden:
+    """A gear of the wrist that sits off its centre."""
+
+    def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        out[:, WRIST] = most * motion.dq[:, WRIST] * np.sin(waves * motion.q[:, WRIST] + 0.6)
+        return out
+
+    return hidden
+
+
+@pytest.mark.parametrize(
+    ("hidden", "imitated", "words"),
+    [
+        (creeping(5.0, 4.0), "joint spring", "relaxes within seconds"),
+        (dragging(2.0, 2.0), "encoder eccentricity", "varies along the angle"),
+    ],
+)
+def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidden, imitated: str, words: str) -> None:
+    found = asked(ur10e, hidden).answer
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
+    assert any(x.startswith(imitated) and words in x for x in found["refused"])
