@@ -18,11 +18,11 @@ from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.parameters import parameters_of
-from calib.diagnosis.rows import ResidualRows
+from calib.diagnosis.significance import WORSE
 from calib.diagnosis.sums import Other, Point, Solver, SummedSolution, best_other, others_of, portion
+from calib.diagnosis.written_arm import torque_rms
 from calib.regression.information import JointInformation, merged_joints, of_arrays, to_arrays
 from calib.regression.stored import Kept, digest_of
 from logs.log import Log
@@ -153,9 +153,12 @@ def _point(found: Diagnosis, holdout: Sequence[Log]) -> Point:
 
 
 def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: Sequence[Log]) -> Diagnosis:
-    """The answer with the parameters that all pieces give, the corrected arm that goes with them, and its gap."""
+    """The answer with the parameters that all pieces give, the corrected arm that goes with them, and its gap.
+
+    An arm with friction laws stays as it was tested, for these were fitted beside its parameters; so does one that predicts a joint better.
+    """
     assert found.found is not None
-    if not summed.point.hypothesis.accepted:
+    if not summed.point.hypothesis.accepted or found.correction is None or found.answer["laws"]:
         return found
     point, solution = summed.refined()
     best = found.found.best
@@ -163,13 +166,15 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     solved = replace(best.solved, theta=solution.theta)
     fit = Fit(point.hypothesis, [model], solved, solved, best.objective, solution.covariance)
     change = correction(fit, found.limits)
-    written = replace(point.hypothesis, arm=change.of(arm))
+    shown = on_scale([measured(log, arm) for log in holdout or [last]], point.warming)
+    start = best.hypothesis.start
+    after = torque_rms(change.of(start), shown)
+    if np.any(after > (1 + WORSE) * torque_rms(found.correction.of(start), shown)):
+        return found
     answer = dict(found.answer)
     values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
     answer["effects"] = [_entry(entry, values) for entry in found.answer["effects"]]
-    shown = on_scale([measured(log, arm) for log in holdout or [last]], point.warming)
-    left = [[float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in ResidualRows([LogModel(m, written)]).r] for m in shown]
-    answer["gap"] = answer["gap"] | {"after": [float(x) for x in np.sqrt(np.mean(np.square(left), axis=0))]}
+    answer["gap"] = answer["gap"] | {"after": [float(x) for x in after]}
     contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
     return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change, found.limits)
 

@@ -115,6 +115,24 @@ def test_a_piece_that_was_not_searched_and_is_unlike_the_others_is_searched_too(
     ]
 
 
+def test_an_arm_with_friction_laws_stays_as_it_was_tested(ur10e: Arm) -> None:
+    """A friction of the elbow that no single effect describes, on top of a spring there, in a recording of which half is searched."""
+
+    def both(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        return (
+            STIFFNESS * (q - 0.4) + 6.0 * np.tanh(dq / 0.02) * np.exp(-np.abs(dq) / 0.3) + 9.0 * np.sign(dq) * np.abs(dq) ** 0.4
+        )
+
+    logs = [recording(ur10e, seed, at(ELBOW, both), seconds=16.0) for seed in range(1, 7)]
+    found, whole = diagnose_pieces(ur10e, Pieces(*logs[:5]), logs[5:], most=40.0)
+    assert whole.searched < whole.weighed
+    assert found.answer["laws"]
+    assert found.correction is not None
+    written = {e.joint: e.parameters for e in found.correction.effects if e.effect == "friction_law"}
+    for law in found.answer["laws"]:
+        assert law["parameters"] == {k: v for k, v in written[law["joint"]].items() if v}
+
+
 def test_a_short_recording_is_searched_whole(ur10e: Arm, logs: list[Log]) -> None:
     _, whole = diagnose_pieces(ur10e, Pieces(logs[0]), [logs[1]])
     assert whole.searched == whole.weighed == pytest.approx(12, abs=0.1)
