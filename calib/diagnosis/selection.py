@@ -9,7 +9,7 @@ from calib.diagnosis.admissible import admissible
 from calib.diagnosis.candidates import Key, acts_at
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import Hypothesis
-from calib.diagnosis.prices import THRESHOLD, cost
+from calib.diagnosis.prices import THRESHOLD, cost, price
 from calib.diagnosis.pure_error import measured_noise
 from calib.diagnosis.scoring import Bank, Scored, beside, scored
 from calib.diagnosis.unexplained import rests
@@ -25,8 +25,9 @@ MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the ca
 MOST_REST = 2.5
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 # Of an effect without a zero, over its linear promise: a width or a twist acts on torque in no proportion; bristles narrower than what every
-# bearing has change nothing at all. KEPT: share of the promise with which no other strength is tried.
-STRENGTHS, KEPT = (0.5, 2.0), 0.5
+# bearing has change nothing at all. KEPT: share of the promise with which no other strength is tried. Of any effect that makes a fit worse: the
+# promise of a time delay may be several times what the torque between two reversals bears.
+STRENGTHS, KEPT, WEAKER = (0.5, 2.0), 0.5, (0.5, 0.2)
 
 
 @dataclass
@@ -71,7 +72,7 @@ def grown(
         ranked = scored(best, here, bank)
         found.ladder.append(ranked[:12])
         better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and not at_full_joint(s, best)])
-        if better is None or cost(better) >= cost(best):
+        if better is None:
             break
         best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
         found.best = best
@@ -92,23 +93,29 @@ def _full_joints(f: Fit) -> set[str]:
 
 
 def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
-    """The best fit with one of the candidates: of those that promise nearly as much as the first, and of the next ones where none is admissible."""
+    """The best fit with one of the candidates: of those that promise nearly as much as the first.
+
+    Where none of these helps, of the next ones that promise more than their price.
+    """
     left, tried = ranked, 0
     while left and tried < MOST_TRIED:
         some = [s for s in left[:TRIED] if s.gain > CLOSE * left[0].gain]
-        best = min((g for s in some if admissible(g := add(measurements, f, s))), key=cost, default=None)
-        if best is not None:
-            return best
-        left, tried = [s for s in left if s not in some], tried + len(some)
+        fits = [g for s in some if admissible(g := add(measurements, f, s)) and cost(g) < cost(f)]
+        if fits:
+            return min(fits, key=cost)
+        left, tried = [s for s in left if s not in some and s.gain > price(s.effect)], tried + len(some)
     return None
 
 
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
-    """The fit with one more effect; a width or a twist that keeps too little of its promise is begun again from other strengths."""
-    found = _added(measurements, f, s)
-    effect = effect_named(s.effect.effect)
-    for strength in STRENGTHS if all(p.zero is None for p in effect.parameters) else ():
-        if f.objective - found.objective > KEPT * s.gain:
+    """The fit with one more effect.
+
+    A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
+    """
+    found, effect = _added(measurements, f, s), effect_named(s.effect.effect)
+    shape = all(p.zero is None for p in effect.parameters)
+    for strength in STRENGTHS if shape else WEAKER:
+        if f.objective - found.objective > (KEPT * s.gain if shape else 0.0):
             break
         other = replace(s, effect=replace(s.effect, parameters=effect.scaled(s.effect.parameters, strength)))
         found = min(found, _added(measurements, f, other), key=lambda g: g.objective)

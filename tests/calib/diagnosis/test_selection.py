@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -46,6 +48,33 @@ def test_a_weaker_promise_is_tried_where_the_strongest_is_not_admissible(
     found = selection.best_next(measurements, baseline, [Scored(refused, 1000.0, 1), Scored(right, 100.0, 2)])
     assert found is not None
     assert [e.effect for e in found.accepted] == [right.effect]
+
+
+def test_a_weaker_promise_is_tried_where_the_strongest_fits_worse(sprung: Started) -> None:
+    measurements, baseline = sprung
+    right = ArmEffect("joint_spring", JOINT, {"stiffness": 10.0, "rest_angle": 0.3})
+    empty = ArmEffect("asymmetric_friction", "wrist_2_joint", {"half_difference": 0.1})
+    found = selection.best_next(measurements, baseline, [Scored(empty, 1000.0, 1), Scored(right, 100.0, 2)])
+    assert found is not None
+    assert [e.effect for e in found.accepted] == [right.effect]
+    assert selection.best_next(measurements, baseline, [Scored(empty, 1000.0, 1)]) is None
+
+
+def test_an_effect_whose_promise_is_too_large_is_begun_again_from_less(
+    sprung: Started, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a time delay on the real UR10e, which promised 10 ms."""
+    measurements, baseline = sprung
+    tried = []
+
+    def added(measurements: list[Measurement], f: Fit, s: Scored) -> Fit:
+        tried.append(s.effect.parameters["delay"])
+        return replace(f, objective=f.objective + (50.0 if tried[-1] > 0.004 else -50.0))
+
+    monkeypatch.setattr(selection, "_added", added)
+    found = selection.add(measurements, baseline, Scored(ArmEffect("time_delay", None, {"delay": 0.01}), 1000.0, 1))
+    assert found.objective == baseline.objective - 50.0
+    assert tried == pytest.approx([0.01, 0.005, 0.002])
 
 
 def test_the_search_ends_where_a_joint_is_beyond_the_catalogue(ur10e: Arm) -> None:
