@@ -99,8 +99,8 @@ class Run:
     tau: np.ndarray
 
 
-def ran(plant: Plant) -> Run:
-    """Five seconds of three harmonics a joint under control at 500 Hz."""
+def ran(plant: Plant, seconds: float = SECONDS) -> Run:
+    """Five seconds of three harmonics a joint under control at 500 Hz, or the first `seconds` of them."""
     n = plant.arm.n
     rng, t = np.random.default_rng(4), np.arange(0, SECONDS, PERIOD)
     a, b = rng.uniform(-0.3, 0.3, (2, 3, n))
@@ -110,7 +110,7 @@ def ran(plant: Plant) -> Run:
     speed = np.gradient(wanted, t, axis=0)
     plant.reset(wanted[0])
     q, reading, tau = [], [], []
-    for k in range(len(t)):
+    for k in range(round(seconds / PERIOD)):
         plant.command(wanted[k], speed[k], np.zeros(n))
         plant.advance(PERIOD / 2)
         state = plant.read()

@@ -163,11 +163,13 @@ class ExportedArm:
             if item.joint is not None:
                 q_motor, dq_motor = _read_angle(item, q_motor, dq_motor)
                 q, dq = _read_angle(item, q, dq)
-        state = self._instant(data)
         torque = np.where(self.sensor >= 0, data.sensordata[self.sensor] if len(data.sensordata) else np.nan, np.nan)
-        state.tau = torque[None].copy()
-        _apply(state, self.items[Stage.SENSOR])
-        return Reading(q, dq, q_motor, dq_motor, state.tau[0])
+        if self.items[Stage.SENSOR]:
+            state = self._instant(data)
+            state.tau = torque[None]
+            _apply(state, self.items[Stage.SENSOR])
+            torque = state.tau[0]
+        return Reading(q, dq, q_motor, dq_motor, torque)
 
 
 def _apply(state: PathState, items: list[_Item]) -> None:

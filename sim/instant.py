@@ -14,12 +14,16 @@ from sim.torque_path import PathState
 
 def instant(time: float, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, torque: np.ndarray | None = None) -> PathState:
     """A path of one sample with q dq ddq (n,) of the motors, no load yet, slip as the speed has it, and torque (n,) N m or none."""
-    q, dq, ddq = (x[None].copy() for x in (q, dq, ddq))
-    zero = np.zeros_like(q)
+    # one array for all: this is called at every step of a simulation
+    rows = np.zeros((12, 1, len(q)))
+    rows[0:2], rows[2:4], rows[4:6], rows[6], rows[7] = q, dq, ddq, SLIP_WIDTH, 1.0
+    np.sign(dq, out=rows[8, 0])
+    if torque is not None:
+        rows[9] = torque
+    angle, motor, speed, motor_speed, push, motor_push, width, warmth, slip, tau, load, level = rows
     return PathState(
-        t=np.array([time]), q=q, dq=dq, ddq=ddq, load=zero.copy(), q_motor=q.copy(), dq_motor=dq.copy(), ddq_motor=ddq.copy(),
-        level=zero.copy(), width=np.full_like(q, SLIP_WIDTH), warmth=np.ones_like(q), slip=np.sign(dq),
-        tau=zero.copy() if torque is None else torque[None].copy(), force=np.zeros((1, 3)),
+        t=np.array([time]), q=angle, dq=speed, ddq=push, load=load, q_motor=motor, dq_motor=motor_speed, ddq_motor=motor_push,
+        level=level, width=width, warmth=warmth, slip=slip, tau=tau, force=np.zeros((1, 3)),
     )  # fmt: skip
 
 

@@ -207,6 +207,8 @@ class Plant:
         tau = self._reported
         for _, _, item in self._stages[Stage.CHANNEL]:
             tau = self._history.at(self.time - item.parameters["delay"])
+        if not self._stages[Stage.SENSOR]:
+            return tau
         state = self._instant(torque=tau)
         apply_all(state, self._stages[Stage.SENSOR])
         return state.tau[0]

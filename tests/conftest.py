@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
+from collections.abc import Iterator
+
+import pytest
 
 from calib.main import ONE_THREAD  # read by the libraries once, when NumPy is imported
 
@@ -12,3 +16,12 @@ assert "numpy" not in sys.modules, (
 )
 for name in ONE_THREAD:
     os.environ.setdefault(name, "1")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def freed() -> Iterator[None]:
+    """What the tests of a file let go of goes back to the system: the C library would keep it, scattered, for each file more."""
+    yield
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's alone
+    if trim is not None:
+        trim(0)

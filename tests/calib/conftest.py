@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from benchmarks.known_truth import fourier_motion, recorded, varied
+from safety import realtime
 from sim.arm import Arm, load_arm
 
 __all__ = ["fourier_motion", "recorded", "varied"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def memory_is_not_locked() -> Iterator[None]:
+    """`calib check` locks memory, which takes into memory all that this process of many tests has mapped and keeps it, gigabytes.
+
+    That it can be locked is tested in processes of their own, in tests/safety/test_realtime.py.
+    """
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(realtime, "_lock_memory", lambda: False)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -22,6 +22,7 @@ JOINT = "shoulder_lift_joint"
 REVERSALS = ("stribeck_friction", "load_dependent_friction", "thermal_friction")
 
 CASES = list(doses())
+SECONDS = 2.5  # of the benchmark's five, in which each dose has been at work; of those that show at reversals all five
 
 
 @pytest.fixture(autouse=True)
@@ -48,11 +49,12 @@ def item_of(effect, dose):
 
 @pytest.mark.parametrize(("effect", "dose"), CASES, ids=[e.name for e, _ in CASES])
 def test_the_exported_arm_moves_as_the_plant_does(effect, dose, nominal, without):
-    """5 s under one drive: motion within 1 % of it, torque within 0.5 % but in reversals; far nearer than the arm without the effect."""
+    """Under one drive: motion within 1 % of it, torque within 0.5 % but in reversals; far nearer than the arm without the effect."""
     truth = with_effect(nominal, item_of(effect, dose))
-    real = ran(Plant(truth, nominal))
-    motion, torque = difference(real, ran(ExportedPlant(truth, nominal)))
-    _, torque_without = difference(real, without)
+    seconds = 2 * SECONDS if effect.name in REVERSALS else SECONDS
+    real = ran(Plant(truth, nominal), seconds)
+    motion, torque = difference(real, ran(ExportedPlant(truth, nominal), seconds))
+    _, torque_without = difference(real, Run(*(x[: len(real.q)] for x in (without.q, without.reading, without.tau))))
     assert motion < 1e-2
     assert torque < (6e-2 if effect.name in REVERSALS else 5e-3)
     assert torque_without > 1.5 * torque

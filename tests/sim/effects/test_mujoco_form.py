@@ -121,6 +121,12 @@ CROSSING, LIMIT = "backlash", "torque_saturation"  # these show otherwise, below
 seen_by_torque = [e for e in EFFECTS if e.name not in (CROSSING, LIMIT)]
 
 
+@pytest.fixture(scope="module")
+def plain(arm: Arm) -> Happened:
+    """A run of the arm without a further effect."""
+    return ran(arm, arm)
+
+
 @pytest.mark.parametrize("effect", seen_by_torque, ids=lambda e: e.name)
 def test_the_plants_torque_is_the_predicted_one(effect: Effect, arm: Arm, present: Present) -> None:
     """Within two thousandths of a joint's torque with the effect; well beyond that without it."""
@@ -131,11 +137,10 @@ def test_the_plants_torque_is_the_predicted_one(effect: Effect, arm: Arm, presen
     assert gap(arm, happened) > 2 * explained
 
 
-def test_a_plant_without_an_effect_is_explained_by_the_arm_alone(arm: Arm, present: Present) -> None:
-    happened = ran(arm, arm)
-    clean = gap(arm, happened)
+def test_a_plant_without_an_effect_is_explained_by_the_arm_alone(arm: Arm, plain: Happened, present: Present) -> None:
+    clean = gap(arm, plain)
     assert clean < 1e-3
-    worse = {e.name: gap(with_effect(arm, present(e)), happened) for e in seen_by_torque}
+    worse = {e.name: gap(with_effect(arm, present(e)), plain) for e in seen_by_torque}
     assert {name: value for name, value in worse.items() if value < 2 * clean} == {}
 
 
@@ -151,11 +156,10 @@ def test_a_gap_is_crossed_where_the_load_changes_sign(arm: Arm) -> None:
     np.testing.assert_allclose((path.q_motor - path.q)[loaded, 0], 0.004 * side, rtol=1e-9)
 
 
-def test_a_saturated_drive_stays_at_its_limit(arm: Arm) -> None:
-    free = ran(arm, arm)
-    limit = 0.8 * float(np.abs(free.tau[:, 1]).max())
+def test_a_saturated_drive_stays_at_its_limit(arm: Arm, plain: Happened) -> None:
+    limit = 0.8 * float(np.abs(plain.tau[:, 1]).max())
     item = ArmEffect(LIMIT, "shoulder_lift_joint", {"limit": limit})
-    assert np.abs(predict(with_effect(arm, item), free.motion)[:, 1]).max() == limit
+    assert np.abs(predict(with_effect(arm, item), plain.motion)[:, 1]).max() == limit
     clipped = np.abs(ran(with_effect(arm, item), arm).tau[:, 1])
     assert clipped.max() == limit
     assert np.mean(clipped == limit) > 0.02
