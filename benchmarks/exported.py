@@ -70,7 +70,7 @@ class ExportedPlant(Plant):
         motors = [self.model.actuator_trnid[k, 0] for k in range(self.model.nu)]
         self._motor = np.array([motors.index(self.model.joint(name).id) for name in arm.joint_names])
         self._twist = [(arm.joint_index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for joint in twists(arm)]
-        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
+        self._qpos, self._qvel, self._qacc, self._ctrl = self.data.qpos, self.data.qvel, self.data.qacc, self.data.ctrl
         self._each_step = {stage: [] for stage in Stage}
         # the exported model clips by forcerange, the plant's drive before it holds a torque
         self._stages = self._stages | {Stage.DRIVE: []}

@@ -67,7 +67,7 @@ class Plant:
         self._damping = self.model.dof_damping[self._dof].copy()
         self._limit = np.where(np.isfinite(arm.tau_max), arm.tau_max, np.inf)
         # views of MuJoCo's arrays: taking them anew at every step costs as much as the step
-        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
+        self._qpos, self._qvel, self._qacc, self._ctrl = self.data.qpos, self.data.qvel, self.data.qacc, self.data.ctrl
         self._encoders = Encoders(self._stages[Stage.ENCODER], arm.sensors.encoder_resolution)
         self._level_varies = bool(self._each_step[Stage.FRICTION])
         self._every_step = self._level_varies or any(self._each_step[stage] for stage in (Stage.FORCE, Stage.MOTOR))
@@ -215,8 +215,7 @@ class Plant:
 
     def _instant(self, torque: np.ndarray | None = None) -> PathState:
         """The torque path at this one instant, for effects that are applied each step."""
-        q, dq, ddq = (x[self._dof] for x in (self.data.qpos, self.data.qvel, self.data.qacc))
-        return instant(self.time, q, dq, ddq, torque)
+        return instant(self.time, self._qpos[self._dof], self._qvel[self._dof], self._qacc[self._dof], torque)
 
     def _apply_effects(self) -> None:
         if not self._every_step:

@@ -209,7 +209,7 @@ class RigidBody:
 
     def _motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # copies: the kernels are compiled once for arrays that can be written to, and again for those that cannot
-        arrays = tuple(np.array(np.atleast_2d(x), dtype=float, order="C") for x in (q, dq, ddq))
+        arrays = tuple(np.array(x, dtype=float, order="C", ndmin=2) for x in (q, dq, ddq))
         for name, x in zip(("q", "dq", "ddq"), arrays, strict=True):
             if x.shape != (len(arrays[0]), self.n):
                 raise ValueError(f"{name} has shape {x.shape}: expected ({len(arrays[0])}, {self.n}), samples by joints")

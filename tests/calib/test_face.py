@@ -90,11 +90,10 @@ def test_from_plan_to_fit_by_the_face_alone(tmp_path):
     arm, cell = calib.load_arm(tmp_path / "arm"), calib.load_cell(tmp_path / "bench.toml")
     session = calib.Session(period=6.0, periods=1, tries=5, starts=0, probes=False, speeds=(0.2,), cruise=0.5, chirp=3.0)
     plan = calib.plan(arm, cell, session, folder=tmp_path / "plan")
+    (tmp_path / "real.toml").write_text(CELL.format(arm=tmp_path / "arm", driver="can_servo"))
+    with pytest.raises(calib.CalibError):
+        calib.record(plan, calib.load_cell(tmp_path / "real.toml"), folder=tmp_path / "no")
     done = calib.record(plan, cell, folder=tmp_path / "logs", operator="a test")
     logs = [calib.read_log(path, arm.joint_names) for path in done.logs.values()]
     assert [log.q.shape[1] for log in logs] == [2, 2, 2]
     assert calib.identify(arm, logs[:2], logs[2:]).arm.joint_names == arm.joint_names
-    other = calib.plan(arm, cell, session, folder=tmp_path / "other")
-    (tmp_path / "real.toml").write_text(CELL.format(arm=tmp_path / "arm", driver="can_servo"))
-    with pytest.raises(calib.CalibError):
-        calib.record(other, calib.load_cell(tmp_path / "real.toml"), folder=tmp_path / "no")
