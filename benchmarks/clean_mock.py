@@ -107,8 +107,8 @@ def rows(found: Sequence[Mapping[str, Any]], count: int, arms: int) -> list[dict
     if far:
         over, arm = max(far)
         out += [
-            {"what": "nothing hidden: sessions whose answer says that the model does not agree", "value": sum(x > DISAGREES for x, _ in far), "bar": "0", "note": f"a residual RMS of over {DISAGREES:g} times the noise at a joint"},
-            {"what": "nothing hidden: residual RMS after a refit over the noise, worst joint of all sessions", "value": round(over, 1), "note": f"{arm}; median of the sessions {np.median([x for x, _ in far]):.1f}"},
+            {"what": "nothing hidden: sessions whose answer says that the model does not agree", "value": sum(x > DISAGREES for x, _ in far), "bar": "0", "note": f"a residual RMS of over {DISAGREES:g} times the noise at a sliding joint"},
+            {"what": "nothing hidden: residual RMS of sliding joints after a refit over the noise, worst joint of all sessions", "value": round(over, 1), "note": f"{arm}; median of the sessions {np.median([x for x, _ in far]):.1f}"},
         ]  # fmt: skip
     ratios = [(f["ratio"], f["arm"]) for f in found if "ratio" in f]
     if ratios:

@@ -53,13 +53,25 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
     return Claim("complete", {"arm": answer["arm"]} | agreement(answer.get("gap") or {}))
 
 
+def over_noise(gap: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """{"before", "refit", "after"}: (n,) residual RMS over the noise, NaN of a joint without either; {} where no noise was measured.
+
+    Of the rows in which a joint slides, as the noise is; of all rows in an answer that does not keep these apart.
+    """
+    noise, of = np.array(gap.get("noise_floor", []), dtype=float), gap.get("sliding") or gap
+    found = {key: np.array(of.get(key, []), dtype=float) for key in ("before", "refit", "after")}
+    if not len(noise) or not (noise > 0).all():
+        return {}
+    return {key: x / noise for key, x in found.items() if len(x) == len(noise)}
+
+
 def agreement(gap: Mapping[str, Any]) -> dict[str, Any]:
     """The joint whose residual after a refit is largest beside its noise."""
-    refit, noise = (np.array(gap.get(key, []), dtype=float) for key in ("refit", "noise_floor"))
-    if not len(refit) or len(refit) != len(noise) or not (noise > 0).all():
+    ratio = over_noise(gap).get("refit", np.zeros(0))
+    if not np.isfinite(ratio).any():
         return {"log": None, "joint": None, "ratio": None}
-    k = int(np.argmax(refit / noise))
-    return {"log": gap["log"], "joint": gap["joints"][k], "ratio": float(refit[k] / noise[k])}
+    k = int(np.nanargmax(ratio))
+    return {"log": gap["log"], "joint": gap["joints"][k], "ratio": float(ratio[k])}
 
 
 def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:

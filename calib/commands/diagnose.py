@@ -90,9 +90,10 @@ def command(
     gap = answer["gap"]
     if gap["before"]:
         noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
-        columns = zip(gap["joints"], gap["before"], gap["refit"], gap["after"], noise, strict=True)
-        title = f"residual RMS [N m] on {gap['log']}"
-        console.table(["joint", "before", "after parameter refit", "after", "noise floor"], [list(c) for c in columns], title)
+        sliding = gap.get("sliding")
+        titles = ["joint", "before", "after parameter refit", "after", *(["after, sliding"] if sliding else []), "noise floor"]
+        columns = [gap["joints"], gap["before"], gap["refit"], gap["after"], *([sliding["after"]] if sliding else []), noise]
+        console.table(titles, [list(row) for row in zip(*columns, strict=True)], f"residual RMS [N m] on {gap['log']}")
     for check in answer["data_checks"]:
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")

@@ -56,7 +56,7 @@ def answer(
     verdict: str,
     effects: list[dict[str, Any]],
     odd: list[dict[str, Any]],
-    gap: dict[str, list[float]] | None,
+    gap: dict[str, Any] | None,
     log: str,
     trusted: Sequence[GateCheck],
 ) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
+from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.limits import Limit, limits_reached
 from calib.diagnosis.motion import measured, warmed
@@ -22,7 +23,7 @@ from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.selection import SearchResult, add, search
 from calib.diagnosis.unstated import with_unstated
-from calib.diagnosis.written_arm import as_written, torque_rms
+from calib.diagnosis.written_arm import as_written
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
@@ -104,7 +105,7 @@ def _possible(
     return possible(ranked, names.null, {(e.effect, e.joint) for e in have}, brought)
 
 
-def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, list[float]]:
+def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, Any]:
     """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
     arms = {"before": given} | {key: start if change is None else change.of(start) for key, change in changes.items()}
-    return {key: [float(x) for x in torque_rms(arm, shown)] for key, arm in arms.items()}
+    return gaps(arms, shown)

@@ -17,6 +17,7 @@ from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.parameters import parameters_of
@@ -174,7 +175,8 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     answer = dict(found.answer)
     values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
     answer["effects"] = [_entry(entry, values) for entry in found.answer["effects"]]
-    answer["gap"] = answer["gap"] | {"after": [float(x) for x in after]}
+    of_all = gaps({"after": change.of(start)}, shown)
+    answer["gap"] = answer["gap"] | of_all | {"sliding": answer["gap"]["sliding"] | of_all["sliding"]}
     contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
     return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change, found.limits)
 

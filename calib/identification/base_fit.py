@@ -14,7 +14,6 @@ from calib.identification.least_squares import Solution, estimate
 from calib.identification.model import TorqueModel
 from calib.identification.portions import LogSums, context_of, joined
 from calib.identification.prior import nominal_prior
-from calib.identification.reversals import reversal_rows, reverses_often
 from calib.identification.row_weights import reference
 from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
@@ -22,6 +21,7 @@ from calib.identification.sums import Reference, Sums
 from calib.measurement.exclusions import Exclusion
 from calib.measurement.periods import averaged
 from calib.measurement.preprocessing import Measurement, motion_cutoff, prepare
+from calib.measurement.reversals import reversal_rows, reverses_often
 from calib.regression.stored import Kept, digest_of
 from logs import Log, Pieces
 from sim.arm import Arm
@@ -60,7 +60,7 @@ class BaseFit:
     """Columns and their solution, before any question of what can exist.
 
     measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
-    calib.identification.reversals says; by_command: the estimate by instruments, where the logs hold the commanded motion.
+    calib.measurement.reversals says; by_command: the estimate by instruments, where the logs hold the commanded motion.
     """
 
     model: TorqueModel

@@ -24,10 +24,10 @@ from calib.identification.least_squares import Solution
 from calib.identification.model import TorqueModel
 from calib.identification.prior import full_covariance, full_nominal, nominal_prior
 from calib.identification.readings import chosen_reading
-from calib.identification.reversals import reversal_rows
 from calib.identification.rows import RegressorRows
 from calib.identification.sums import plain
 from calib.measurement.preprocessing import Measurement
+from calib.measurement.reversals import reversal_rows
 from calib.regression.normal_equations import wider
 from calib.regression.stored import Kept
 from calib.result import Conditioning, FitResult, Gap

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.claims.diagnosis_sentences import CONTACT, DISAGREES
 from calib.claims.diagnosis_sentences import unit as unit_of
-from calib.claims.of_diagnosis import REMARKS, agreement, claims, verdict
+from calib.claims.of_diagnosis import REMARKS, agreement, claims, over_noise, verdict
 from calib.report import explorer, pictures
 from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
@@ -139,13 +139,8 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
         if rates:
             facts.append(("as strong by noise alone, in simulated recordings", f"at most {max(rates):.2g} of them"))
     gap = diagnosis.get("gap") or {}
-    noise = np.asarray(gap.get("noise_floor", []), float)
-    if len(noise):
-        worst = [
-            float(np.max(np.asarray(gap[k], float) / noise))
-            for k in ("before", "refit", "after")
-            if len(gap.get(k, [])) == len(noise)
-        ]
+    if gap.get("noise_floor"):
+        worst = [float(np.nanmax(x)) for x in over_noise(gap).values() if np.isfinite(x).any()]
         if len(worst) == 3:
             facts.append(
                 ("worst joint, before → after parameter refit → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise")
@@ -166,12 +161,11 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     predicted = {role: np.asarray(evidence[role]) for role in ("before", "after")}
     page.section("Where the residual is")
     gap = diagnosis.get("gap") or {}
-    if gap.get("noise_floor"):
-        levels = {role: np.asarray(gap[role], float) for role in ("before", "refit", "after")}
-        noise = np.asarray(gap["noise_floor"], float)
+    levels = over_noise(gap)
+    if all(np.isfinite(x).any() for x in levels.values()) and len(levels) == 3:
         page.figure(
-            pictures.gaps(gap["joints"], noise, levels),
-            f"Residual RMS on the {_which(gap)} {gap['log']}, each joint against its own noise floor. {gained(diagnosis)}",
+            pictures.gaps(gap["joints"], levels),
+            f"Residual RMS on the {_which(gap)} {gap['log']} while a joint slides, over its own noise floor. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
@@ -186,10 +180,10 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
 def gained(diagnosis: Mapping[str, Any]) -> str:
     """What the effects explain beyond a parameter refit, at the joint with the largest residual after it."""
     gap = diagnosis["gap"]
-    noise, refit, after = (np.asarray(gap[key], float) for key in ("noise_floor", "refit", "after"))
-    j = int(np.argmax(refit / noise))
-    text = f"After parameter refit it is {refit[j] / noise[j]:.1f} times the noise at {gap['joints'][j]}"
-    return text + (f"; with the identified effects {after[j] / noise[j]:.1f}." if diagnosis.get("effects") else ".")
+    levels = over_noise(gap)
+    j = int(np.nanargmax(levels["refit"]))
+    text = f"After parameter refit it is {levels['refit'][j]:.1f} times the noise at {gap['joints'][j]}"
+    return text + (f"; with the identified effects {levels['after'][j]:.1f}." if diagnosis.get("effects") else ".")
 
 
 def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -210,5 +204,5 @@ def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> l
     if found:
         return found[:3]
     gap = diagnosis.get("gap") or {}
-    before, noise = np.asarray(gap.get("before", []), float), np.asarray(gap.get("noise_floor", []), float)
-    return [names.index(gap["joints"][int(np.argmax(before / noise))])] if 0 < len(before) == len(noise) else [0]
+    before = over_noise(gap).get("before", np.zeros(0))
+    return [names.index(gap["joints"][int(np.nanargmax(before))])] if np.isfinite(before).any() else [0]

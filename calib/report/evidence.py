@@ -68,12 +68,17 @@ def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
     if gap.get("before"):
         unit = unit_of(gap["unit"])
         columns = ["before", "refit", "after"]
-        noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
-        page.section("The residual in numbers").table(
-            ["joint", *(f"{title} [{unit}]" for title in ("noise floor", "before", "after parameter refit", "after"))],
-            [[joint, noise[k], *(gap[c][k] for c in columns)] for k, joint in enumerate(gap["joints"])],
-            f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added",
-        )
+        noise, sliding = gap["noise_floor"] or ["not measured"] * len(gap["joints"]), gap.get("sliding")
+        titles = ["before", "after parameter refit", "after", "noise floor"]
+        rows = [[joint, *(gap[c][k] for c in columns), noise[k]] for k, joint in enumerate(gap["joints"])]
+        caption = f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added"
+        if sliding:
+            titles[3:3] = ["after, sliding"]
+            rows = [[*row[:4], sliding["after"][k], row[4]] for k, row in enumerate(rows)]
+            caption += (
+                "; “sliding”: without changes of direction, where dry friction holds any torque and no noise can be measured"
+            )
+        page.section("The residual in numbers").table(["joint", *(f"{title} [{unit}]" for title in titles)], rows, caption)
     motion = diagnosis.get("motion") or []
     if motion:
         rows = [

@@ -89,33 +89,29 @@ def where(
     return figure
 
 
-def gaps(joint_names: Sequence[str], noise: np.ndarray, levels: Mapping[str, np.ndarray]) -> Figure:
-    """Residual RMS of each joint in multiples of its noise floor, on a logarithmic axis; the noise floor is the line at 1.
-
-    noise (n,) and levels: role -> (n,), in one unit.
-    """
+def gaps(joint_names: Sequence[str], levels: Mapping[str, np.ndarray]) -> Figure:
+    """Residual RMS of each joint over its noise floor, levels: role -> (n,), on a logarithmic axis; the noise floor is the line at 1."""
     figure, grid = axes(1, 1, height=0.34 * len(joint_names) + 0.8)
     ax = grid[0, 0]
     rows = np.arange(len(joint_names))
     marks = {"before": "s", "refit": "D", "after": "o"}
-    shown = {role: np.asarray(values, float) / np.asarray(noise, float) for role, values in levels.items()}
-    ends = np.array(list(shown.values()))
+    ends = np.array(list(levels.values()))
     ax.hlines(rows, ends.min(axis=0), ends.max(axis=0), color=ROLES["grid"], linewidth=3)
-    for role, ratio in shown.items():
+    for role, ratio in levels.items():
         ax.plot(ratio, rows, marks[role], color=ROLES[role], markersize=7, label=WORDS[role])
     ax.axvline(1.0, color=ROLES["muted"], linewidth=1.2, linestyle=(0, (2, 2)))
     ax.set_xscale("log")
     ticks = [
         tick
         for tick in (0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 1000)
-        if ends.min() * 0.8 <= tick <= ends.max() * 1.25
+        if np.nanmin(ends) * 0.8 <= tick <= np.nanmax(ends) * 1.25
     ]
     ax.set_xticks(sorted({1, *ticks}), labels=[f"{tick:g}" for tick in sorted({1, *ticks})])
     ax.minorticks_off()
     ax.set_yticks(rows, labels=list(joint_names))
     ax.invert_yaxis()
     ax.set_ylim(len(joint_names) - 0.5, -0.5)
-    name(ax, x="residual RMS / noise floor (1 = as good as can be measured)")
+    name(ax, x="residual RMS while sliding / noise floor (1 = as good as can be measured)")
     figure.legend(loc="outside upper center", ncols=3, fontsize=9)
     return figure
 

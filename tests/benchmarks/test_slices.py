@@ -93,9 +93,9 @@ def test_a_name_that_nobody_hid_is_counted() -> None:
 
 def test_a_clean_mock_with_a_name_or_a_doubt_is_counted() -> None:
     sessions = [
-        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 1.5, "ratio": 0.99},
+        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 1.2, "ratio": 0.99},
         {"arm": "ur5e", "verdict": "effects_found", "names": ["payload"], "over_noise": None, "ratio": 1.2},
-        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 3.5},
+        {"arm": "ur3e", "verdict": "no_missing_effect", "names": [], "over_noise": 1.6},
     ]
     rows = {row["what"]: row["value"] for row in clean_mock.rows(sessions, 100, 15)}
     assert rows["nothing hidden: effects identified"] == 1

@@ -10,8 +10,8 @@ from benchmarks.known_truth import fitting_motion, recorded_on_mock
 from calib.identification.base_fit import Options
 from calib.identification.identify import identify
 from calib.identification.model import TorqueModel
-from calib.identification.reversals import reversal_rows
 from calib.measurement.preprocessing import prepare
+from calib.measurement.reversals import reversal_rows
 from sim.arm import Arm
 from tests.calib.conftest import fourier_motion, recorded, varied
 

@@ -1,0 +1,36 @@
+"""The residual RMS of arms on recordings: of all rows in motion, and of those in which a joint slides, which can be compared with noise.
+
+Around a change of direction a position-controlled joint stands for some hundredths of a second while its drive builds up torque. Dry
+friction holds whatever that is, so that the true arm too is off there by up to twice the dry friction; no noise is measured in these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calib.diagnosis.written_arm import torque_errors
+from calib.measurement.preprocessing import Measurement
+from calib.measurement.reversals import reversal_rows
+from sim.arm import Arm
+
+
+def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any]:
+    """N m of each joint for each arm, and the same under `sliding`; None there for a joint that never slides.
+
+    RMS of rows filtered as the fit's are: 10 Hz, from the first motion to the last.
+    """
+    errors = {key: torque_errors(arm, shown) for key, arm in arms.items()}
+    whole = {key: [float(x) for x in np.sqrt(np.mean(e**2, axis=0))] for key, e in errors.items()}
+    return whole | {"sliding": {key: _where(e, _slides(next(iter(arms.values())), shown)) for key, e in errors.items()}}
+
+
+def _slides(arm: Arm, shown: Sequence[Measurement]) -> np.ndarray:
+    """(R, n) of the rows in motion, those in which a joint slides."""
+    return np.concatenate([(m.row_usable & ~reversal_rows(m, arm))[m.row_moving] for m in shown])
+
+
+def _where(errors: np.ndarray, slides: np.ndarray) -> list[float | None]:
+    return [float(np.sqrt(np.mean(e[s] ** 2))) if s.any() else None for e, s in zip(errors.T, slides.T, strict=True)]
