@@ -196,6 +196,7 @@ def test_friction_and_rotors_need_less_beyond_their_price() -> None:
     """How far they may be off is stated, and counts by itself."""
     item = ArmEffect("rotor_inertia", "elbow_joint", {"inertia": 2.0})
     assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 0.0).doubtful
+    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 20.0).doubtful  # held-out recordings alone prove no name
     assert not Assessed(item, price(item) + LEAST_STATED + 1.0, (), 0.0).doubtful
     assert LEAST_STATED < LEAST
 
