@@ -71,6 +71,7 @@ class Plant:
         self._encoders = Encoders(self._stages[Stage.ENCODER], arm.sensors.encoder_resolution)
         self._level_varies = bool(self._each_step[Stage.FRICTION])
         self._every_step = self._level_varies or any(self._each_step[stage] for stage in (Stage.FORCE, Stage.MOTOR))
+        self._needs_load = not self._level_varies and any(effect.needs_load for effect, _, _ in self._each_step[Stage.MOTOR])
         self._bodies = RigidBody(arm)
 
     def become(self, arm: Arm) -> None:
@@ -243,7 +244,7 @@ class Plant:
             self.model.dof_frictionloss[self._dof] = level
             self.model.dof_damping[self._dof] = self._damping * state.warmth[0]
         state.tau[:] = 0.0
-        if any(effect.needs_load for effect, _, _ in steps[Stage.MOTOR]) and not self._level_varies:
+        if self._needs_load:
             state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
         state.memory = self._memory
         apply_all(state, steps[Stage.MOTOR])

@@ -83,15 +83,18 @@ class FrictionLaw(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
         assert joint is not None
-        wanted = [name for name in TERMS if p[name] != 0.0]
-        if not wanted:
+        values = [p[name] for name in TERMS]
+        if not any(values):
             return
         if state.memory is None:
+            wanted = [name for name, value in zip(TERMS, values, strict=True) if value != 0.0]
             state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
             return
         q, dq, load = _path(state, joint)
-        memory = state.memory.setdefault((self.name, joint), np.array([q[0], *(0.0 for _ in WIDTHS)]))
-        state.tau[:, joint] += _continued(q, dq, load, np.array([p[name] for name in TERMS]), memory)
+        memory = state.memory.get((self.name, joint))
+        if memory is None:
+            memory = state.memory[self.name, joint] = np.array([q[0], *(0.0 for _ in WIDTHS)])
+        state.tau[:, joint] += _continued(q, dq, load, np.array(values), memory)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The slips of every width together, then the other terms one by one, each with its own doubt."""
