@@ -156,15 +156,14 @@ def envelope(y: np.ndarray, points: int) -> np.ndarray:
     if len(y) <= 2 * points:
         return np.arange(len(y))
     edges = np.linspace(0, len(y), points + 1).astype(int)
-    kept = {0, len(y) - 1}
-    for a, b in itertools.pairwise(edges):
-        part = y[a:b]
-        holes = np.flatnonzero(np.isnan(part))
-        if len(holes):
-            kept.add(a + int(holes[0]))
-        if len(holes) < len(part):
-            kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
-    return np.array(sorted(kept))
+    stretch, holes = np.repeat(np.arange(points), np.diff(edges)), np.isnan(y)
+    least = np.minimum.reduceat(np.where(holes, np.inf, y), edges[:-1])[stretch]
+    most = np.maximum.reduceat(np.where(holes, -np.inf, y), edges[:-1])[stretch]
+    kept = [np.array([0, len(y) - 1])]
+    for wanted in (holes, y == least, y == most):
+        found = np.flatnonzero(wanted)
+        kept.append(found[np.unique(stretch[found], return_index=True)[1]])  # the first of each stretch
+    return np.unique(np.concatenate(kept))
 
 
 def _playhead(figure: Figure, ax: Axes) -> ElementTree.Element:
