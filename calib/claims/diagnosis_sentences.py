@@ -36,7 +36,7 @@ def complete(n: Numbers) -> str:
 
 
 def none_accepted(n: Numbers) -> str:
-    return f"No effect is identified: the model of {n['arm']} does not agree with the log, but no correction that was tried predicts it better"
+    return f"No effect is identified: the model of {n['arm']} does not agree with the log, but every effect that was tried is refused"
 
 
 def unchanged(n: Numbers) -> str:

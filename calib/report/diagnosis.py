@@ -112,7 +112,8 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     elif verdict == "bad_data":
         steps.append("Correct the failed checks, then record again.")
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
-        steps.append("The arm stays as it was: no correction that was tried predicts these recordings better.")
+        steps.append("The arm stays as it was: every effect that was tried is refused.")
+        steps += filter(None, [_refit(diagnosis)])
     return steps
 
 
