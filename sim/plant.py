@@ -221,8 +221,7 @@ class Plant:
     def _apply_effects(self) -> None:
         if not self._every_step:
             return
-        steps = self._each_step
-        state, data = self._instant(), self.data
+        steps, state, data = self._each_step, self._instant(), self.data
         data.qfrc_applied[:] = 0.0
         if steps[Stage.FORCE]:
             apply_all(state, steps[Stage.FORCE])
