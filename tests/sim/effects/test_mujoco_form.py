@@ -25,6 +25,7 @@ CREEP = 2e-3  # rad/s
 SLIDING = 0.02  # rad/s
 WINDOW = 21  # samples at 500 Hz
 SETTLED = 61  # samples at 250 Hz, in which a sliding motion goes 20 displacements over which dry friction builds up
+SECONDS = 3.5  # of a motion that would come to rest after five
 MEAN = 9  # samples at 500 Hz: the torque is held between control instants, the acceleration is not
 Present = Callable[[Effect], ArmEffect]
 
@@ -78,7 +79,7 @@ class Happened:
 
 
 def ran(truth: Arm, drive: Arm) -> Happened:
-    """Five seconds under control at 500 Hz, read in the middle of each control period, without noise."""
+    """SECONDS under control at 500 Hz, read in the middle of each control period, without noise."""
     n = truth.n
     silent = {"encoder_resolution": 1e-12, "torque_noise": [0.0] * n, "velocity_noise": [0.0] * n, "rate": 500.0}
     truth = replace(truth, sensors=truth.sensors.model_copy(update=silent))
@@ -92,7 +93,7 @@ def ran(truth: Arm, drive: Arm) -> Happened:
     plant = Plant(truth, drive)
     plant.reset(wanted[0])
     instants, q, motor, tau = [], [], [], []
-    for k in range(len(t)):
+    for k in range(round(SECONDS / 0.002)):
         plant.command(wanted[k], speed[k], np.zeros(n))
         plant.advance(0.001)
         state = plant.read()
