@@ -10,9 +10,9 @@ from calib.terminal.quantity import rounded, significant
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"
 SHORT = 60  # characters of a formula that can be read in a sentence; the page and diagnosis.json have longer ones
-# Residual RMS of sliding joints over the noise that is no agreement: at most 1.16 on ten simulated recordings without an effect that can be
-# identified (two sessions of the mock, eight cases of the exam of seed 26112831, four of them clean); 3.7 where viscous friction of the held-out
-# recording is 1.7 times that of the others.
+# Residual RMS of sliding joints over the noise that is no agreement: at most 1.16 on 20 simulated recordings without an effect that can be
+# identified (twelve sessions of the mock's arms, eight cases of the exam of seed 26112831, four of them clean); 3.7 where viscous friction of the
+# held-out recording is 1.7 times that of the others.
 DISAGREES = 1.5
 LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
 VARIABLES = {
