@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Mjcf
@@ -57,6 +56,8 @@ class JointSpring(Effect):
 
     def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
         """A cable that creeps: torque in proportion to the angle less where the cable has crept to, c' = (q - c) / RELAXATION."""
+        from scipy.signal import lfilter  # half a second to load, for every command
+
         q = view.link.q[:, joint]
         decay = np.exp(-float(np.median(np.diff(view.link.t))) / RELAXATION)
         crept = lfilter([1 - decay], [1, -decay], q - q[0]) + q[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from calib.claims import SENTENCES, Claim
+from calib.excitation import session
 from calib.identification.base_fit import Options
 from calib.identification.calibrated import write_calibrated
 from calib.identification.claims import CHANGED, KEPT
@@ -204,8 +206,10 @@ def test_a_rounded_number_is_written_out(value: float, digits: int, text: str) -
     assert significant(value, digits) == text
 
 
-def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also of the motion on which two explanations of a diagnosis part."""
+def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of the motion on which two explanations of a diagnosis part; of fewer and shorter motions than `--quick` makes."""
+    monkeypatch.setattr(session, "QUICK", replace(session.QUICK, tries=5, speeds=(0.2,), chirp=3.0))
+    monkeypatch.setattr(session, "discriminating", partial(session.discriminating, iterations=2))
     folder = tmp_path / "plan"
     rivals = diagnosis(tmp_path / "run", SPRING, ("torque_offset", ELBOW))
     line = f"plan ur5e --quick --period 8 --home 0,-1.4,1.3,-1.4,-1.2,0.3 --discriminate {rivals} --out {folder} --json"

@@ -14,9 +14,16 @@ import pytest
 
 from safety import realtime
 
+# the file by itself: the package, of which nothing else is asked here, takes a second or two to import
+ALONE = """
+import importlib.util, sys
+found = importlib.util.spec_from_file_location("realtime", "safety/realtime.py")
+sys.modules["realtime"] = importlib.util.module_from_spec(found)
+found.loader.exec_module(sys.modules["realtime"])
+"""
 CHILD = """
 import gc, json, os, resource, sys
-from safety.realtime import prepare
+from realtime import prepare
 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 if sys.argv[1] == "nothing":
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
@@ -28,11 +35,16 @@ print(json.dumps([granted, gc.isenabled(), os.sched_getscheduler(0) == os.SCHED_
 """
 
 
-def ask(how: str) -> tuple[dict[str, bool], bool, bool]:
+def child(code: str, *words: str) -> str:
+    """What a process of its own prints."""
     root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", CHILD, how], capture_output=True, text=True, cwd=root, check=False)
+    done = subprocess.run([sys.executable, "-c", ALONE + code, *words], capture_output=True, text=True, cwd=root, check=False)
     assert done.returncode == 0, done.stderr
-    granted, collecting, real_time = json.loads(done.stdout)
+    return done.stdout
+
+
+def ask(how: str) -> tuple[dict[str, bool], bool, bool]:
+    granted, collecting, real_time = json.loads(child(CHILD, how))
     return granted, collecting, real_time
 
 
@@ -52,7 +64,7 @@ def test_what_is_refused_is_reported() -> None:
 
 UNHURRIED = """
 import os
-from safety.realtime import prepare, unhurried
+from realtime import prepare, unhurried
 granted = prepare()["real-time priority"]
 before = os.sched_getscheduler(0)
 with unhurried():
@@ -63,7 +75,7 @@ print(granted == (before == os.SCHED_FIFO), within == os.SCHED_OTHER, os.sched_g
 
 LENT = """
 import gc, os
-from safety.realtime import prepared
+from realtime import prepared
 before = os.sched_getscheduler(0), gc.isenabled(), gc.get_freeze_count()
 with prepared() as granted:
     within = os.sched_getscheduler(0), gc.isenabled()
@@ -73,20 +85,16 @@ print((os.sched_getscheduler(0), gc.isenabled(), gc.get_freeze_count()) == befor
 
 
 def test_what_was_lent_for_a_while_is_given_back() -> None:
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", LENT], capture_output=True, text=True, cwd=root, check=True)
-    assert done.stdout.split() == ["True", "True"]
+    assert child(LENT).split() == ["True", "True"]
 
 
 def test_proofs_run_at_ordinary_priority_and_the_loop_has_its_own_back() -> None:
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", UNHURRIED], capture_output=True, text=True, cwd=root, check=True)
-    assert done.stdout.split() == ["True", "True", "True"]
+    assert child(UNHURRIED).split() == ["True", "True", "True"]
 
 
 ATTENTIVE = """
 import os, threading
-from safety.realtime import ATTENTIVE, attentive
+from realtime import ATTENTIVE, attentive
 over = threading.Event()
 thread = threading.Thread(target=over.wait)
 thread.start()
@@ -107,9 +115,7 @@ over.set()
 
 
 def test_every_thread_of_an_attentive_process_goes_before_other_programs() -> None:
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", ATTENTIVE], capture_output=True, text=True, cwd=root, check=True)
-    assert done.stdout.split() == ["True", "True"]
+    assert child(ATTENTIVE).split() == ["True", "True"]
 
 
 def test_an_attentive_process_that_is_granted_nothing_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +129,7 @@ def test_an_attentive_process_that_is_granted_nothing_stays_as_it_was(monkeypatc
 
 ELSEWHERE = """
 import gc, os, resource
-from safety.realtime import prepared, unhurried
+from realtime import prepared, unhurried
 del os.sched_getscheduler, os.sched_setscheduler
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
 if os.getuid() == 0:
@@ -136,9 +142,7 @@ print(gc.isenabled())
 
 
 def test_a_system_without_schedulers_and_a_program_without_a_collector_stay_as_they_were() -> None:
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", ELSEWHERE], capture_output=True, text=True, cwd=root, check=True)
-    assert done.stdout.split() == ["False", "False", "False"]
+    assert child(ELSEWHERE).split() == ["False", "False", "False"]
 
 
 def test_nothing_is_requested_of_a_system_without_these_calls(monkeypatch: pytest.MonkeyPatch) -> None:
