@@ -13,8 +13,6 @@ from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import NOISE, Hidden, recording
 
 PAN, WRIST = 0, 3
-# of two sizes of the same thing, one is tried at every change
-AGAIN = pytest.mark.slow
 
 
 def asked(arm: Arm, hidden: Hidden) -> Diagnosis:
@@ -34,7 +32,7 @@ def pickup(frequency: float) -> Hidden:
     return hidden
 
 
-@pytest.mark.parametrize("frequency", [2.83, pytest.param(6.17, marks=AGAIN)])
+@pytest.mark.parametrize("frequency", [2.83, 6.17])
 def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm, frequency: float) -> None:
     found = asked(ur10e, pickup(frequency)).answer
     assert (found["verdict"], found["effects"]) == ("unexplained", [])
@@ -46,7 +44,7 @@ def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm,
     assert variable(depends) == f"a constant oscillation of {value}"
 
 
-@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), pytest.param(0.55, 2.0, marks=AGAIN)])
+@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), (0.55, 2.0)])
 def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm, frequency: float, inertia: float) -> None:
     def slosh(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out, w, dt = np.zeros_like(tau), 2 * np.pi * frequency, motion.t[1] - motion.t[0]
@@ -63,7 +61,7 @@ def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm
     assert "resonance:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
 
 
-@pytest.mark.parametrize(("width", "level"), [(0.15, 8.0), pytest.param(0.28, 10.0, marks=AGAIN)])
+@pytest.mark.parametrize(("width", "level"), [pytest.param(0.15, 8.0, marks=pytest.mark.slow), (0.28, 10.0)])
 def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e: Arm, width: float, level: float) -> None:
     """By a play operator, whose level is reached at once and not as in Dahl's law."""
 
