@@ -103,8 +103,7 @@ def test_an_older_version_is_refused_with_what_to_do(pair: Pair, polyscope: str)
 
 
 def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
-    # both share one interpreter, so a reading may be late; how late is not asked here
-    (one, first), (other, second) = pair(frame_timeout=2.0), pair(frame_timeout=2.0)
+    (one, first), (other, second) = pair(), pair()
     assert isinstance(other, UrEmulator)
     with first, second:
         stood = second.read().q
