@@ -30,9 +30,10 @@ LEAST = 16.0
 # 3.7 deviations at most, below its price, one of a fourth to 2 above it and 11 more on its held-out recording (seed 26112841); right names begin
 # 7 above it. So the recordings that were fitted must bring it by themselves.
 LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
-# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished; nor, where one of them is friction at the
-# joint of the other, by less than this share of what the name brings: at reversals every model of friction errs by about that much. A constant offset against a friction that differs between directions, 11 cases
-# of the exam (seeds 26112811 and 26112821): the wrong one ahead by up to 13, 0.9 %, the right one by up to 1.2 % where nothing else tells them apart.
+# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished; nor, where one of them is friction
+# at the joint of the other, by less than this share of what the name brings: at reversals every model of friction errs by about that much. A
+# constant offset against a friction that differs between directions, 11 cases of the exam (seeds 26112811 and 26112821): the wrong one ahead by up
+# to 13, 0.9 %, the right one by up to 1.2 % where nothing else tells them apart.
 APART, APART_SHARE, FRICTION = 8.0, 0.02, "friction"
 MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
@@ -73,14 +74,14 @@ class Assessed:
 
     @property
     def vetoed(self) -> bool:
-        """Whether motions that were not fitted speak against it; a contact happens in one log only.
+        """Whether something that is no effect explains the recordings better, or motions that were not fitted speak against it.
 
-        Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with k degrees of freedom, where the
+        A contact happens in one log only. Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with k degrees of freedom, where the
         recordings that were fitted speak for it clearly.
         """
         by_chance = self.held_out >= -chdtri(len(self.effect.parameters), CHANCE) and self.left >= APART
         against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)
-        return self.effect.effect != CONTACT and bool(against)
+        return self.imitator is not None or (self.effect.effect != CONTACT and bool(against))
 
     @property
     def left(self) -> float:
@@ -98,7 +99,7 @@ class Assessed:
         left_out = f"{self.effect.title} was fitted and is left out:"
         if self.imitator is not None:
             what, more = self.imitator
-            return f"{left_out} {what} at its joint explains the recordings better, by {more:.1f} of -2 log likelihood"
+            return f"{left_out} {what} at that joint explains the recordings better (-2 log likelihood lower by {more:.1f})"
         why = (
             f"the torque error of the joints that it concerns rises by {self.worse:.0%}"
             if self.worse > 0.0
@@ -179,7 +180,7 @@ def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | No
     if item.joint is None:
         return None
     j, rows, best = rest.hypothesis.arm.joint_index(item.joint), rest.solved.rows, None
-    per_log = [effect_named(item.effect).imitators(m, j) for m in rest.models]
+    per_log = [effect_named(item.effect).imitators(m.link, j) for m in rest.models]
     for what in per_log[0]:
         white = rows.whiten(
             rest.solved.noise, j, rows.take(j, [m.rows(x[what]) for m, x in zip(rest.models, per_log, strict=True)])

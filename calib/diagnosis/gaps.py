@@ -22,9 +22,9 @@ def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any
 
     RMS of rows filtered as the fit's are: 10 Hz, from the first motion to the last.
     """
-    errors = {key: torque_errors(arm, shown) for key, arm in arms.items()}
+    errors, slides = {key: torque_errors(arm, shown) for key, arm in arms.items()}, _slides(next(iter(arms.values())), shown)
     whole = {key: [float(x) for x in np.sqrt(np.mean(e**2, axis=0))] for key, e in errors.items()}
-    return whole | {"sliding": {key: _where(e, _slides(next(iter(arms.values())), shown)) for key, e in errors.items()}}
+    return whole | {"sliding": {key: _where(e, slides) for key, e in errors.items()}}
 
 
 def _slides(arm: Arm, shown: Sequence[Measurement]) -> np.ndarray:

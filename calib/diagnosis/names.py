@@ -102,11 +102,11 @@ def _settled(
     for ask_rivals in (False, True) if apart else (True,):
         while True:
             assessed = assess(fitted, found.best, apart, ask_rivals=ask_rivals)
-            refused = [i for i, a in enumerate(assessed) if a.imitator or a.vetoed or a.doubtful]
+            refused = [i for i, a in enumerate(assessed) if a.vetoed or a.doubtful]
             if not refused:
                 break
             worst = min(refused, key=lambda i: (assessed[i].imitator is None, assessed[i].held_out))
-            vetoed += [assessed[worst].refusal] if assessed[worst].imitator or assessed[worst].vetoed else []
+            vetoed += [assessed[worst].refusal] if assessed[worst].vetoed else []
             found.best = without(fitted, found.best, worst)
     return assessed, vetoed
 

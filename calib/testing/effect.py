@@ -15,7 +15,7 @@ from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import Effect, Stage, checked, effect_named, with_effect
 from sim.errors import ConfigError
-from sim.prediction import predict
+from sim.prediction import by_stage, link_side, predict
 from sim.trajectory import Trajectory
 
 RATE, SECONDS = 250.0, 8.0
@@ -48,6 +48,7 @@ def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promis
     out.keep("it leaves the motion that it is given as it is", lambda: _leaves(arm, item, motion))
     out.keep("the same twice is the same", lambda: _same_twice(arm, item, motion))
     out.keep("an arm folder carries it", lambda: _carried(arm, item, motion))
+    out.keep("what imitates it is a finite torque along the motion", lambda: _imitators(arm, effect, motion))
     out.keep("its probes are values that the catalogue accepts", lambda: _probes(arm, effect, joint))
     return tuple(out.found)
 
@@ -126,6 +127,14 @@ def _carried(arm: Arm, item: ArmEffect, motion: Trajectory) -> str:
         read = predict(write_arm(Path(folder) / "arm", arm, effects=[item]), motion)
     off = np.abs(read - expected).max()
     return "" if off <= 1e-9 * np.abs(expected).max() else f"read back, the torque differs by {off:.3g} N m"
+
+
+def _imitators(arm: Arm, effect: Effect, motion: Trajectory) -> str:
+    path = link_side(arm, motion, by_stage((), arm))
+    for what, torque in effect.imitators(path, min(1, arm.n - 1)).items():
+        if torque.ndim != 2 or len(torque) != len(motion.t) or not np.isfinite(torque).all():
+            return f"{what!r}: shape {torque.shape}, expected ({len(motion.t)}, k) finite numbers"
+    return ""
 
 
 def _probes(arm: Arm, effect: Effect, joint: str | None) -> None:

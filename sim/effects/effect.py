@@ -186,8 +186,8 @@ class Effect:
         elif joint is not None and self.stage is not Stage.RIGID:
             yield from behind_the_load(self, views, joint)
 
-    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
-        """What is no effect of the catalogue and looks like this one: its name -> samples (N, k) whose sums are torques of that joint.
+    def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
+        """What is no effect of the catalogue and looks like this one: its name -> (N, k) whose weighted sums are torques of that joint.
 
         Where one of them explains recordings better than the effect does, the effect is not named.
         """

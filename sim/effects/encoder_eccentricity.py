@@ -6,7 +6,6 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Unbounded, Values
 from sim.interval import Interval
-from sim.motion_view import MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
@@ -93,8 +92,8 @@ class EncoderEccentricity(Effect):
 
         return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]
 
-    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
+    def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
         """Drag of a gear that sits off its centre: dq sin(N q) and dq cos(N q) for N in TURNS."""
-        q, dq = view.link.q[:, joint], view.link.dq[:, joint]
+        q, dq = path.q[:, joint], path.dq[:, joint]
         waves = [wave(n * q) * dq for n in TURNS for wave in (np.sin, np.cos)]
         return {"drag that varies along the angle": np.stack(waves, axis=1)}

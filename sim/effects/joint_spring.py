@@ -6,7 +6,6 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Mjcf
-from sim.motion_view import MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
@@ -54,11 +53,11 @@ class JointSpring(Effect):
         two = {"stiffness": k + 1.0, "rest_angle": (shift + 1.0) / (k + 1.0)}
         return [Probe(base, (one, two), combine)]
 
-    def imitators(self, view: MotionView, joint: int) -> dict[str, np.ndarray]:
+    def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
         """A cable that creeps: torque in proportion to the angle less where the cable has crept to, c' = (q - c) / RELAXATION."""
         from scipy.signal import lfilter  # half a second to load, for every command
 
-        q = view.link.q[:, joint]
-        decay = np.exp(-float(np.median(np.diff(view.link.t))) / RELAXATION)
+        q = path.q[:, joint]
+        decay = np.exp(-float(np.median(np.diff(path.t))) / RELAXATION)
         crept = lfilter([1 - decay], [1, -decay], q - q[0]) + q[0]
         return {"a pull that relaxes within seconds": (q - crept)[:, None]}

@@ -115,11 +115,15 @@ def test_a_careless_effect_is_found_out(arm):
         looks = ""
         parameters = (replace(CoulombFriction.parameters[0], unit="", grid=(-1.0,)),)
 
+        def imitators(self, path, joint):
+            return {"a torque without an axis for its parts": path.dq[:, joint]}
+
     names = {p.name for p in broken(check_effect(Wrong(), arm))}
     assert {
         "the catalogue has it under its name",
         "it says what it is, how it looks, and from where",
         "every parameter has a unit, a meaning, and typical values within its bounds",
+        "what imitates it is a finite torque along the motion",
     } <= names
 
 
