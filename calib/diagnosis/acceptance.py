@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from calib.diagnosis.candidates import Key, acts_at
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, loss_of, seen_beside
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.nuisance import POSITIVE, within_prior
@@ -18,6 +18,7 @@ from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.scoring import Bank, beside
 from calib.diagnosis.selection import add, joints_of, without
 from calib.diagnosis.significance import WORSE, excess, positive
+from calib.measurement.observed import together
 from calib.measurement.preprocessing import Measurement
 from calib.regression.robust import huber
 from sim.arm import ArmEffect
@@ -220,6 +221,8 @@ class HeldOut:
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.x[j] @ theta)
                 loss += huber(rows.whiten(noise, j, of_joint[-1]))
+        seen, clearly = together([m.followed for m in apart]), seen_beside(f.models)
+        loss += loss_of({key: one for key, one in seen.items() if key in clearly}, f.hypothesis.arm)
         return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, seen_beside
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.parameters import logarithmic, parameters_of
@@ -38,7 +38,9 @@ def within_recording(item: ArmEffect, f: Fit) -> bool:
 
 
 def plausible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:
-    """Whether an effect is one that there may be in the recordings of the models."""
+    """Whether an effect is one that there may be in the recordings of the models; what they show beside the torque is there."""
+    if (item.effect, item.joint) in seen_beside(models):
+        return True
     joints = range(arm.n) if item.joint is None else [arm.joint_index(item.joint)]
     load = max(float(np.max(m.side.largest_load[joints])) for m in models)
     return effect_named(item.effect).plausible(item.parameters, load, gain)

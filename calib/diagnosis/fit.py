@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +13,11 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.parameters import logarithmic, moved, parameters_of
 from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
 from calib.diagnosis.sensitivity import columns_of
+from calib.measurement.observed import Key, Observed, clear
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise, noise_of
 from calib.regression.robust import huber
-from sim.arm import ArmEffect
-from sim.effects.effect import Parameter
+from sim.arm import Arm, ArmEffect
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Fit:
     """A fitted hypothesis.
 
     joint        the nuisance with the accepted parameters free beside it
-    objective    -2 log likelihood with the noise's own scale, and the prior's share; lower is better
+    objective    -2 log likelihood with the noise's own scale and of what is seen beside the torque, and the prior's share; lower is better
     covariance   (k, k) of the accepted parameters in the order of `parameters_of`, in fitting units
     """
 
@@ -110,15 +110,15 @@ class _Point:
         if noise is None:
             noise = noise_of(solve(rows, noise_of(rows.r, rows.joined, ORDER)).residuals(), rows.joined, ORDER)
         solved = solve(rows, noise)
-        return _Point(hypothesis, models, noise, rows, solved, objective(solved))
+        return _Point(hypothesis, models, noise, rows, solved, objective(solved) + beside_torque(models, hypothesis.arm))
 
     def joint(self) -> tuple[Solved, np.ndarray]:
         """The fit with the accepted parameters free as well, and their scales (k,)."""
         if self._joint is None:
             columns = columns_of(self.models, self.hypothesis)
-            scales = _scales(columns, self.hypothesis)
-            solved = solve(_joined(self.rows, columns, self.hypothesis), self.noise) if columns else self.solved
-            self._joint = solved, scales
+            prior = _prior(columns, self.hypothesis, self.models)
+            solved = solve(_joined(self.rows, columns, *prior), self.noise) if columns else self.solved
+            self._joint = solved, prior[0]
         return self._joint
 
     def step(self, joints: Collection[int]) -> Callable[[float], Hypothesis]:
@@ -150,36 +150,56 @@ def objective(solved: Solved) -> float:
     return float(total + off @ off)
 
 
-def _scales(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> np.ndarray:
-    """(k,) prior standard deviation of every accepted parameter: WIDE over its column's size, or its own, or that of a contact's force."""
-    sizes = [np.sqrt(sum(float((c**2).sum()) for c in per_log)) for _, per_log in columns]
-    wide = [WIDE / s if s > 0 else 0.0 for s in sizes]
-    spread = force_spread(hypothesis.arm)
-    of = parameters_of(hypothesis.accepted)
-    return np.array([
-        spread if _is_push(hypothesis.accepted[i], p) else min(w, p.spread) for (i, p), w in zip(of, wide, strict=True)
-    ])  # fmt: skip
+def seen_beside(models: Sequence[LogModel]) -> dict[Key, Observed]:
+    """What the recordings clearly show beside the torque."""
+    return clear([m.measurement.followed for m in models])
 
 
-def _is_push(item: ArmEffect, p: Parameter) -> bool:
-    return item.effect == CONTACT and p.name.startswith("force")
+def beside_torque(models: Sequence[LogModel], arm: Arm) -> float:
+    """-2 log likelihood of what they show, but for a constant."""
+    return loss_of(seen_beside(models), arm)
 
 
-def _joined(rows: ResidualRows, columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> ResidualRows:
+def loss_of(seen: Mapping[Key, Observed], arm: Arm) -> float:
+    """-2 log likelihood of observed parameters under an arm, but for a constant."""
+    total = 0.0
+    for (effect, joint), one in seen.items():
+        own = arm.effect(effect, joint)
+        total += one.loss(next(iter(own.parameters.values())) if own else 0.0)
+    return total
+
+
+def _prior(
+    columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis, models: Sequence[LogModel]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) prior standard deviation of every accepted parameter, and (k,) its middle in units of it from where the parameter stands.
+
+    The deviation is WIDE over the column's size, or the parameter's own, or that of a contact's force, whose middle is none, or of what
+    is seen beside the torque.
+    """
+    scale, mean, seen = np.zeros(len(columns)), np.zeros(len(columns)), seen_beside(models)
+    for k, ((i, p), (_, per_log)) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
+        item, size = hypothesis.accepted[i], np.sqrt(sum(float((c**2).sum()) for c in per_log))
+        one = seen.get((item.effect, item.joint))
+        if item.effect == CONTACT and p.name.startswith("force"):
+            scale[k] = force_spread(hypothesis.arm)
+            mean[k] = -item.parameters[p.name] / scale[k]
+        elif one is not None:
+            scale[k] = one.std
+            mean[k] = (one.value - item.parameters[p.name]) / one.std
+        else:
+            scale[k] = min(WIDE / size if size > 0 else 0.0, p.spread)
+    return scale, mean
+
+
+def _joined(
+    rows: ResidualRows, columns: list[tuple[float, list[np.ndarray]]], scale: np.ndarray, mean: np.ndarray
+) -> ResidualRows:
     """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
-    if not columns:
-        return rows
     widened = ResidualRows(rows.models)
-    scale = _scales(columns, hypothesis)
     for j in range(rows.n):
         extra = [rows.take(j, [c[:, j] for c in per_log]) for _, per_log in columns]
         widened.x[j] = np.concatenate([rows.x[j], np.stack(extra, axis=1) * scale], axis=1)
-    # Columns are changes from where the parameters stand, so the middle of a contact's prior, no force, lies at minus the force.
-    mean = np.zeros(len(columns))
-    for k, (i, p) in enumerate(parameters_of(hypothesis.accepted)):
-        item = hypothesis.accepted[i]
-        if _is_push(item, p):
-            mean[k] = -item.parameters[p.name] / scale[k]
     widened.mean = np.concatenate([rows.mean, mean])
     widened.least = np.concatenate([rows.least, np.full(len(columns), -np.inf)])
     return widened

@@ -10,6 +10,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from calib.measurement.derivatives import STOP, DerivativeFilter
 from calib.measurement.filtering import Decimator
+from calib.measurement.following import observed
 from calib.measurement.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
@@ -33,7 +34,7 @@ def measured(log: Log, arm: Arm) -> Measurement:
     m = prepare(log, arm, ROW_CUTOFF, DerivativeFilter.flat)
     sliding = m.by_stretch(lambda q: _sliding(q, m.rate), m.trajectory.q)
     thin = _thinned(replace(m, usable=m.usable & sliding))
-    return replace(thin, temperature=_temperature(log, thin.trajectory.t))
+    return replace(thin, temperature=_temperature(log, thin.trajectory.t), followed=observed(log, thin, arm))
 
 
 def _thinned(m: Measurement) -> Measurement:

@@ -11,13 +11,14 @@ import numpy as np
 from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, seen_beside
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LATE
 from calib.diagnosis.parameters import within
 from calib.diagnosis.prices import PER_PARAMETER
 from calib.diagnosis.rows import Products
 from calib.diagnosis.unstated import unstated_keys
+from calib.measurement.observed import Observed
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
@@ -70,10 +71,14 @@ def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_con
     The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
     """
     best: dict[Key, Scored] = {}
-    solved, left = f.solved, f.joint.left()
+    solved, left, seen = f.solved, f.joint.left(), seen_beside(f.models)
     for c, pieces in beside_accepted(f, skip, bank or Bank()):
         g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
-        gain, coefficients = f.joint.gain_of(pieces, g, c.spread)
+        spread = c.spread
+        if c.key in seen:
+            spread, pull = _as_prior(seen[c.key], c)
+            g = g + pull
+        gain, coefficients = f.joint.gain_of(pieces, g, spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
@@ -104,6 +109,13 @@ def beside_accepted(f: Fit, skip: Collection[Key], bank: Bank) -> Iterator[tuple
 def _beside(accepted: np.ndarray, c: Products) -> Products:
     """Products of a candidate with the nuisance and whitened columns (R, k) of the accepted parameters of its joint."""
     return replace(c, xs=np.concatenate([c.xs, accepted.T @ c.s])) if accepted.shape[1] else c
+
+
+def _as_prior(seen: Observed, c: Candidate) -> tuple[tuple[float], float]:
+    """What is seen beside the torque as a prior of the one coefficient: its standard deviation, and its middle over the variance."""
+    none, one = (next(iter(c.combine(np.array([x])).values())) for x in (0.0, 1.0))
+    spread = seen.std / (one - none)
+    return (abs(spread),), (seen.value - none) / (one - none) / spread**2
 
 
 def _ranked(best: dict[Key, Scored]) -> list[Scored]:

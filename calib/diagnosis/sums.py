@@ -121,15 +121,22 @@ class SummedSolution:
 
 
 class Solver:
-    """Least squares over a portion's rows; the prior of the nuisance stands in rows of its own."""
+    """Least squares over a portion's rows; the prior of the nuisance stands in rows of its own.
 
-    def __init__(self, whole: JointInformation, nuisance: int, named: int) -> None:
+    So does what is known of the named parameters beside the torque: changes mean (k,) with standard deviations std (k,), infinite where
+    nothing is.
+    """
+
+    def __init__(
+        self, whole: JointInformation, nuisance: int, named: int, known: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> None:
         self._p, self._k = nuisance, named
         self._factors = [f.r for f in whole]
-        known = nuisance + named
-        prior = np.eye(nuisance, known)
-        self._a = np.concatenate([prior, *(r[:, :known] for r in self._factors)])
-        self._b = np.concatenate([np.zeros(nuisance), *(r[:, known] for r in self._factors)])
+        free = nuisance + named
+        weight = np.concatenate([np.ones(nuisance), np.zeros(named) if known is None else 1.0 / known[1]])
+        self._a = np.concatenate([np.diag(weight), *(r[:, :free] for r in self._factors)])
+        middle = np.concatenate([np.zeros(nuisance), np.zeros(named) if known is None else known[0]])
+        self._b = np.concatenate([weight * middle, *(r[:, free] for r in self._factors)])
         self._scale = np.maximum(np.linalg.norm(self._a, axis=0), 1e-300)
         self._q, self._r = np.linalg.qr(self._a / self._scale)
         self._left = self._b - self._q @ (self._q.T @ self._b)
@@ -151,7 +158,7 @@ class Solver:
         """Fall of chi2 where a candidate joins, and the candidate at its best size."""
         size = next(iter(other.columns.values()))
         s = np.zeros((len(self._b), size.stop - size.start))
-        row = self._p
+        row = self._p + self._k
         for j, r in enumerate(self._factors):
             if j in other.columns:
                 s[row : row + len(r)] = r[:, other.columns[j]]

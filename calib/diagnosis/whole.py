@@ -16,7 +16,7 @@ from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import Fit, seen_beside
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.motion import measured, on_scale, scale_of
@@ -62,7 +62,7 @@ def diagnose_pieces(
     if len(chosen) == len(pieces) or found.found is None:
         return found, replace(whole, weighed=whole.searched)
     progress("summing over all pieces")
-    summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
+    summed = _Summed(found, holdout, pieces, _touched(found, chosen), kept)
     odd = summed.odd(set(range(len(pieces))) - set(chosen))
     if odd is not None:
         other = odd[0]
@@ -71,7 +71,7 @@ def diagnose_pieces(
         whole = replace(whole, searched=sum(pieces.seconds[k] for k in chosen))
         if found.found is None:
             return found, replace(whole, weighed=whole.searched)
-        summed = _Summed(_point(found, holdout), pieces, _touched(found, chosen), kept)
+        summed = _Summed(found, holdout, pieces, _touched(found, chosen), kept)
         odd = summed.odd(set(range(len(pieces))) - set(chosen))
     left = None if odd is None else (odd[1], odd[2])
     return _restated(arm, found, summed, pieces[chosen[-1]], holdout), replace(whole, elsewhere=left)
@@ -88,8 +88,13 @@ def spread(seconds: Sequence[float], most: float = SEARCHED_SECONDS) -> list[int
 class _Summed:
     """The sums of all pieces at one point, and what each piece says for itself."""
 
-    def __init__(self, point: Point, pieces: Pieces, without: int | None, kept: Kept | None) -> None:
-        self.point, self.pieces, self._without, self._kept = point, pieces, without, kept
+    def __init__(
+        self, found: Diagnosis, holdout: Sequence[Log], pieces: Pieces, without: int | None, kept: Kept | None
+    ) -> None:
+        assert found.found is not None
+        point = self.point = _point(found, holdout)
+        self.pieces, self._without, self._kept = pieces, without, kept
+        self._seen = seen_beside(found.found.best.models)
         first = pieces[0 if without != 0 else 1]
         self._others: tuple[Other, ...] = others_of(point, first)
         self._nuisance = len(point.model(first).names)
@@ -122,7 +127,16 @@ class _Summed:
             if k != self._without:
                 total = part if total is None else merged_joints([total, part])
         assert total is not None
-        return Solver(total, self._nuisance, self._named).solution()
+        return Solver(total, self._nuisance, self._named, self._known(point)).solution()
+
+    def _known(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """What the searched pieces show of the named parameters beside the torque: change from where they stand, standard deviation."""
+        accepted = point.hypothesis.accepted
+        keys = [(accepted[i].effect, accepted[i].joint) for i, _ in parameters_of(accepted)]
+        here = [accepted[i].parameters[p.name] for i, p in parameters_of(accepted)]
+        one = [self._seen.get(key) for key in keys]
+        mean = np.array([0.0 if o is None else o.value - x for o, x in zip(one, here, strict=True)])
+        return mean, np.array([np.inf if o is None else o.std for o in one])
 
     def _portion(self, point: Point, piece: Log, others: bool) -> JointInformation:
         if self._kept is None:

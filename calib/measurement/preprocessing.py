@@ -7,8 +7,8 @@ readings are found and named, never repaired.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
@@ -23,6 +23,7 @@ from calib.measurement.exclusions import (
 )
 from calib.measurement.filtering import Decimator
 from calib.measurement.joint_torque import joint_torque
+from calib.measurement.observed import Key, Observed
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
 from sim.arm import Arm
@@ -47,6 +48,7 @@ class Measurement:
                 where nothing was read or nothing warmed
     doubt       (N, n) (N m)^2, what bridging a gap adds to the torque's variance, so stated that the samples of a gap count as independent;
                 None where nothing was bridged
+    followed    per effect and joint a parameter as the following error shows it (calib.measurement.following)
     period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
     """
 
@@ -63,6 +65,7 @@ class Measurement:
     temperature: np.ndarray | None = None
     warming: np.ndarray | None = None
     doubt: np.ndarray | None = None
+    followed: Mapping[Key, Observed] = field(default_factory=dict)
     period: float | None = None
     noise: np.ndarray | None = None
 

@@ -40,6 +40,10 @@ class Backlash(Effect):
         """q_motor += b x(t)."""
         state.q_motor[:, joint] += p["half_gap"] * side(state.t, state.load[:, joint])
 
+    def motor_lead(self, load: np.ndarray) -> np.ndarray | None:
+        """sign(load) where the gear is loaded."""
+        return np.where(np.abs(load) > LOADED * np.sqrt(np.mean(load**2)), np.sign(load), np.nan)
+
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
         """A second hinge between motor and link with stops half a gap to either side."""
         gap, damping = p["half_gap"], 0.2 * max(size.rotor, 1e-4)

@@ -193,6 +193,14 @@ class Effect:
         """
         return {}
 
+    def motor_lead(self, load: np.ndarray) -> np.ndarray | None:
+        """(N,) rad by which the motor leads the link per unit of the only parameter, under load (N,) N m through the gear.
+
+        NaN where that is not known. A drive holds its motor at the command, so this much stands in the following error. None of an effect
+        whose lead is in no proportion to its parameter, or that a softer drive would show as well.
+        """
+        return None
+
     def joint_before(self, joint: int | None) -> int:
         """Index of the joint through which that joint is driven; ConfigError for the first."""
         if not joint:

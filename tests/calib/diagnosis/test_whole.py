@@ -84,6 +84,7 @@ def test_every_piece_takes_part_in_the_answer(ur10e: Arm, asked: tuple[Diagnosis
     assert (tmp_path / "arm" / "arm.toml").is_file()
 
 
+@pytest.mark.slow
 def test_pieces_that_are_done_are_not_done_again(ur10e: Arm, logs: list[Log], asked: tuple[Diagnosis, Whole, Path]) -> None:
     found, _, folder = asked
     files = sorted(folder.iterdir())
@@ -103,6 +104,7 @@ def test_pieces_that_are_done_are_not_done_again(ur10e: Arm, logs: list[Log], as
     assert other.answer["effects"] != found.answer["effects"]
 
 
+@pytest.mark.slow
 def test_a_piece_that_was_not_searched_and_is_unlike_the_others_is_searched_too(ur10e: Arm) -> None:
     plain = [recording(ur10e, seed, seconds=12.0) for seed in range(1, 5)]
     chosen = spread([12.0] * 4, 25.0)

@@ -58,6 +58,7 @@ def test_a_folder_that_is_not_there_is_named(address: str) -> None:
         inventory(address)
 
 
+@pytest.mark.slow
 def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     arguments = ["fleet", str(plant), "--workers", "0", "--no-diagnose", "--json", "--out", str(out)]

@@ -1,0 +1,37 @@
+"""A parameter of an effect as another channel than the torque shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+Key = tuple[str, str | None]  # effect and joint
+
+CLEAR = 3.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A parameter as the following error shows it, with its standard deviation."""
+
+    value: float
+    std: float
+
+    def loss(self, value: float) -> float:
+        """-2 log likelihood of a value, but for a constant."""
+        return ((value - self.value) / self.std) ** 2
+
+
+def together(parts: Sequence[Mapping[Key, Observed]]) -> dict[Key, Observed]:
+    """What several recordings show, each weighed by its information."""
+    out = {}
+    for key in {key: None for part in parts for key in part}:
+        seen = [part[key] for part in parts if key in part]
+        information = sum(o.std**-2 for o in seen)
+        out[key] = Observed(sum(o.value * o.std**-2 for o in seen) / information, information**-0.5)
+    return out
+
+
+def clear(parts: Sequence[Mapping[Key, Observed]]) -> dict[Key, Observed]:
+    """Those that several recordings together clearly show; the others count for nothing."""
+    return {key: seen for key, seen in together(parts).items() if seen.value > CLEAR * seen.std}
