@@ -107,7 +107,7 @@ def dragging(waves: float, most: float) -> Hidden:
     ("hidden", "imitated", "words"),
     [
         (creeping(5.0, 4.0), "joint spring", "relaxes within seconds"),
-        (dragging(2.0, 2.0), "encoder eccentricity", "varies along the angle"),
+        pytest.param(dragging(2.0, 2.0), "encoder eccentricity", "varies along the angle", marks=pytest.mark.slow),
     ],
 )
 def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidden, imitated: str, words: str) -> None:
