@@ -51,7 +51,7 @@ def observed(log: Log, m: Measurement, arm: Arm) -> dict[Key, Observed]:
             if min(np.mean(usable & (lead > 0)), np.mean(usable & (lead < 0))) < LEAST_SHARE:
                 continue
             columns = np.column_stack([_of_any_drive(m, command, load[:, j], j), lead])[usable]
-            found = _jackknifed(columns, error[usable], ((t[usable] - t[0]) / BLOCK).astype(int))
+            found = jackknifed(columns, error[usable], ((t[usable] - t[0]) / BLOCK).astype(int))
             if found is not None:
                 followed[effect.name, joint] = found
     return followed
@@ -67,7 +67,7 @@ def _of_any_drive(m: Measurement, command: np.ndarray, load: np.ndarray, j: int)
     return out / np.maximum(np.sqrt(np.mean(out**2, axis=0)), 1e-300)
 
 
-def _jackknifed(x: np.ndarray, y: np.ndarray, block: np.ndarray) -> Observed | None:
+def jackknifed(x: np.ndarray, y: np.ndarray, block: np.ndarray) -> Observed | None:
     """The last coefficient of y = x c, and its standard deviation when blocks of samples are left out in turn."""
     _, block = np.unique(block, return_inverse=True)
     count = int(block.max()) + 1

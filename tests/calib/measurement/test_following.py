@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.measurement.following import LEAST_BLOCKS, _jackknifed
+from calib.measurement.following import LEAST_BLOCKS, jackknifed
 from calib.measurement.observed import Observed, clear, together
 from sim.effects import effect_named
 
@@ -19,7 +19,7 @@ def test_the_deviation_is_that_of_repeated_measurements() -> None:
     rng = np.random.default_rng(7)
     t = np.arange(0, 20, 0.02)
     x = np.column_stack([np.ones(len(t)), np.sign(np.sin(1.3 * t))])
-    found = [_jackknifed(x, x @ [0.3, 2.0] + correlated(rng, len(t)), t.astype(int)) for _ in range(60)]
+    found = [jackknifed(x, x @ [0.3, 2.0] + correlated(rng, len(t)), t.astype(int)) for _ in range(60)]
     value, std = np.array([(o.value, o.std) for o in found if o is not None]).T
     assert len(value) == 60
     assert abs(value.mean() - 2.0) < 4 * value.std() / np.sqrt(60)
@@ -29,7 +29,7 @@ def test_the_deviation_is_that_of_repeated_measurements() -> None:
 def test_a_few_seconds_show_nothing() -> None:
     block = np.repeat(np.arange(LEAST_BLOCKS - 1), 50)
     x = np.column_stack([np.ones(len(block)), np.sign(np.sin(np.arange(len(block))))])
-    assert _jackknifed(x, x[:, 1].copy(), block) is None
+    assert jackknifed(x, x[:, 1].copy(), block) is None
 
 
 def test_recordings_are_weighed_by_their_information_and_nothing_counts_that_is_not_clear() -> None:
