@@ -77,8 +77,8 @@ class Assessed:
     def vetoed(self) -> bool:
         """Whether something that is no effect explains the recordings better, or motions that were not fitted speak against it.
 
-        A contact happens in one log only. Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with k degrees of freedom, where the
-        recordings that were fitted speak for it clearly.
+        A contact happens in one log only. Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with
+        k degrees of freedom, where the recordings that were fitted speak for it clearly.
         """
         by_chance = self.held_out >= -chdtri(len(self.effect.parameters), CHANCE) and self.left >= APART
         against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)

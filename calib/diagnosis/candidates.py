@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from calib.diagnosis.model import LogModel
+from calib.measurement.observed import Key
 from sim.arm import ArmEffect
 from sim.effects import EFFECTS, driven_by
 from sim.motion_view import CandidateColumns
-
-Key = tuple[str, str | None]  # effect and joint, None: the whole arm
 
 
 @dataclass(frozen=True)

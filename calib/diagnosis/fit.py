@@ -110,7 +110,7 @@ class _Point:
         if noise is None:
             noise = noise_of(solve(rows, noise_of(rows.r, rows.joined, ORDER)).residuals(), rows.joined, ORDER)
         solved = solve(rows, noise)
-        return _Point(hypothesis, models, noise, rows, solved, objective(solved) + beside_torque(models, hypothesis.arm))
+        return _Point(hypothesis, models, noise, rows, solved, objective(solved) + loss_of(seen_beside(models), hypothesis.arm))
 
     def joint(self) -> tuple[Solved, np.ndarray]:
         """The fit with the accepted parameters free as well, and their scales (k,)."""
@@ -153,11 +153,6 @@ def objective(solved: Solved) -> float:
 def seen_beside(models: Sequence[LogModel]) -> dict[Key, Observed]:
     """What the recordings clearly show beside the torque."""
     return clear([m.measurement.followed for m in models])
-
-
-def beside_torque(models: Sequence[LogModel], arm: Arm) -> float:
-    """-2 log likelihood of what they show, but for a constant."""
-    return loss_of(seen_beside(models), arm)
 
 
 def loss_of(seen: Mapping[Key, Observed], arm: Arm) -> float:

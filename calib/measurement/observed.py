@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-Key = tuple[str, str | None]  # effect and joint
+Key = tuple[str, str | None]  # effect and joint, None: the whole arm
 
 CLEAR = 3.0  # standard deviations
 

@@ -15,7 +15,7 @@ from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import Effect, Stage, checked, effect_named, with_effect
 from sim.errors import ConfigError
-from sim.prediction import by_stage, link_side, predict
+from sim.prediction import by_stage, link_side, predict, torque_path
 from sim.trajectory import Trajectory
 
 RATE, SECONDS = 250.0, 8.0
@@ -49,6 +49,7 @@ def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promis
     out.keep("the same twice is the same", lambda: _same_twice(arm, item, motion))
     out.keep("an arm folder carries it", lambda: _carried(arm, item, motion))
     out.keep("what imitates it is a finite torque along the motion", lambda: _imitators(arm, effect, motion))
+    out.keep("where it states how far the motor leads, the motor does", lambda: _motor_lead(arm, effect, item, motion))
     out.keep("its probes are values that the catalogue accepts", lambda: _probes(arm, effect, joint))
     return tuple(out.found)
 
@@ -135,6 +136,24 @@ def _imitators(arm: Arm, effect: Effect, motion: Trajectory) -> str:
         if torque.ndim != 2 or len(torque) != len(motion.t) or not np.isfinite(torque).all():
             return f"{what!r}: shape {torque.shape}, expected ({len(motion.t)}, k) finite numbers"
     return ""
+
+
+def _motor_lead(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> str:
+    path = torque_path(_bare(arm, item), motion, effects=())
+    if effect.scope != "joint" or item.joint is None:
+        return ""
+    j = arm.joint_index(item.joint)
+    lead = effect.motor_lead(path.load[:, j])
+    if lead is None:
+        return ""
+    if len(effect.parameters) != 1 or lead.shape != motion.t.shape:
+        return f"shape {lead.shape} and {len(effect.parameters)} parameters, expected {motion.t.shape} and one"
+    effect.apply(path, j, item.parameters)
+    off = (path.q_motor - path.q)[:, j] - item.parameters[effect.parameters[0].name] * lead
+    known = np.isfinite(lead)
+    # it states where the lead has settled, which a blow delays by some samples
+    share = float(np.mean(np.abs(off[known]) < 1e-9)) if known.any() else 0.0
+    return "" if share > 0.9 else f"the lead is as stated in {share:.0%} of the samples"
 
 
 def _probes(arm: Arm, effect: Effect, joint: str | None) -> None:
