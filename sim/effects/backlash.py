@@ -25,7 +25,7 @@ class Backlash(Effect):
 
     name = "backlash"
     summary = "dead zone when the load changes sign"
-    looks = "where the load changes sign: no load for a moment, the motor ahead of its turn, and a blow"
+    looks = "where the load changes sign: no load for a moment, and a blow; the following error, command less reading, jumps by the whole gap"
     reference = "M. Nordin, P.-O. Gutman (2002), doi:10.1016/S0005-1098(02)00047-X"
     experiment = "slow motion through postures where gravity's torque on that joint changes sign"
     stage = Stage.TRANSMISSION

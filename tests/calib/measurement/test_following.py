@@ -1,11 +1,38 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calib.diagnosis.motion import measured
 from calib.measurement.following import LEAST_BLOCKS, jackknifed
 from calib.measurement.observed import Observed, clear, together
+from logs.log import Log
+from sim.arm import Arm, load_arm
 from sim.effects import effect_named
+from sim.rigid_body import RigidBody
+from tests.calib.diagnosis.conftest import recording
+
+GAP = 3e-4  # rad
+PAN = ("backlash", "shoulder_pan_joint")
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load_arm("ur10e")
+
+
+def commanded(arm: Arm, log: Log, gap: float, seed: int = 5) -> Log:
+    """A drive of finite stiffness that is 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms."""
+    rng = np.random.default_rng(seed)
+    ddq = np.gradient(log.dq, log.t, axis=0)
+    load = RigidBody(arm).inverse_dynamics(log.q, log.dq, ddq)
+    late = 8e-3 * log.dq + log.tau / 2e5 + 4e-5 * np.tanh(log.dq / 0.01)
+    noise = 2e-5 * np.stack([correlated(rng, len(log.t)) for _ in range(arm.n)], axis=1)
+    lead = np.zeros(log.q.shape)
+    lead[:, 0] = gap * np.convolve(np.sign(load[:, 0]), np.full(5, 0.2), mode="same")
+    return replace(log, q_cmd=log.q + late + noise + lead)
 
 
 def correlated(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -49,3 +76,31 @@ def test_a_motor_leads_by_the_sign_of_the_load() -> None:
     assert lead[[0, 2]].tolist() == [-1.0, 1.0]
     assert np.isnan(lead[1])
     assert effect_named("joint_elasticity").motor_lead(np.ones(3)) is None
+
+
+def test_a_gap_shows_with_its_size_and_a_sound_drive_shows_none(arm: Arm) -> None:
+    log = recording(arm, 3, seconds=40.0)
+    seen = measured(commanded(arm, log, GAP), arm).followed[PAN]
+    assert abs(seen.value - GAP) < max(4 * seen.std, 0.15 * GAP)
+    assert seen.value > 5 * seen.std
+    for seed in range(8):
+        sound = measured(commanded(arm, log, 0.0, seed), arm).followed
+        assert PAN in sound
+        assert clear([sound]) == {}
+
+
+def test_no_commands_or_commands_that_repeat_the_reading_show_nothing(arm: Arm) -> None:
+    log = recording(arm, 3, seconds=16.0)
+    assert not np.isfinite(log.q_cmd).any()
+    assert measured(log, arm).followed == {}
+    assert measured(replace(log, q_cmd=log.q.copy()), arm).followed == {}
+    some = commanded(arm, log, GAP)
+    some.q_cmd[: len(log.t) * 2 // 3] = np.nan
+    assert measured(some, arm).followed == {}
+
+
+def test_a_joint_that_stands_stops_nothing(arm: Arm) -> None:
+    log = recording(arm, 3, seconds=16.0, only=1)
+    standing = replace(log, q=np.where(np.arange(arm.n) == 1, log.q, log.q[0]), dq=np.where(np.arange(arm.n) == 1, log.dq, 0.0))
+    followed = measured(replace(standing, q_cmd=standing.q + 1e-4), arm).followed
+    assert all(np.isfinite([o.value, o.std]).all() for o in followed.values())
