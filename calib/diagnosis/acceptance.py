@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from calib.diagnosis.candidates import Key, acts_at
-from calib.diagnosis.fit import Fit, loss_of, seen_beside
+from calib.diagnosis.fit import Fit, loss_of
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.nuisance import POSITIVE, within_prior
@@ -203,7 +203,10 @@ def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m."""
+    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m.
+
+    What was observed beside the torque was fitted with these logs too; it counts here for what they show of it.
+    """
 
     loss: float
     errors: list[np.ndarray]
@@ -221,8 +224,8 @@ class HeldOut:
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.x[j] @ theta)
                 loss += huber(rows.whiten(noise, j, of_joint[-1]))
-        seen, clearly = together([m.followed for m in apart]), seen_beside(f.models)
-        loss += loss_of({key: one for key, one in seen.items() if key in clearly}, f.hypothesis.arm)
+        there = together([m.followed for m in apart])
+        loss += loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)
         return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:

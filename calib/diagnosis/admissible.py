@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.fit import Fit, seen_beside
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.parameters import logarithmic, parameters_of
-from sim.arm import Arm, ArmEffect
+from sim.arm import ArmEffect
 from sim.effects import effect_named
 
 # Share of a contact's duration that the recording must hold before and after it.
@@ -20,7 +20,7 @@ EDGE = 0.05
 def admissible(f: Fit) -> bool:
     """Whether no shape parameter (an exponent, a time) ran into its bound, and every effect is one that there is: what fits best beyond is
     something else."""
-    return all(plausible(e, f.hypothesis.arm, f.models, np.inf) and within_recording(e, f) for e in f.accepted) and all(
+    return all(plausible(e, f.models, np.inf) and within_recording(e, f) for e in f.accepted) and all(
         f.accepted[i].effect == CONTACT
         or not logarithmic(p)
         or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
@@ -37,10 +37,11 @@ def within_recording(item: ArmEffect, f: Fit) -> bool:
     return bool(t[0] < start - EDGE * duration and start + (1 + EDGE) * duration < t[-1])
 
 
-def plausible(item: ArmEffect, arm: Arm, models: Sequence[LogModel], gain: float) -> bool:
-    """Whether an effect is one that there may be in the recordings of the models; what they show beside the torque is there."""
-    if (item.effect, item.joint) in seen_beside(models):
+def plausible(item: ArmEffect, models: Sequence[LogModel], gain: float) -> bool:
+    """Whether an effect is one that there may be in the recordings of the models; what was observed is there."""
+    if (item.effect, item.joint) in models[0].hypothesis.observed:
         return True
+    arm = models[0].arm
     joints = range(arm.n) if item.joint is None else [arm.joint_index(item.joint)]
     load = max(float(np.max(m.side.largest_load[joints])) for m in models)
     return effect_named(item.effect).plausible(item.parameters, load, gain)

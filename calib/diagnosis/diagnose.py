@@ -25,6 +25,7 @@ from calib.diagnosis.selection import SearchResult, add, search
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written
 from calib.gate.commands import LEAST_MOTION, examined
+from calib.measurement.observed import clear
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -42,7 +43,7 @@ def diagnose(
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
     fitted, apart = every[: len(logs)], every[len(logs) :]
     start = with_unstated(arm, fitted)
-    found = search(fitted, Hypothesis.nominal(start), progress)
+    found = search(fitted, Hypothesis.nominal(start, clear([m.followed for m in every])), progress)
     paired(fitted, found)
     # A limit that was seen to be reached needs no fit: the arm did what the torque allowed, so that clipping its model explains nothing.
     reached = limits_reached(arm, logs, holdout)

@@ -13,7 +13,7 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.parameters import logarithmic, moved, parameters_of
 from calib.diagnosis.rows import ORDER, ResidualRows, Solved, solve
 from calib.diagnosis.sensitivity import columns_of
-from calib.measurement.observed import Key, Observed, clear
+from calib.measurement.observed import Key, Observed
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise, noise_of
 from calib.regression.robust import huber
@@ -25,7 +25,7 @@ class Fit:
     """A fitted hypothesis.
 
     joint        the nuisance with the accepted parameters free beside it
-    objective    -2 log likelihood with the noise's own scale and of what is seen beside the torque, and the prior's share; lower is better
+    objective    -2 log likelihood with the noise's own scale and of what was observed, and the prior's share; lower is better
     covariance   (k, k) of the accepted parameters in the order of `parameters_of`, in fitting units
     """
 
@@ -110,13 +110,13 @@ class _Point:
         if noise is None:
             noise = noise_of(solve(rows, noise_of(rows.r, rows.joined, ORDER)).residuals(), rows.joined, ORDER)
         solved = solve(rows, noise)
-        return _Point(hypothesis, models, noise, rows, solved, objective(solved) + loss_of(seen_beside(models), hypothesis.arm))
+        return _Point(hypothesis, models, noise, rows, solved, objective(solved) + loss_of(hypothesis.observed, hypothesis.arm))
 
     def joint(self) -> tuple[Solved, np.ndarray]:
         """The fit with the accepted parameters free as well, and their scales (k,)."""
         if self._joint is None:
             columns = columns_of(self.models, self.hypothesis)
-            prior = _prior(columns, self.hypothesis, self.models)
+            prior = _prior(columns, self.hypothesis)
             solved = solve(_joined(self.rows, columns, *prior), self.noise) if columns else self.solved
             self._joint = solved, prior[0]
         return self._joint
@@ -150,32 +150,25 @@ def objective(solved: Solved) -> float:
     return float(total + off @ off)
 
 
-def seen_beside(models: Sequence[LogModel]) -> dict[Key, Observed]:
-    """What the recordings clearly show beside the torque."""
-    return clear([m.measurement.followed for m in models])
-
-
-def loss_of(seen: Mapping[Key, Observed], arm: Arm) -> float:
+def loss_of(observed: Mapping[Key, Observed], arm: Arm) -> float:
     """-2 log likelihood of observed parameters under an arm, but for a constant."""
     total = 0.0
-    for (effect, joint), one in seen.items():
+    for (effect, joint), one in observed.items():
         own = arm.effect(effect, joint)
         total += one.loss(next(iter(own.parameters.values())) if own else 0.0)
     return total
 
 
-def _prior(
-    columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis, models: Sequence[LogModel]
-) -> tuple[np.ndarray, np.ndarray]:
+def _prior(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
     """(k,) prior standard deviation of every accepted parameter, and (k,) its middle in units of it from where the parameter stands.
 
     The deviation is WIDE over the column's size, or the parameter's own, or that of a contact's force, whose middle is none, or of what
-    is seen beside the torque.
+    was observed.
     """
-    scale, mean, seen = np.zeros(len(columns)), np.zeros(len(columns)), seen_beside(models)
+    scale, mean = np.zeros(len(columns)), np.zeros(len(columns))
     for k, ((i, p), (_, per_log)) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
         item, size = hypothesis.accepted[i], np.sqrt(sum(float((c**2).sum()) for c in per_log))
-        one = seen.get((item.effect, item.joint))
+        one = hypothesis.observed.get((item.effect, item.joint))
         if item.effect == CONTACT and p.name.startswith("force"):
             scale[k] = force_spread(hypothesis.arm)
             mean[k] = -item.parameters[p.name] / scale[k]

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.written_arm import torque_errors
+from calib.diagnosis.written_arm import sliding_rows, torque_errors
 from calib.measurement.preprocessing import Measurement
-from calib.measurement.reversals import reversal_rows
 from sim.arm import Arm
 
 
@@ -22,14 +21,12 @@ def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any
 
     RMS of rows filtered as the fit's are: 10 Hz, from the first motion to the last.
     """
-    errors, slides = {key: torque_errors(arm, shown) for key, arm in arms.items()}, _slides(next(iter(arms.values())), shown)
+    errors, slides = (
+        {key: torque_errors(arm, shown) for key, arm in arms.items()},
+        sliding_rows(next(iter(arms.values())), shown),
+    )
     whole = {key: [float(x) for x in np.sqrt(np.mean(e**2, axis=0))] for key, e in errors.items()}
     return whole | {"sliding": {key: _where(e, slides) for key, e in errors.items()}}
-
-
-def _slides(arm: Arm, shown: Sequence[Measurement]) -> np.ndarray:
-    """(R, n) of the rows in motion, those in which a joint slides."""
-    return np.concatenate([(m.row_usable & ~reversal_rows(m, arm))[m.row_moving] for m in shown])
 
 
 def _where(errors: np.ndarray, slides: np.ndarray) -> list[float | None]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calib.diagnosis.nuisance import DELAY_MEAN, LEAD_SPREAD, WIDTH_SPREAD
+from calib.measurement.observed import Key, Observed
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
 from sim.slip import SLIP_WIDTH
@@ -19,7 +20,7 @@ CONTACT = "external_contact"
 class Hypothesis:
     """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s.
 
-    written: as an arm folder can hold it, where dry friction has no lead.
+    observed: parameters of effects as another channel than the torque shows them, in any of the recordings, held-out ones too. written: as an arm folder can hold it, where dry friction has no lead.
     """
 
     arm: Arm
@@ -30,6 +31,7 @@ class Hypothesis:
     nominal_arm: Arm | None = None
     event_log: int | None = None
     written: bool = False
+    observed: Mapping[Key, Observed] = field(default_factory=dict)
 
     @property
     def start(self) -> Arm:
@@ -56,9 +58,9 @@ class Hypothesis:
         return replace(self, lead=np.zeros(self.arm.n), written=True)
 
     @staticmethod
-    def nominal(arm: Arm) -> Hypothesis:
+    def nominal(arm: Arm, observed: Mapping[Key, Observed] | None = None) -> Hypothesis:
         """Nothing accepted yet."""
-        return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3))
+        return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3), observed=observed or {})
 
 
 def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray, joints: Collection[int]) -> Hypothesis:

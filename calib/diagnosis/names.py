@@ -142,7 +142,7 @@ def _beyond_ordinary(measurements: Sequence[Measurement], named: Fit) -> tuple[F
     gone: list[ArmEffect] = []
     while True:
         written = as_written(measurements, named)
-        small = [e for e in written.accepted if not plausible(e, written.hypothesis.arm, written.models, np.inf)]
+        small = [e for e in written.accepted if not plausible(e, written.models, np.inf)]
         if not small:
             return named, written, gone
         gone += small

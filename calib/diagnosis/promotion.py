@@ -3,10 +3,11 @@
 - Where several recordings were given and none was held out, an effect must help: with everything fitted to the others, a recording left
   out (parts of it, where there are two) is predicted better with the effect than with free friction laws alone, or nearly as well without
   needing such a law.
-- The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict,
-  every row in motion, reversals too), and its simulated motion is no farther from the recorded one (calib.validation.forward).
+- The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict),
+  and its simulated motion is no farther from the recorded one (calib.validation.forward).
 
-Worse means significantly (calib.diagnosis.significance), or by more than RISEN on recordings that were held out, over all joints of an effect.
+Worse means significantly where a joint slides (calib.diagnosis.significance), or by more than RISEN on recordings that were held out, of
+every row in motion, reversals too, over all joints of an effect.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ class Refusal:
 
     Without a joint, the simulated motion decided: RMS m of the flange. on: which recordings; instead: the arm without the effect.
     by_law: it predicts better than the arm as it was, and worse than a law of friction, which is written in its place.
+    sliding: only where the joint slides is the error larger, and that is what is given.
     """
 
     effect: ArmEffect
@@ -55,12 +57,15 @@ class Refusal:
     on: str
     instead: str
     by_law: bool = False
+    sliding: bool = False
 
     @property
     def text(self) -> str:
         """What was tried and why it was refused."""
         what, unit = (
-            (f"torque error of {self.joint}", "N m") if self.joint else ("error of the flange in simulated motion", "m")
+            (f"torque error of {self.joint}{' while it slides' if self.sliding else ''}", "N m")
+            if self.joint
+            else ("error of the flange in simulated motion", "m")
         )
         left_out = (
             f"{self.effect.title} is written into the corrected arm as a friction law: on {self.on} the {what} is "
@@ -182,8 +187,12 @@ def _harmful(
     at_fault = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
     for e in at_fault:
         there = set(joints_of(e, f.hypothesis.arm)) & worse or worse
-        j = max(there, key=lambda j: way.rms[j] / max(better[j].rms[j], 1e-12))
-        out.append(Refusal(e, start.joint_names[j], float(better[j].rms[j]), float(way.rms[j]), on, better[j].words))
+        slides = not any(way.rms[j] > better[j].rms[j] for j in there)
+        without, with_it = [x.sliding_rms if slides else x.rms for x in better], way.sliding_rms if slides else way.rms
+        j = max(there, key=lambda j: with_it[j] / max(without[j][j], 1e-12))
+        out.append(
+            Refusal(e, start.joint_names[j], float(without[j][j]), float(with_it[j]), on, better[j].words, sliding=slides)
+        )
     return out
 
 

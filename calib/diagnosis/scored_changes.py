@@ -78,7 +78,7 @@ def scored_changes(
         price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(effect_named(c.effect).surcharge, 0.0)
         worth, brings = gain - price, fall - price
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if not np.isfinite(worth) or not within(item) or not plausible(item, arm, models, gain):
+        if not np.isfinite(worth) or not within(item) or not plausible(item, models, gain):
             continue
         if c.key not in best or brings > best[c.key].brings:
             columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}

@@ -11,7 +11,7 @@ import numpy as np
 from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
-from calib.diagnosis.fit import Fit, seen_beside
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LATE
 from calib.diagnosis.parameters import within
@@ -71,18 +71,18 @@ def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_con
     The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
     """
     best: dict[Key, Scored] = {}
-    solved, left, seen = f.solved, f.joint.left(), seen_beside(f.models)
+    solved, left, observed = f.solved, f.joint.left(), f.hypothesis.observed
     for c, pieces in beside_accepted(f, skip, bank or Bank()):
         g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
         spread = c.spread
-        if c.key in seen:
-            spread, pull = _as_prior(seen[c.key], c)
+        if c.key in observed:
+            spread, pull = _as_prior(observed[c.key], c)
             g = g + pull
         gain, coefficients = f.joint.gain_of(pieces, g, spread)
         if not np.isfinite(gain) or (c.key in best and gain <= best[c.key].gain):
             continue
         item = ArmEffect(c.effect, c.joint, c.combine(coefficients))
-        if within(item) and plausible(item, f.hypothesis.arm, f.models, gain):
+        if within(item) and plausible(item, f.models, gain):
             best[c.key] = Scored(item, gain, len(coefficients))
     if (CONTACT, None) in skip or not ask_contact:
         return _ranked(best)
@@ -111,11 +111,11 @@ def _beside(accepted: np.ndarray, c: Products) -> Products:
     return replace(c, xs=np.concatenate([c.xs, accepted.T @ c.s])) if accepted.shape[1] else c
 
 
-def _as_prior(seen: Observed, c: Candidate) -> tuple[tuple[float], float]:
-    """What is seen beside the torque as a prior of the one coefficient: its standard deviation, and its middle over the variance."""
+def _as_prior(observed: Observed, c: Candidate) -> tuple[tuple[float], float]:
+    """What was observed as a prior of the one coefficient: its standard deviation, and its middle over the variance."""
     none, one = (next(iter(c.combine(np.array([x])).values())) for x in (0.0, 1.0))
-    spread = seen.std / (one - none)
-    return (abs(spread),), (seen.value - none) / (one - none) / spread**2
+    spread = observed.std / (one - none)
+    return (abs(spread),), (observed.value - none) / (one - none) / spread**2
 
 
 def _ranked(best: dict[Key, Scored]) -> list[Scored]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.admissible import admissible
 from calib.diagnosis.candidates import Key, acts_at
-from calib.diagnosis.fit import Fit, fit, seen_beside
+from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.prices import THRESHOLD, cost, price
 from calib.diagnosis.pure_error import measured_noise
@@ -110,12 +110,12 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect.
 
-    What is seen beside the torque is begun from there too. A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
+    It begins from what was observed of it, too. A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
     """
     found, effect = _added(measurements, f, s), effect_named(s.effect.effect)
-    seen = seen_beside(f.models).get(s.key)
-    if seen is not None:
-        there = replace(s.effect, parameters=dict.fromkeys(s.effect.parameters, seen.value))
+    observed = f.hypothesis.observed.get(s.key)
+    if observed is not None:
+        there = replace(s.effect, parameters=dict.fromkeys(s.effect.parameters, observed.value))
         found = min(found, _added(measurements, f, replace(s, effect=there)), key=lambda g: g.objective)
     shape = all(p.zero is None for p in effect.parameters)
     for strength in STRENGTHS if shape else WEAKER:

@@ -16,7 +16,7 @@ from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.fit import Fit, seen_beside
+from calib.diagnosis.fit import Fit
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.motion import measured, on_scale, scale_of
@@ -94,7 +94,6 @@ class _Summed:
         assert found.found is not None
         point = self.point = _point(found, holdout)
         self.pieces, self._without, self._kept = pieces, without, kept
-        self._seen = seen_beside(found.found.best.models)
         first = pieces[0 if without != 0 else 1]
         self._others: tuple[Other, ...] = others_of(point, first)
         self._nuisance = len(point.model(first).names)
@@ -130,11 +129,11 @@ class _Summed:
         return Solver(total, self._nuisance, self._named, self._known(point)).solution()
 
     def _known(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """What the searched pieces show of the named parameters beside the torque: change from where they stand, standard deviation."""
+        """What was observed of the named parameters: change from where they stand, standard deviation."""
         accepted = point.hypothesis.accepted
         keys = [(accepted[i].effect, accepted[i].joint) for i, _ in parameters_of(accepted)]
         here = [accepted[i].parameters[p.name] for i, p in parameters_of(accepted)]
-        one = [self._seen.get(key) for key in keys]
+        one = [point.hypothesis.observed.get(key) for key in keys]
         mean = np.array([0.0 if o is None else o.value - x for o, x in zip(one, here, strict=True)])
         return mean, np.array([np.inf if o is None else o.std for o in one])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from calib.diagnosis.nuisance import DELAY_MEAN
 from calib.diagnosis.selection import joints_of
 from calib.diagnosis.significance import WORSE, excess, positive
 from calib.measurement.preprocessing import Measurement
+from calib.measurement.reversals import reversal_rows, reverses_often
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 
@@ -25,17 +27,26 @@ AS_IT_WAS, REFIT, REFIT_WITH_LAWS = "the arm as it was", "a parameter refit alon
 
 @dataclass(frozen=True)
 class WrittenArm:
-    """A changed arm, its laws, its torque errors on the recordings shown (R, n) and their RMS (n,) N m."""
+    """A changed arm, its laws, and its torque errors (R, n) N m on the recordings shown; sliding (R, n): the rows in which a joint slides."""
 
     change: ArmChange
     laws: tuple[Law, ...]
     errors: np.ndarray
-    rms: np.ndarray
+    sliding: np.ndarray
 
     @staticmethod
     def of(change: ArmChange, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> WrittenArm:
-        errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
-        return WrittenArm(change, laws, errors, np.sqrt(np.mean(errors**2, axis=0)))
+        return WrittenArm(change, laws, torque_errors(change.of(start), shown, -DELAY_MEAN), sliding_rows(start, shown))
+
+    @cached_property
+    def rms(self) -> np.ndarray:
+        """(n,) N m of all rows."""
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)))
+
+    @cached_property
+    def sliding_rms(self) -> np.ndarray:
+        """(n,) N m of the rows in which a joint slides, of all where it never does."""
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0, where=self.sliding | ~self.sliding.any(axis=0))))
 
     @property
     def words(self) -> str:
@@ -43,11 +54,12 @@ class WrittenArm:
         return REFIT_WITH_LAWS if self.laws else REFIT if self.change.effects or self.change.inertials else AS_IT_WAS
 
     def worse(self, other: WrittenArm, factor: np.ndarray, together: Sequence[list[int]] | None = None) -> np.ndarray:
-        """(n,) whether the squared error is significantly above that of `other` times factor (n,).
+        """(n,) whether the squared error of a sliding joint is significantly above that of `other` times factor (n,).
 
+        At a change of direction an arm folder, which holds no lead of dry friction, is off by as much whatever else is right.
         together: groups of joints that are asked as one, each by its share of the other's squared error; None asks each by itself.
         """
-        share, n = excess(self.errors, other.errors, factor), self.errors.shape[1]
+        share, n = np.where(self.sliding, excess(self.errors, other.errors, factor), 0.0), self.errors.shape[1]
         out = np.zeros(n, dtype=bool)
         for joints in [[j] for j in range(n)] if together is None else together:
             out[joints] |= positive([share[:, joints].sum(axis=1)])
@@ -151,6 +163,12 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
             tau = tau + lead * m.rate_of_change(tau)
         out.append(m.rows(m.tau - tau)[m.row_moving])
     return np.concatenate(out)
+
+
+def sliding_rows(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(R, n) of the rows of `torque_errors`, those in which a joint slides; all in motion of one that does little else than turn back."""
+    often = reverses_often(measurements, arm)
+    return np.concatenate([(m.row_usable & (~reversal_rows(m, arm) | often))[m.row_moving] for m in measurements])
 
 
 def _as_read(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:

@@ -163,6 +163,21 @@ def test_worse_is_what_the_noise_does_not_explain(factor: float, worse: bool) ->
     assert found.tolist() == [False, worse, False]
 
 
+def test_what_a_joint_does_at_a_change_of_direction_makes_no_arm_worse() -> None:
+    rng = np.random.default_rng(5)
+    errors = rng.standard_normal((600, 2))
+    sliding = np.ones((600, 2), dtype=bool)
+    sliding[::10] = False
+    mine = errors.copy()
+    mine[::10, 0] *= 3.0  # at reversals
+    mine[1::10, 1] *= 3.0  # while it slides
+    found = _written(mine, sliding)
+    assert found.worse(_written(errors, sliding), np.ones(2)).tolist() == [False, True]
+    assert found.rms[0] > 1.2 * _written(errors).rms[0]
+    assert found.sliding_rms[0] == pytest.approx(_written(errors, sliding).sliding_rms[0])
+    assert found.risen(_written(errors, sliding), 0.05, []).all()
+
+
 def test_joints_that_are_asked_together_balance() -> None:
     rng = np.random.default_rng(5)
     errors = rng.standard_normal((600, 2))
@@ -192,8 +207,8 @@ def test_neighbouring_rows_that_say_the_same_count_less() -> None:
     assert _written(independent).worse(_written(plain), np.ones(1))[0]
 
 
-def _written(errors: np.ndarray) -> WrittenArm:
-    return WrittenArm(ArmChange({}, ()), (), errors, np.sqrt(np.mean(errors**2, axis=0)))
+def _written(errors: np.ndarray, sliding: np.ndarray | None = None) -> WrittenArm:
+    return WrittenArm(ArmChange({}, ()), (), errors, np.ones(errors.shape, dtype=bool) if sliding is None else sliding)
 
 
 def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_path: Path) -> None:
