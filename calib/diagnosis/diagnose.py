@@ -46,7 +46,7 @@ def diagnose(
     found = search(fitted, Hypothesis.nominal(start, clear([m.followed for m in every])), progress)
     paired(fitted, found)
     # A limit that was seen to be reached needs no fit: the arm did what the torque allowed, so that clipping its model explains nothing.
-    reached = limits_reached(arm, logs, holdout)
+    reached = limits_reached(arm, (*logs, *holdout))
     limits = tuple(x.effect for x in reached)
     names = names_of(fitted, found, apart, limits, progress)
     progress("testing the corrected arm")

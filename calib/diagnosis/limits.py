@@ -51,18 +51,17 @@ class Limit:
         return self.behind / (self.behind + USUALLY)
 
 
-def limits_reached(arm: Arm, logs: Sequence[Log], apart: Sequence[Log] = ()) -> list[Limit]:
+def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
     """The joints whose drive reached its limit in `logs`; none where the commanded motion was not recorded.
 
-    A level that any recording, one of `apart` too, goes beyond is no limit.
+    A level that any recording goes beyond is no limit. Nothing is fitted, so recordings that are held out count like the others.
     """
     out = []
     for j, joint in enumerate(arm.joint_names):
         read = [log for log in logs if np.isfinite(log.q_cmd[:, j]).all() and np.isfinite(log.tau[:, j]).all()]
         if not read:
             continue
-        beside = [log for log in apart if np.isfinite(log.tau[:, j]).all()]
-        most = max(float(np.quantile(_smoothed(log, j), 0.998)) for log in (*read, *beside))
+        most = max(float(np.quantile(_smoothed(log, j), 0.998)) for log in logs if np.isfinite(log.tau[:, j]).all())
         found = [stand for log in read for stand in _stands(log, j, most) if stand[0] > BEHIND]
         levels = np.array([level for _, level in found])
         if len(found) >= LEAST_TIMES and levels.std() < SAME * np.median(levels):

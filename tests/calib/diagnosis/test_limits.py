@@ -43,8 +43,8 @@ def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
 
 def test_a_level_that_another_recording_exceeds_is_no_limit(ur10e: Arm) -> None:
     log = asked(ur10e, 50.0, 0.08)
-    assert limits_reached(ur10e, [log], [asked(ur10e, 50.0, 0.08, seed=2)])
-    assert limits_reached(ur10e, [log], [asked(ur10e, 65.0, 0.0, seed=2)]) == []
+    assert limits_reached(ur10e, [log, asked(ur10e, 50.0, 0.08, seed=2)])
+    assert limits_reached(ur10e, [log, asked(ur10e, 65.0, 0.0, seed=2)]) == []
 
 
 def test_a_joint_that_stands_at_its_reversals_has_no_limit(ur10e: Arm) -> None:
@@ -84,7 +84,7 @@ def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording
     ur10e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = ArmEffect("torque_saturation", "shoulder_pan_joint", {"limit": 150.0})
-    monkeypatch.setattr("calib.diagnosis.diagnose.limits_reached", lambda arm, logs, apart: [Limit(limit, 0.5, 400.0, 3)])
+    monkeypatch.setattr("calib.diagnosis.diagnose.limits_reached", lambda arm, logs: [Limit(limit, 0.5, 400.0, 3)])
     spring = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
     logs = [recording(ur10e, seed, spring, seconds=12.0) for seed in (1, 2, 3)]
     short = diagnose(ur10e, logs[:2], logs[2:])
@@ -111,13 +111,20 @@ def test_an_arm_that_lags_without_a_level_has_no_limit(ur10e: Arm) -> None:
     assert limits_reached(ur10e, [replace(log, q_cmd=q_cmd)]) == []
 
 
-def test_once_is_not_enough_and_without_a_command_nothing_is_said(ur10e: Arm) -> None:
+def test_once_is_not_enough_twice_in_two_recordings_is(ur10e: Arm) -> None:
     log = asked(ur10e, 50.0, 0.08)
-    first = int(np.argmax(np.abs(log.tau[:, ELBOW]) > 45.0))
-    short = slice(0, first + 60)
+    behind = np.abs(log.q_cmd[:, ELBOW] - log.q[:, ELBOW]) > 0.05
+    began = np.flatnonzero(np.diff(behind.astype(int)) == 1)
+    short = slice(0, int(began[1]) - 10)
     once = Log(log.joint_names, *(getattr(log, k)[short] for k in (
         "t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")))  # fmt: skip
     assert limits_reached(ur10e, [once]) == []
+    (found,) = limits_reached(ur10e, [once, once])
+    assert found.times == 2
+
+
+def test_without_a_command_no_limit_is_found(ur10e: Arm) -> None:
+    log = asked(ur10e, 50.0, 0.08)
     assert limits_reached(ur10e, [replace(log, q_cmd=np.full_like(log.q, np.nan))]) == []
 
 
