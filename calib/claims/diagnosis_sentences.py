@@ -18,7 +18,7 @@ LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is 
 VARIABLES = {
     "q": "position", "dq": "speed", "ddq": "acceleration", "load": "load", "time": "time", "memory": "the recent motion",
     "hysteresis": "the way since a reversal", "resonance": "a resonance that is driven by the acceleration",
-    "tone": "a constant oscillation",
+    "tone": "a constant oscillation", "spot": "friction at one angle",
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ RESONANCES, DAMPING = (0.6, 0.9, 1.4, 2.1, 3.2, 4.8), 0.12  # Hz
 # rad to come to the full level after a reversal: a dress pack, a seal, a belt; dry friction of the gear itself takes a hundredth of that.
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 KNOTS = 8
+SPOT = 0.15  # rad between the centres of splines that show friction at one angle: a damaged tooth, a dented race
 
 
 class AdditiveBasis:
@@ -29,6 +30,16 @@ class AdditiveBasis:
         name, own = self.models[0].arm.joint_names[j], self._filtered([_own(m, j) for m in self.models])
         linear = {"resonance": _resonances, "hysteresis": _hystereses}
         return self._common | own | {f"{key}:{name}": [m.rows(of(m, j)) for m in self.models] for key, of in linear.items()}
+
+    def spots(self, j: int) -> dict[str, list[np.ndarray]]:
+        """The same of friction at single angles: the direction times hats about every SPOT rad that joint j passes."""
+        q = [m.link.q[:, j] / SPOT for m in self.models]
+        lo, hi = int(np.floor(min(x.min() for x in q))), int(np.ceil(max(x.max() for x in q)))
+        out = []
+        for m, x in zip(self.models, q, strict=True):
+            hats = np.clip(1.0 - np.abs(x[:, None] - np.arange(lo, hi + 1)), 0.0, None)
+            out.append(m.rows(hats * np.tanh(m.link.dq[:, j] / 0.02)[:, None]))
+        return {f"spot:{self.models[0].arm.joint_names[j]}": out}
 
     def _filtered(self, per_log: list[dict[str, list[np.ndarray]]]) -> dict[str, list[np.ndarray]]:
         return {

@@ -69,7 +69,8 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
     rows, noise = solved.rows, solved.noise
     other = ResidualRows(kept) if kept else None
     out: list[Structure] = []
-    for name, columns in basis.groups(j).items():
+    spots = basis.spots(j)  # of one shape each, so of one prior: an angle that was hardly passed says nothing
+    for name, columns in (basis.groups(j) | spots).items():
         seen = rows.take(j, columns[:count])
         varied = seen.std(axis=0) > 1e-9 if len(seen) else np.zeros(0, dtype=bool)
         if not varied.any():
@@ -77,7 +78,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
         middle = seen.mean(axis=0)[varied]
         white = rows.whiten(noise, j, seen[:, varied] - middle)
         size = np.sqrt((white**2).sum(axis=0))
-        size = np.maximum(size, BARELY * size.max())
+        size = np.maximum(size, (1.0 if name in spots else BARELY) * size.max())
         white = white / size
         fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1], left=rest)
         held_out = np.nan

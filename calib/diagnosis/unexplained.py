@@ -107,7 +107,8 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
     """
     rows = f.solved.rows
     rest = f.solved.residuals()[j]
-    groups = _scaled(AdditiveBasis(f.models).groups(j), rows, j)
+    basis = AdditiveBasis(f.models)
+    groups = _scaled(basis.groups(j) | basis.spots(j), rows, j)
     fold = _folds(rows, j)
     chosen: list[str] = []
     out: list[tuple[str, float]] = []

@@ -79,6 +79,20 @@ def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e
     assert variable("hysteresis:shoulder_pan_joint") == "the way since a reversal of shoulder_pan_joint"
 
 
+def test_a_damaged_tooth_is_reported_as_friction_at_one_angle(ur10e: Arm) -> None:
+    def dent(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out, q, dq = np.zeros_like(tau), motion.q[:, WRIST], motion.dq[:, WRIST]
+        size = 3.0 * NOISE * np.abs(tau[:, WRIST]).max()
+        out[:, WRIST] = size * np.sign(dq) / (1.0 + ((q + 1.0) / 0.12) ** 4)
+        return out
+
+    found = asked(ur10e, dent).answer
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
+    assert "spot:wrist_1_joint" in found["unexplained"][0]["depends_on"]
+    assert variable("spot:wrist_1_joint") == "friction at one angle of wrist_1_joint"
+
+
 def creeping(seconds: float, stiffness: float) -> Hidden:
     """A cable at the wrist whose pull relaxes."""
 
