@@ -114,10 +114,16 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
                 row.errors |= _errors(hidden, found)
     row.chance = (answer.get("false_names") or {}).get("chance")
     gap = answer.get("gap") or {}
-    if all(gap.get(k) for k in ("before", "after", "noise_floor")):
-        before, after, floor = (sum(x * x for x in gap[k]) for k in ("before", "after", "noise_floor"))
-        row.claimed = 1 - (after - floor) / (before - floor) if before > 1.05 * floor else None
+    row.claimed = _claimed(gap) if gap.get("noise_floor") and gap.get("sliding") else None
     return row
+
+
+def _claimed(gap: dict) -> float | None:
+    """Share of the residual beyond noise that an answer says it removed, where joints slide; None where there is hardly any."""
+    sliding = gap["sliding"]
+    seen = [x for x in zip(sliding["before"], sliding["after"], gap["noise_floor"], strict=True) if None not in x]
+    before, after, floor = (sum(x * x for x in column) for column in zip(*seen, strict=True)) if seen else (0.0, 0.0, 0.0)
+    return 1 - (after - floor) / (before - floor) if before > 1.05 * floor else None
 
 
 def _errors(hidden: dict, found: dict) -> dict[str, float]:

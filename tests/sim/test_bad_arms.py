@@ -122,3 +122,8 @@ def test_a_mesh_link_out_of_the_folder(folder, tmp_path):
 def test_wrong_names_are_answered_with_the_nearest():
     with pytest.raises(ConfigError, match="did you mean 'ur10e'"):
         load_arm("ur10ee")
+
+
+def test_a_misspelt_cell_is_a_missing_file_and_no_unknown_arm() -> None:
+    with pytest.raises(ConfigError, match=r"nocell\.toml: there is no such file; `calib init` writes a cell"):
+        load_arm("nocell.toml")
