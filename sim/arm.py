@@ -117,7 +117,9 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
     if added is not None:
         return _folder(added)
     if path.suffix.lower() == ".toml":
-        raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell, and configs/cells holds those of the mock")
+        raise ConfigError(
+            f"{reference}: there is no such file; `calib init` writes a cell, and configs/cells holds those of the mock"
+        )
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})
     known += sorted(plugins("arms"))
     raise ConfigError(

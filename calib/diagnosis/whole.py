@@ -16,7 +16,7 @@ from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.fit import Fit
+from calib.diagnosis.fit import HELD, Fit
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.motion import measured, on_scale, scale_of
@@ -135,7 +135,7 @@ class _Summed:
         here = [accepted[i].parameters[p.name] for i, p in parameters_of(accepted)]
         one = [point.hypothesis.observed.get(key) for key in keys]
         mean = np.array([0.0 if o is None else o.value - x for o, x in zip(one, here, strict=True)])
-        return mean, np.array([np.inf if o is None else o.std for o in one])
+        return mean, np.array([np.inf if o is None else HELD * o.std for o in one])
 
     def _portion(self, point: Point, piece: Log, others: bool) -> JointInformation:
         if self._kept is None:
