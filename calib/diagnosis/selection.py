@@ -110,13 +110,13 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect.
 
-    It begins from what was observed of it, too. A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
+    What was observed is taken as it was. A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
     """
-    found, effect = _added(measurements, f, s), effect_named(s.effect.effect)
     observed = f.hypothesis.observed.get(s.key)
     if observed is not None:
         there = replace(s.effect, parameters=dict.fromkeys(s.effect.parameters, observed.value))
-        found = min(found, _added(measurements, f, replace(s, effect=there)), key=lambda g: g.objective)
+        return _added(measurements, f, replace(s, effect=there))
+    found, effect = _added(measurements, f, s), effect_named(s.effect.effect)
     shape = all(p.zero is None for p in effect.parameters)
     for strength in STRENGTHS if shape else WEAKER:
         if f.objective - found.objective > (KEPT * s.gain if shape else 0.0):
