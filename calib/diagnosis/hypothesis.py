@@ -20,7 +20,8 @@ CONTACT = "external_contact"
 class Hypothesis:
     """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s.
 
-    observed: parameters of effects as another channel than the torque shows them, in any of the recordings, held-out ones too. written: as an arm folder can hold it, where dry friction has no lead.
+    observed: parameters of effects as another channel than the torque shows them, in any of the recordings, held-out ones too.
+    written: as an arm folder can hold it, where dry friction has no lead.
     """
 
     arm: Arm
