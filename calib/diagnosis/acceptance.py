@@ -61,6 +61,7 @@ class Assessed:
     first     `lost` of the strongest other effect at its joint, or at the one that it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
     imitator  what is no effect of the catalogue and explains the recordings better in its place, by how much; None where nothing does
+    rest      the fit without it
     """
 
     effect: ArmEffect
@@ -72,6 +73,7 @@ class Assessed:
     first: float = 0.0
     one_sided: bool = False
     imitator: tuple[str, float] | None = None
+    rest: Fit | None = None
 
     @property
     def vetoed(self) -> bool:
@@ -127,32 +129,36 @@ class Assessed:
         return float(min(own, MOST_SURE) / (1 + len(self.rivals)))
 
 
-def assess(
-    measurements: Sequence[Measurement],
-    best: Fit,
-    apart: Sequence[Measurement],
-    bank: Bank | None = None,
-    ask_rivals: bool = True,
-) -> list[Assessed]:
-    """Every accepted effect of a fit, in its order; without `ask_rivals`, which takes most of the time, none has any."""
-    out, bank = [], bank or Bank()
+def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> list[Assessed]:
+    """Every accepted effect of a fit, in its order; its rivals, which take most of the time, are asked by `with_rivals`."""
+    out = []
     with_all, stds = HeldOut.of(best, apart), best.std()
     for i, item in enumerate(best.accepted):
         rest = without(measurements, best, i)
         lost = rest.objective - best.objective
-        share = PROMISE if lost < STRONG else PROMISE_STRONG
-        near = beside(rest, best, i, share, bank)[:MOST_RIVALS] if ask_rivals else []
-        rivals = [s.key for s in near if cost(add(measurements, rest, s)) < cost(best) + least_apart(item, s.key, lost)]
         without_it = HeldOut.of(rest, apart, with_all.models)
         joints = joints_of(item, best.hypothesis.arm)
         worse = with_all.rise(without_it, joints)
         nothing = is_nothing(item, stds[i])
         held_out = without_it.loss - with_all.loss
         one_sided, imitator = _one_sided(item, rest, best), _imitator(item, rest, lost)
-        out.append(Assessed(item, lost, tuple(rivals), held_out, worse, nothing, one_sided=one_sided, imitator=imitator))
+        out.append(Assessed(item, lost, (), held_out, worse, nothing, one_sided=one_sided, imitator=imitator, rest=rest))
     at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
     strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
     return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
+
+
+def with_rivals(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:
+    """The same with what explains the recordings as well in the place of each."""
+    out, bank = [], Bank()
+    for i, a in enumerate(assessed):
+        assert a.rest is not None
+        share = PROMISE if a.lost < STRONG else PROMISE_STRONG
+        near = beside(a.rest, best, i, share, bank)[:MOST_RIVALS]
+        least = [cost(best) + least_apart(a.effect, s.key, a.lost) for s in near]
+        rivals = tuple(s.key for s, most in zip(near, least, strict=True) if cost(add(measurements, a.rest, s)) < most)
+        out.append(replace(a, rivals=rivals))
+    return out
 
 
 def least_apart(item: ArmEffect, rival: Key, lost: float) -> float:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from calib.diagnosis.model import LogModel
 from calib.measurement.observed import Key
 from sim.arm import ArmEffect
-from sim.effects import EFFECTS, driven_by
+from sim.effects import EFFECTS, Effect, Stage, driven_by, effect_named
 from sim.motion_view import CandidateColumns
 
 
@@ -25,13 +25,31 @@ class Candidate(CandidateColumns):
         return self.effect, self.joint
 
 
-def candidates(models: Sequence[LogModel]) -> Iterator[Candidate]:
-    """All candidates at the present hypothesis, each with every start of its nonlinear parameters."""
+Wanted = Callable[[Effect, int | None], bool]
+
+
+def candidates(models: Sequence[LogModel], wanted: Wanted = lambda effect, joint: True) -> Iterator[Candidate]:
+    """All candidates at the present hypothesis, or those `wanted`, each with every start of its nonlinear parameters."""
     joints: list[tuple[int | None, str | None]] = list(enumerate(models[0].arm.joint_names))
     for effect in EFFECTS:
         for j, joint in joints if effect.scope == "joint" else [(None, None)]:
+            if not wanted(effect, j):
+                continue
             for c in effect.columns(models, j):
                 yield Candidate(c.columns, c.combine, c.spread, effect.name, joint)
+
+
+def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
+    """Whether an effect at a joint may stand for `item`: it changes the torque of a joint of it; what changes angles, bodies or forces, that of all."""
+    at = {joint_names.index(joint) for joint in acts_at(item, joint_names)}
+    everywhere = not at or effect_named(item.effect).stage < Stage.JOINT
+
+    def wanted(effect: Effect, j: int | None) -> bool:
+        if everywhere or j is None or effect.stage < Stage.JOINT:
+            return True
+        return j in at or (effect.driven and j > 0 and effect.joint_before(j) in at)
+
+    return wanted
 
 
 def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:

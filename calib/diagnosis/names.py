@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.acceptance import Assessed, assess, is_nothing
+from calib.diagnosis.acceptance import Assessed, assess, is_nothing, with_rivals
 from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.selection import SearchResult, without
+from calib.diagnosis.selection import SearchResult
 from calib.diagnosis.unexplained import Odd, unexplained
 from calib.diagnosis.written_arm import as_written
 from calib.measurement.preprocessing import Measurement
@@ -98,17 +98,18 @@ def _settled(
     fitted: Sequence[Measurement], found: SearchResult, apart: Sequence[Measurement]
 ) -> tuple[list[Assessed], list[str]]:
     """What is left of `found.best` when one effect after the other has left that fails its test, and the sentences on those."""
-    assessed, vetoed = [], []
-    for ask_rivals in (False, True) if apart else (True,):
-        while True:
-            assessed = assess(fitted, found.best, apart, ask_rivals=ask_rivals)
-            refused = [i for i, a in enumerate(assessed) if a.vetoed or a.doubtful]
-            if not refused:
-                break
-            worst = min(refused, key=lambda i: (assessed[i].imitator is None, assessed[i].held_out))
-            vetoed += [assessed[worst].refusal] if assessed[worst].vetoed else []
-            found.best = without(fitted, found.best, worst)
-    return assessed, vetoed
+    vetoed: list[str] = []
+    while True:
+        assessed = assess(fitted, found.best, apart)
+        if not any(a.vetoed or a.doubtful for a in assessed):
+            assessed = with_rivals(fitted, found.best, assessed)
+        refused = [a for a in assessed if a.vetoed or a.doubtful]
+        if not refused:
+            return [replace(a, rest=None) for a in assessed], vetoed
+        worst = min(refused, key=lambda a: (a.imitator is None, a.held_out))
+        vetoed += [worst.refusal] if worst.vetoed else []
+        assert worst.rest is not None
+        found.best = worst.rest
 
 
 def _not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit) -> list[Odd]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.admissible import plausible
-from calib.diagnosis.candidates import Candidate, Key, candidates
+from calib.diagnosis.candidates import Candidate, Key, Wanted, candidates, in_place_of
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT
@@ -49,8 +49,8 @@ class Bank:
         """A new round of scoring: what neither this round nor the last one used is dropped."""
         self._old, self._new = self._new, {}
 
-    def piece(self, f: Fit, c: Candidate, number: int, j: int) -> Products:
-        """Columns of candidate c (the number-th of the round) at joint j."""
+    def piece(self, f: Fit, c: Candidate, number: int, j: int, keep: bool) -> Products:
+        """Columns of candidate c (the number-th of its key) at joint j; keep: for the rounds to come."""
         model, solved = f.models[0], f.solved
         # a column behind the load depends on its joint alone
         sides = [m.side.joints[j] if effect_named(c.effect).stage in LATE else m.side for m in f.models]
@@ -61,18 +61,21 @@ class Bank:
             s = rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns]))
             # what the key tells apart by identity is kept with it
             found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *sides)
-        self._new[key] = found
+        if keep:
+            self._new[key] = found
         return found[0]
 
 
-def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_contact: bool = True) -> list[Scored]:
-    """Every candidate beside a fit, best first, one entry per effect and joint; unphysical ones are left out.
+def scored(
+    f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_contact: bool = True, wanted: Wanted | None = None
+) -> list[Scored]:
+    """Every candidate beside a fit, or those `wanted`, best first, one entry per effect and joint; unphysical ones are left out.
 
     The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
     """
     best: dict[Key, Scored] = {}
     solved, left, observed = f.solved, f.joint.left(), f.hypothesis.observed
-    for c, pieces in beside_accepted(f, skip, bank or Bank()):
+    for c, pieces in beside_accepted(f, skip, bank or Bank(), wanted):
         g = np.sum([x.s.T @ left[j] for j, x in pieces.items()], axis=0)
         spread = c.spread
         if c.key in observed:
@@ -94,16 +97,19 @@ def scored(f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_con
     return _ranked(best)
 
 
-def beside_accepted(f: Fit, skip: Collection[Key], bank: Bank) -> Iterator[tuple[Candidate, dict[int, Products]]]:
+def beside_accepted(
+    f: Fit, skip: Collection[Key], bank: Bank, wanted: Wanted | None = None
+) -> Iterator[tuple[Candidate, dict[int, Products]]]:
     """Every candidate beside the nuisance and the accepted effects of a fit, per joint that it touches; without `skip` and what is ordinary there."""
-    bank.turn()
+    if wanted is None:
+        bank.turn()
     accepted = [x[:, f.solved.rows.p :] for x in f.joint.xw]
     numbers: dict[Key, int] = {}
     ordinary = unstated_keys(f.hypothesis.arm)
-    for c in candidates(f.models):
+    for c in candidates(f.models, wanted) if wanted else candidates(f.models):
         numbers[c.key] = numbers.get(c.key, 0) + 1
         if c.key not in skip and c.key not in ordinary:
-            yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j)) for j in c.columns[0]}
+            yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j, wanted is None)) for j in c.columns[0]}
 
 
 def _beside(accepted: np.ndarray, c: Products) -> Products:
@@ -123,12 +129,13 @@ def _ranked(best: dict[Key, Scored]) -> list[Scored]:
 
 
 def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) -> list[Scored]:
-    """What promises at least `share` of the i-th effect of `f` in its place, best first; `rest` is `f` without it.
+    """What promises at least `share` of the i-th effect of `f` at its joint in its place, best first; `rest` is `f` without it.
 
     A promise is compared with a promise: along a strong effect the exact fall is a multiple of the linear one, because robust
     weights and a noise that holds the effect too belong to `rest`.
     """
-    own = (f.accepted[i].effect, f.accepted[i].joint)
-    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank, own[0] == CONTACT)
+    item = f.accepted[i]
+    own, wanted = (item.effect, item.joint), in_place_of(item, rest.hypothesis.arm.joint_names)
+    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank, own[0] == CONTACT, wanted)
     promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
     return [s for s in ranked if s.key != own and s.gain > share * promised]

@@ -153,6 +153,6 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
         "transmission_coupling", "shoulder_lift_joint", {"ratio": 1.0, "inertia": 0.1, "viscous": 2.0, "coulomb": 2.0}
     )
     beside = fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models)
-    (found,) = assess(fitted, beside, [], ask_rivals=False)
+    (found,) = assess(fitted, beside, [])
     assert found.lost > 50
     assert found.one_sided != both
