@@ -113,13 +113,10 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
     for folder in config_folders(configs, "arms"):
         if (folder / str(reference) / "arm.toml").is_file():
             return _folder(folder / str(reference))
-    added = arm_folder(str(reference))
-    if added is not None:
+    if (added := arm_folder(str(reference))) is not None:
         return _folder(added)
     if path.suffix.lower() == ".toml":
-        raise ConfigError(
-            f"{reference}: there is no such file; `calib init` writes a cell, and configs/cells holds those of the mock"
-        )
+        raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell")
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})
     known += sorted(plugins("arms"))
     raise ConfigError(
@@ -192,8 +189,7 @@ def _stated(key: str, given: bool) -> str:
 
 def _all_effects(listed: list[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
     """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
-    effects = {(e.effect, e.joint): e for e in model_effects(tree)}
-    from_model = dict(effects)
+    from_model = dict(effects := {(e.effect, e.joint): e for e in model_effects(tree)})
     for item in listed:
         key, parameters = (item.effect, item.joint), dict(item.parameters)
         if item.joint is not None and item.joint not in tree.joint_names:
@@ -241,8 +237,8 @@ def model_effects(tree: KinematicTree) -> tuple[ArmEffect, ...]:
         effects.append(ArmEffect("viscous_friction", joint, {"viscous": float(tree.damping[j])}))
         effects.append(ArmEffect("rotor_inertia", joint, {"inertia": float(tree.armature[j])}))
         if tree.stiffness[j] != 0:
-            spring = {"stiffness": float(tree.stiffness[j]), "rest_angle": float(tree.springref[j])}
-            effects.append(ArmEffect("joint_spring", joint, spring))
+            k, q0 = float(tree.stiffness[j]), float(tree.springref[j])
+            effects.append(ArmEffect("joint_spring", joint, {"stiffness": k, "rest_angle": q0}))
     return tuple(effects)
 
 
@@ -250,5 +246,5 @@ def _row(values: list[float], joints: list[str], where: str) -> np.ndarray:
     if len(values) != len(joints):
         raise ConfigError(f"{where} has {len(values)} numbers for {len(joints)} joints; give one for each joint")
     row = np.array(values, dtype=float)
-    row.flags.writeable = False
+    row.setflags(write=False)
     return row
