@@ -15,7 +15,7 @@ RESONANCES, DAMPING = (0.6, 0.9, 1.4, 2.1, 3.2, 4.8), 0.12  # Hz
 # rad to come to the full level after a reversal: a dress pack, a seal, a belt; dry friction of the gear itself takes a hundredth of that.
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 KNOTS = 8
-SPOT = 0.15  # rad between the centres of splines that show friction at one angle: a damaged tooth, a dented race
+SPOTS = 42  # hats over a turn, one every .15 rad: friction at one angle, of a damaged tooth or a dented race
 
 
 class AdditiveBasis:
@@ -32,14 +32,10 @@ class AdditiveBasis:
         return self._common | own | {f"{key}:{name}": [m.rows(of(m, j)) for m in self.models] for key, of in linear.items()}
 
     def spots(self, j: int) -> dict[str, list[np.ndarray]]:
-        """The same of friction at single angles: the direction times hats about every SPOT rad that joint j passes."""
-        q = [m.link.q[:, j] / SPOT for m in self.models]
-        lo, hi = int(np.floor(min(x.min() for x in q))), int(np.ceil(max(x.max() for x in q)))
-        out = []
-        for m, x in zip(self.models, q, strict=True):
-            hats = np.clip(1.0 - np.abs(x[:, None] - np.arange(lo, hi + 1)), 0.0, None)
-            out.append(m.rows(hats * np.tanh(m.link.dq[:, j] / 0.02)[:, None]))
-        return {f"spot:{self.models[0].arm.joint_names[j]}": out}
+        """The same of friction at single angles of joint j: its direction times SPOTS hats that together cover a turn."""
+        return {
+            f"spot:{self.models[0].arm.joint_names[j]}": [m.rows(hats(m, j) * _direction(m, j)[:, None]) for m in self.models]
+        }
 
     def _filtered(self, per_log: list[dict[str, list[np.ndarray]]]) -> dict[str, list[np.ndarray]]:
         return {
@@ -60,7 +56,7 @@ def _common(m: LogModel) -> dict[str, list[np.ndarray]]:
 def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
     """The same of one joint; a pair of arguments means products of the first one's splines with the second."""
     name, link, dt = m.arm.joint_names[j], m.link, 1.0 / m.measurement.rate
-    sign = np.tanh(link.dq[:, j] / 0.02)
+    sign = _direction(m, j)
     out = {
         f"ddq:{name}": [link.ddq[:, j]],
         f"load:{name}": [link.load[:, j]],
@@ -73,6 +69,17 @@ def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
         slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
         out[f"memory:{name}"].append(link.q[:, j] - slow)
     return out
+
+
+def _direction(m: LogModel, j: int) -> np.ndarray:
+    """(N,) the sign of the speed, without a step."""
+    return np.tanh(m.link.dq[:, j] / 0.02)
+
+
+def hats(m: LogModel, j: int) -> np.ndarray:
+    """(N, SPOTS) 1 at a centre, 0 from the next one on; an angle a whole turn later is the same one."""
+    away = np.abs((m.link.q[:, j] * SPOTS / (2 * np.pi) % SPOTS)[:, None] - np.arange(SPOTS))
+    return np.clip(1.0 - np.minimum(away, SPOTS - away), 0.0, None)
 
 
 def _resonances(m: LogModel, j: int) -> np.ndarray:

@@ -28,28 +28,30 @@ class Candidate(CandidateColumns):
 Wanted = Callable[[Effect, int | None], bool]
 
 
-def candidates(models: Sequence[LogModel], wanted: Wanted = lambda effect, joint: True) -> Iterator[Candidate]:
+def candidates(models: Sequence[LogModel], wanted: Wanted | None = None) -> Iterator[Candidate]:
     """All candidates at the present hypothesis, or those `wanted`, each with every start of its nonlinear parameters."""
     joints: list[tuple[int | None, str | None]] = list(enumerate(models[0].arm.joint_names))
     for effect in EFFECTS:
         for j, joint in joints if effect.scope == "joint" else [(None, None)]:
-            if not wanted(effect, j):
+            if wanted is not None and not wanted(effect, j):
                 continue
             for c in effect.columns(models, j):
                 yield Candidate(c.columns, c.combine, c.spread, effect.name, joint)
 
 
 def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
-    """Whether an effect at a joint may stand for `item`: it changes the torque of a joint of it; what changes angles, bodies or forces, that of all."""
-    at = {joint_names.index(joint) for joint in acts_at(item, joint_names)}
-    everywhere = not at or effect_named(item.effect).stage < Stage.JOINT
+    """Whether an effect at a joint may stand for `item`: both change the torque of one joint."""
+    at, everywhere = {joint_names.index(joint) for joint in acts_at(item, joint_names)}, acts_everywhere(item)
 
     def wanted(effect: Effect, j: int | None) -> bool:
-        if everywhere or j is None or effect.stage < Stage.JOINT:
-            return True
-        return j in at or (effect.driven and j > 0 and effect.joint_before(j) in at)
+        return everywhere or j is None or effect.stage < Stage.JOINT or j in at
 
     return wanted
+
+
+def acts_everywhere(item: ArmEffect) -> bool:
+    """Whether an effect changes the torque of many joints: one of the whole arm, or one that changes angles, bodies or forces."""
+    return item.joint is None or effect_named(item.effect).stage < Stage.JOINT
 
 
 def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:

@@ -145,9 +145,9 @@ class _Point:
 
 
 WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size
-# Of the standard deviation of an observed parameter, the prior's: it stays where it was observed. The torque shows such an effect by the instants at
-# which it acts, which a model misses by more than it knows: half gaps of the exam (seed 26112851) came out at .43 and .70 of the truth from both
-# together, at .59 and .97 from the following error alone.
+# Prior standard deviation of an observed parameter over that of the observation: small, so that it stays where it was observed. The torque says
+# little of its size and much of the instants at which the effect acts, which the model misses by some ms: half gaps of the exam (seed 26112851) came
+# out at .43 and .70 of the truth from torque and following error together, at .59 and .97 from the following error alone.
 HELD = 1e-3
 
 

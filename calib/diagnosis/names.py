@@ -74,7 +74,7 @@ def names_of(
     progress("testing the residual")
     seen = {_key(e) for e in limits}
     kept = [a for a in assessed if _key(a.effect) not in seen]
-    odd = _not_left_by_observed(unexplained(found.baseline, found.best, apart), kept, found.best)
+    odd = not_left_by_observed(unexplained(found.baseline, found.best, apart), kept, found.best)
     if odd:
         kept = _beside(odd, kept, found.best.hypothesis.arm.joint_names)
     kept = [a for a in kept if null.rate(a.over_price) <= MOST_FALSE]
@@ -112,8 +112,11 @@ def _settled(
         found.best = worst.rest
 
 
-def _not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit) -> list[Odd]:
-    """Structure but for what an effect that was observed beside the torque leaves at its joint: the instants at which it acts are missed by a few ms."""
+def not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit) -> list[Odd]:
+    """The structure without that at the joint of an observed effect, where it is small beside what the effect explains.
+
+    The model misses the instants at which such an effect acts by some ms, so that some structure remains.
+    """
     brings = {a.effect.joint: a.lost for a in kept if _key(a.effect) in best.hypothesis.observed}
     return [u for u in odd if not u.fitted < MOST_LEFT * brings.get(u.joint, 0.0)]
 

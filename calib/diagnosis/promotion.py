@@ -140,7 +140,7 @@ def promoted(
                 without, with_it = motion.worst(fit_for[0].change)
                 refused += [Refusal(e, "", without, with_it, on, AS_IT_WAS) for e in own]
                 break
-            harmful = _harmful(own, f, ways[0], worse[0], [bare if x else plain for x in than_bare[0]], on)
+            harmful = harmful_effects(own, f, ways[0], worse[0], [bare if x else plain for x in than_bare[0]], on)
         refused += harmful
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)
@@ -179,7 +179,7 @@ def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal
     )
 
 
-def _harmful(
+def harmful_effects(
     own: Sequence[ArmEffect], f: Fit, way: WrittenArm, bad: np.ndarray, better: Sequence[WrittenArm], on: str
 ) -> list[Refusal]:
     """The effects at the joints that are worse, all of them where none is at one; better: per joint the arm that it is worse than."""

@@ -106,7 +106,7 @@ def beside_accepted(
     accepted = [x[:, f.solved.rows.p :] for x in f.joint.xw]
     numbers: dict[Key, int] = {}
     ordinary = unstated_keys(f.hypothesis.arm)
-    for c in candidates(f.models, wanted) if wanted else candidates(f.models):
+    for c in candidates(f.models, wanted):
         numbers[c.key] = numbers.get(c.key, 0) + 1
         if c.key not in skip and c.key not in ordinary:
             yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j, wanted is None)) for j in c.columns[0]}

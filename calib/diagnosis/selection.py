@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from calib.diagnosis.admissible import admissible
-from calib.diagnosis.candidates import Key, acts_at
+from calib.diagnosis.candidates import Key, acts_at, acts_everywhere
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.prices import THRESHOLD, cost, price
@@ -16,7 +16,6 @@ from calib.diagnosis.unexplained import rests
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
-from sim.torque_path import Stage
 
 MOST_EFFECTS = 8
 MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
@@ -110,7 +109,8 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect.
 
-    What was observed is taken as it was. A width or a twist that keeps too little of its promise is begun again from other strengths, any effect that makes the fit worse from less.
+    What was observed keeps the size that was observed. A width or a twist that keeps too little of its promise is fitted again from other
+    strengths, any effect that makes the fit worse from smaller ones.
     """
     observed = f.hypothesis.observed.get(s.key)
     if observed is not None:
@@ -133,11 +133,7 @@ def _added(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
 
 def joints_of(item: ArmEffect, arm: Arm) -> list[int]:
     """The joints whose torque an effect changes."""
-    return (
-        list(range(arm.n))
-        if item.joint is None or effect_named(item.effect).stage < Stage.JOINT
-        else [arm.joint_index(item.joint)]
-    )
+    return list(range(arm.n)) if item.joint is None or acts_everywhere(item) else [arm.joint_index(item.joint)]
 
 
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
@@ -185,5 +181,5 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless:
 
 
 def _share_a_joint(a: ArmEffect, b: ArmEffect) -> bool:
-    """Whether two effects change the torque of one joint; what changes angles, bodies or forces changes that of many."""
-    return a.joint == b.joint or any(e.joint is None or effect_named(e.effect).stage < Stage.JOINT for e in (a, b))
+    """Whether two effects change the torque of one joint."""
+    return a.joint == b.joint or acts_everywhere(a) or acts_everywhere(b)

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import diagnose as module
+from calib.diagnosis.acceptance import Assessed
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.names import not_left_by_observed
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.selection import add, started
+from calib.diagnosis.unexplained import Odd
 from calib.measurement.observed import Observed
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import recording
 from tests.calib.measurement.test_following import GAP, PAN, commanded
 
@@ -26,14 +29,26 @@ def arm(ur10e: Arm) -> Arm:
 def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_shows(arm: Arm) -> None:
     fitted = warmed([measured(recording(arm, seed), arm) for seed in (1, 2)])
     bare = started(fitted, Hypothesis.nominal(arm))
-    seen = Observed(GAP, GAP / 100)
+    seen = Observed(GAP, GAP / 20)
     f = started(fitted, Hypothesis.nominal(arm, {PAN: seen}))
-    assert f.objective - bare.objective == pytest.approx(1e4, rel=1e-6)
+    assert f.objective - bare.objective == pytest.approx(400.0, rel=1e-6)
     best = scored(f)[0]
     assert best.key == PAN
     with_gap = add(fitted, f, best)
-    assert with_gap.accepted[0].parameters["half_gap"] == pytest.approx(GAP, rel=0.2)
-    assert f.objective - with_gap.objective > 7e3
+    # the torque of these recordings, which have no gap, does not pull it away
+    assert with_gap.accepted[0].parameters["half_gap"] == pytest.approx(GAP, rel=1e-3)
+    assert with_gap.std()[0]["half_gap"] == GAP / 20
+
+
+@pytest.mark.parametrize(("joint", "fitted", "reported"), [(0, 30.0, False), (0, 60.0, True), (1, 30.0, True)])
+def test_structure_that_an_observed_gap_leaves_at_its_joint_is_no_second_answer(
+    arm: Arm, joint: int, fitted: float, reported: bool
+) -> None:
+    best = started(warmed([measured(recording(arm, 1), arm)]), Hypothesis.nominal(arm, {PAN: Observed(GAP, GAP / 20)}))
+    gap = Assessed(ArmEffect(*PAN, {"half_gap": GAP}), 100.0, (), 0.0)
+    odd = Odd(arm.joint_names[joint], ("resonance:x",), 0.1, fitted)
+    assert (not_left_by_observed([odd], [gap], best) == [odd]) == reported
+    assert not_left_by_observed([odd], [], best) == [odd]
 
 
 def test_the_following_error_of_a_held_out_recording_counts(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import Promotion, promoted
+from calib.diagnosis.promotion import Promotion, harmful_effects, promoted
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.selection import add, started
 from calib.diagnosis.written_arm import WrittenArm
@@ -176,6 +178,21 @@ def test_what_a_joint_does_at_a_change_of_direction_makes_no_arm_worse() -> None
     assert found.rms[0] > 1.2 * _written(errors).rms[0]
     assert found.sliding_rms[0] == pytest.approx(_written(errors, sliding).sliding_rms[0])
     assert found.risen(_written(errors, sliding), 0.05, []).all()
+
+
+@pytest.mark.parametrize(
+    ("turning", "words"),
+    [(8.0, "of elbow_joint while it slides is 3 N m with it and 1 N m"), (1.0, "of elbow_joint is 2.72 N m with it and 1 N m")],
+)
+def test_a_refusal_gives_the_error_that_decided(ur10e: Arm, turning: float, words: str) -> None:
+    """Of all rows where that is larger, else of the rows in which the joint slides; turning: the error before, at reversals."""
+    sliding = np.ones((100, 6), dtype=bool)
+    sliding[::5] = False
+    before, after = _written(np.where(sliding, 1.0, turning), sliding), _written(np.where(sliding, 3.0, 1.0), sliding)
+    fitted = cast(Fit, SimpleNamespace(hypothesis=Hypothesis.nominal(ur10e)))
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.4})
+    (refused,) = harmful_effects([spring], fitted, after, np.arange(6) == ELBOW, [before] * 6, "the held-out recordings")
+    assert words in refused.text
 
 
 def test_joints_that_are_asked_together_balance() -> None:

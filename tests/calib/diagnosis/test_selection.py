@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from calib.diagnosis import selection
+from calib.diagnosis.candidates import in_place_of
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
@@ -16,7 +17,7 @@ from calib.diagnosis.pairs import paired
 from calib.diagnosis.scoring import Scored
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
-from sim.effects import with_effect
+from sim.effects import effect_named, with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
@@ -112,3 +113,22 @@ def test_a_width_begun_too_narrow_to_matter_is_found_from_a_larger_one(ur10e: Ar
     assert most > 50.0
     assert found == pytest.approx(most, rel=0.1)
     assert stiffness == pytest.approx(there, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "may"),
+    [
+        ("coulomb_friction", "elbow_joint", True),
+        ("coulomb_friction", "wrist_1_joint", False),
+        ("transmission_coupling", "wrist_2_joint", True),  # a torque of two joints
+        ("encoder_offset", "wrist_2_joint", True),
+        ("payload", None, True),
+    ],
+)
+def test_only_what_changes_a_torque_of_its_joint_stands_for_an_effect(
+    ur10e: Arm, effect: str, joint: str | None, may: bool
+) -> None:
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.4})
+    wanted = in_place_of(spring, ur10e.joint_names)
+    assert bool(wanted(effect_named(effect), None if joint is None else ur10e.joint_index(joint))) == may
+    assert in_place_of(ArmEffect("payload", None, {}), ur10e.joint_names)(effect_named("coulomb_friction"), 0)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
 from calib.claims.diagnosis_sentences import variable
+from calib.diagnosis.additive_basis import SPOTS, hats
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.model import LogModel
 from sim.arm import Arm
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import NOISE, Hidden, recording
@@ -18,6 +23,13 @@ PAN, WRIST = 0, 3
 def asked(arm: Arm, hidden: Hidden) -> Diagnosis:
     logs = [recording(arm, seed, hidden) for seed in (1, 2, 3)]
     return diagnose(arm, logs[:2], logs[2:])
+
+
+def unexplained_at(found: dict[str, Any], joint: str) -> list[str]:
+    """What the structure depends on: at this joint, and nothing is named or left anywhere else."""
+    assert (found["verdict"], found["effects"]) == ("unexplained", [])
+    assert [u["joint"] for u in found["unexplained"]] == [joint]
+    return list(found["unexplained"][0]["depends_on"])
 
 
 def pickup(frequency: float) -> Hidden:
@@ -35,9 +47,7 @@ def pickup(frequency: float) -> Hidden:
 @pytest.mark.parametrize("frequency", [2.83, 6.17])
 def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm, frequency: float) -> None:
     found = asked(ur10e, pickup(frequency)).answer
-    assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
-    (depends,) = found["unexplained"][0]["depends_on"]
+    (depends,) = unexplained_at(found, "wrist_1_joint")
     kind, _, value = depends.partition(":")
     assert kind == "tone"
     assert float(value.removesuffix(" Hz")) == pytest.approx(frequency, abs=0.04)
@@ -56,9 +66,7 @@ def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm
         return out
 
     found = asked(ur10e, slosh).answer
-    assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
-    assert "resonance:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
+    assert "resonance:shoulder_pan_joint" in unexplained_at(found, "shoulder_pan_joint")
 
 
 @pytest.mark.parametrize(("width", "level"), [pytest.param(0.15, 8.0, marks=pytest.mark.slow), (0.28, 10.0)])
@@ -73,9 +81,7 @@ def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e
         return out
 
     found = asked(ur10e, hose).answer
-    assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert [u["joint"] for u in found["unexplained"]] == ["shoulder_pan_joint"]
-    assert "hysteresis:shoulder_pan_joint" in found["unexplained"][0]["depends_on"]
+    assert "hysteresis:shoulder_pan_joint" in unexplained_at(found, "shoulder_pan_joint")
     assert variable("hysteresis:shoulder_pan_joint") == "the way since a reversal of shoulder_pan_joint"
 
 
@@ -87,10 +93,17 @@ def test_a_damaged_tooth_is_reported_as_friction_at_one_angle(ur10e: Arm) -> Non
         return out
 
     found = asked(ur10e, dent).answer
-    assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
-    assert "spot:wrist_1_joint" in found["unexplained"][0]["depends_on"]
+    assert "spot:wrist_1_joint" in unexplained_at(found, "wrist_1_joint")
     assert variable("spot:wrist_1_joint") == "friction at one angle of wrist_1_joint"
+
+
+def test_a_shaft_that_turns_many_times_passes_the_same_angles() -> None:
+    turns = 2 * np.pi * 1e5
+    q = np.array([[0.4], [0.4 + turns], [0.4 - turns]])
+    found = hats(cast(LogModel, SimpleNamespace(link=SimpleNamespace(q=q))), 0)
+    assert found.shape == (3, SPOTS)
+    assert found.sum(axis=1) == pytest.approx(1.0)
+    assert found == pytest.approx(np.tile(found[0], (3, 1)), abs=1e-6)
 
 
 def creeping(seconds: float, stiffness: float) -> Hidden:
@@ -126,6 +139,5 @@ def dragging(waves: float, most: float) -> Hidden:
 )
 def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidden, imitated: str, words: str) -> None:
     found = asked(ur10e, hidden).answer
-    assert (found["verdict"], found["effects"]) == ("unexplained", [])
-    assert [u["joint"] for u in found["unexplained"]] == ["wrist_1_joint"]
+    unexplained_at(found, "wrist_1_joint")
     assert any(x.startswith(imitated) and words in x for x in found["refused"])
