@@ -163,7 +163,8 @@ def _found(effects: Sequence[Numbers]) -> str:
         return "; ".join(found) if any(len(at) > 1 for at in joints.values()) else listed(found)
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
-    return f"{words(e['effect'], e.get('joint'))} ({values}; {e['gap_share']:.0%} of the residual)"
+    by = f"from the {e['measured_by']}; " if e.get("measured_by") else ""
+    return f"{words(e['effect'], e.get('joint'))} ({values}; {by}{e['gap_share']:.0%} of the torque residual)"
 
 
 def _depending(variables: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.acceptance import Assessed
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
@@ -78,12 +79,21 @@ def diagnose(
 
 
 def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Limit]) -> list[dict[str, Any]]:
-    """The effects of diagnosis.json: what was fitted, by its share of the gap, then the limits."""
-    total = max(sum(a.lost for a in names.assessed), 1e-9)
+    """The effects of diagnosis.json: what was fitted, by its share of the gap of the torque, then the limits."""
+    observed = names.fit.hypothesis.observed
+
+    def of_torque(a: Assessed) -> float:
+        """What an effect explains without what another channel shows of it."""
+        one = observed.get((a.effect.effect, a.effect.joint))
+        return max(a.lost - (one.loss(0.0) if one else 0.0), 0.0)
+
+    total = max(sum(of_torque(a) for a in names.assessed), 1e-9)
     entries = []
     for a in names.kept:
         item = promotion.written(a.effect)
-        made = entry(arm, item, names.std_of(a.effect) | dict(item.std), a.confidence, a.lost / total, a.rivals)
+        made = entry(arm, item, names.std_of(a.effect) | dict(item.std), a.confidence, of_torque(a) / total, a.rivals)
+        if (a.effect.effect, a.effect.joint) in observed:
+            made["measured_by"] = "following error"
         entries.append(made | {"false_name_rate": names.null.rate(a.over_price)})
     entries.sort(key=lambda x: -x["gap_share"])
     return entries + [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]

@@ -17,6 +17,9 @@ from calib.diagnosis.selection import add, started
 from calib.diagnosis.unexplained import Odd
 from calib.measurement.observed import Observed
 from sim.arm import Arm, ArmEffect
+from sim.effects import with_effect
+from sim.prediction import predict
+from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
 from tests.calib.measurement.test_following import GAP, PAN, commanded
 
@@ -38,6 +41,22 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
     # the torque of these recordings, which have no gap, does not pull it away
     assert with_gap.accepted[0].parameters["half_gap"] == pytest.approx(GAP, rel=1e-3)
     assert with_gap.std()[0]["half_gap"] == GAP / 20
+
+
+def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(arm: Arm) -> None:
+    gap = ArmEffect(*PAN, {"half_gap": 1e-3})
+
+    def crossed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        return predict(with_effect(arm, gap), motion) - predict(arm, motion)
+
+    logs = [commanded(arm, recording(arm, seed, crossed, seconds=24.0), 1e-3, seed) for seed in (1, 2, 3)]
+    answer = module.diagnose(arm, logs[:2], logs[2:]).answer
+    (found,) = answer["effects"]
+    assert (found["effect"], found["joint"], found["measured_by"]) == (*PAN, "following error")
+    half_gap = found["parameters"]["half_gap"]
+    assert abs(half_gap["value"] - 1e-3) < 4 * half_gap["std"]
+    assert 0 <= found["gap_share"] <= 1
+    assert "from the following error; " in answer["claims"][0]["sentence"]
 
 
 @pytest.mark.parametrize(("joint", "fitted", "reported"), [(0, 30.0, False), (0, 60.0, True), (1, 30.0, True)])

@@ -16,7 +16,7 @@ from tests.calib.report.browser import Visit
     [
         (
             "effects_found",
-            "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the residual)",
+            "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the torque residual)",
         ),
         ("no_missing_effect", "No effect is identified, but the model of ur10e does not agree with validation.mcap"),
         (
