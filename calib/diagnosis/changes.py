@@ -16,6 +16,7 @@ from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import LEAST_MOTION, examined
+from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.errors import AnswerIsNo
@@ -50,6 +51,7 @@ def diagnose_changes(
         every[len(baseline) : len(baseline) + len(logs)],
         every[len(baseline) + len(logs) :],
     )
+    _require_moved(arm, healthy, (*after, *apart))
     shown = apart or after[-1:]
     progress("fitting the healthy arm")
     reference = Healthy(with_unstated(arm, healthy), healthy)
@@ -63,7 +65,7 @@ def diagnose_changes(
             c.std,
             _confidence(c),
             c.gain / total,
-            [k for k in c.rivals if k != (c.effect.effect, c.effect.joint)],
+            c.rivals,
         )
         for c in found.changes
     ]
@@ -77,8 +79,19 @@ def diagnose_changes(
     return Diagnosis(result, tuple(c.effect for c in found.changes), None, correction)
 
 
+def _require_moved(arm: Arm, healthy: Sequence[Measurement], new: Sequence[Measurement]) -> None:
+    """AnswerIsNo where a joint moves in new recordings only: what it does when healthy is not known."""
+    before, now = ([any(m.row_usable[:, j].any() for m in x) for j in range(arm.n)] for x in (healthy, new))
+    unknown = [joint for joint, a, b in zip(arm.joint_names, before, now, strict=True) if b and not a]
+    if unknown:
+        raise AnswerIsNo(
+            f"--baseline: {', '.join(unknown)} moves in the new recordings and stands in all of the healthy arm; record the healthy arm "
+            "in the same motion, or give new recordings in which the same joints move"
+        )
+
+
 def _confidence(c: Changed) -> float:
-    """Odds of exp(gain / 2), capped at 99 %, divided among those that explain the recordings as well."""
+    """Odds of exp(gain / 4), capped at 99 %, divided among those that explain the recordings as well."""
     return float(min(0.99, 1.0 / (1.0 + np.exp(-min(c.gain, 60.0) / 4.0))) / (1 + len(c.rivals)))
 
 

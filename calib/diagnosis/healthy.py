@@ -50,9 +50,9 @@ class Folds:
         self.models = models
         together = ResidualRows(models)
         left = solve(together, noise_of(together.r, together.joined, ORDER)).residuals()
-        self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) for e in left])
+        self.size = np.array([max(float(np.sqrt(np.mean(e**2))), 1e-9) if len(e) else 1.0 for e in left])
         white = Noise.white(self.size)
-        self.scale = [np.sqrt(np.mean(together.take(j, d) ** 2, axis=0)) for j, d in enumerate(_dictionary(models))]
+        self.scale = [_rms(together.take(j, d)) for j, d in enumerate(_dictionary(models))]
         count = sum(len(s) for s in self.scale)
         p = together.p
         # prior of the nuisance as it is, of the law by what friction leaves
@@ -90,6 +90,11 @@ class Folds:
         g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
         root = inverse_root(a, 1e-10)
         return HealthyLaw(self.scale, root @ (root.T @ g), root)
+
+
+def _rms(x: np.ndarray) -> np.ndarray:
+    """(m,) of columns (R, m); 1 where a joint that stands has no rows."""
+    return np.sqrt(np.mean(x**2, axis=0)) if len(x) else np.ones(x.shape[1])
 
 
 def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:

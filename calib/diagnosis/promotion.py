@@ -14,20 +14,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.corrected import ArmChange
+from calib.diagnosis.corrected import ORDINARY, ArmChange
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.law import Law, Refitted
 from calib.diagnosis.selection import joints_of
-from calib.diagnosis.significance import SIGNIFICANT, WORSE
+from calib.diagnosis.significance import WORSE
+from calib.diagnosis.simulated_motion import SimulatedMotion
 from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WORSE_ELSEWHERE, WrittenArm, as_written, links_kept, ways_of
 from calib.measurement.preprocessing import Measurement
-from calib.validation.forward import HORIZONS, ForwardError, forward_error
-from sim.arm import Arm, ArmEffect
+from calib.validation.forward import ForwardError
+from sim.arm import ArmEffect
 from sim.effects.friction_law import FORMS
 
 WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
@@ -35,9 +35,6 @@ RISEN = 0.05  # of the RMS torque error of an effect's joints on recordings kept
 HELPS = 0.02  # share of a joint's error that an effect must remove
 SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
 PIECES = 3  # that fewer recordings are each cut into
-FARTHER = 0.05  # share by which the simulated flange may be farther off
-ENOUGH = 4  # windows, or parts of one
-FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
 INSTEAD = 0.9  # of the power that a law removes: one effect that removes as much is the simpler model
 
 
@@ -119,7 +116,7 @@ def promoted(
     ways, alone = ways_of(as_written(measurements, baseline), kept, shown, limits, pieces)
     plain = next((way for way in ways if np.all(way.rms <= (1 + risen) * bare.rms)), bare)
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
-    motion = _Motion(start, shown)
+    motion = SimulatedMotion(start, shown)
     f = as_written(measurements, named)
     refused: list[Refusal] = []
     while any(e.effect != CONTACT for e in f.accepted):  # every round leaves out at least one effect
@@ -166,10 +163,14 @@ def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:
 
 
 def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal | None:
-    """Why an effect does not help at any joint that it concerns: `beside` has the fit's effects, `alone` none."""
+    """Why an effect does not help at any joint that it concerns: `beside` has the fit's effects, `alone` none.
+
+    Friction, offsets and reflected inertia are free without it too: then it need only be as good.
+    """
     joints = joints_of(e, f.hypothesis.arm)
-    instead = (beside.plain < (1 - HELPS) * alone.plain) & (beside.plain <= _as_good(alone.plain, alone.predicted))
-    helps = instead | (beside.predicted < (1 - HELPS) * alone.predicted)
+    better = e.effect in ORDINARY or beside.plain < (1 - HELPS) * alone.plain
+    helps = better & (beside.plain <= _as_good(alone.plain, alone.predicted))
+    helps |= beside.predicted < (1 - HELPS) * alone.predicted
     if helps[joints].any():
         return None
     j = min(joints, key=lambda j: beside.predicted[j] / max(alone.predicted[j], 1e-12))
@@ -200,50 +201,3 @@ def has_law(r: Refusal, plain: WrittenArm, before: Mapping[str, float]) -> bool:
     """Whether a friction law of `plain` stands for an effect of friction that lowers its joint's RMS error, `before`, and loses to that law alone."""
     there = any(law.effect.joint == r.effect.joint for law in plain.laws)
     return r.effect.effect in FORMS and r.instead == REFIT_WITH_LAWS and there and bool(r.with_it < before[r.joint])
-
-
-class _Motion:
-    """The simulated motion of changed arms beside that of the arm as it was, on the first recording on which every joint moves long enough."""
-
-    def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
-        self.start, self.shown = start, shown
-        self._known: dict[int, tuple[ArmChange, tuple[ForwardError, ...]]] = {}
-
-    @cached_property
-    def _before(self) -> tuple[Measurement, tuple[ForwardError, ...]]:
-        for m in self.shown:
-            errors = self._of(self.start, m)
-            if errors[0].starts:
-                break
-        return m, errors
-
-    def errors(self, change: ArmChange) -> tuple[tuple[ForwardError, ForwardError], ...]:
-        """(before, after) for every horizon that has windows on that recording."""
-        recording, before = self._before
-        if id(change) not in self._known:
-            self._known[id(change)] = change, self._of(change.of(self.start), recording)
-        return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
-
-    def rises(self, change: ArmChange) -> bool:
-        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
-        return any(_farther(a, b) for a, b in self.errors(change))
-
-    def worst(self, change: ArmChange) -> tuple[float, float]:
-        """m before and after, over the horizon at which the error grows most."""
-        stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
-        a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
-        return a.flange, b.flange
-
-    def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
-        return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
-
-
-def _farther(a: ForwardError, b: ForwardError) -> bool:
-    if not 0.0 < a.flange < np.inf:
-        return False  # unstable already, or a bench drive whose flange lies on its axis
-    if not np.isfinite(b.flange):
-        return True
-    if len(a.squares) < ENOUGH:
-        return False
-    more = b.squares - (1 + FARTHER) ** 2 * a.squares
-    return bool(more.mean() > SIGNIFICANT * more.std(ddof=1) / np.sqrt(len(more)))

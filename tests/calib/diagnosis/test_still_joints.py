@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.diagnose import diagnose
+from logs.log import Log
 from sim.arm import ArmEffect, load_arm
 from sim.effects import with_effect
+from sim.errors import AnswerIsNo
 from tests.calib.conftest import fourier_motion, recorded
 
 
@@ -23,3 +27,41 @@ def test_one_joint_that_moves_alone() -> None:
     assert answer["verdict"] != "bad_data"
     assert {e["joint"] for e in answer["effects"]} <= {arm.joint_names[1], None}
     assert {law["joint"] for law in answer["laws"]} <= {arm.joint_names[1]}
+
+
+def of_moving(seed: int, stands: int | None) -> Log:
+    """Eight seconds of servo6, of which one joint may stand."""
+    arm = load_arm("servo6")
+    moved = fourier_motion(arm, seed, 8.0, 100.0)
+    moves = np.array([float(j != stands) for j in range(arm.n)])
+    q = moved.q[0] + moves * (moved.q - moved.q[0])
+    return recorded(arm, replace(moved, q=q, dq=moves * moved.dq, ddq=moves * moved.ddq), seed, memory=0.0)
+
+
+@pytest.mark.parametrize("healthy", [None, 5])
+def test_a_joint_that_stands_in_the_new_recording_has_not_changed(healthy: int | None) -> None:
+    arm = load_arm("servo6")
+    answer = diagnose_changes(arm, [of_moving(9, 5)], [], [of_moving(seed, healthy) for seed in (1, 2, 3)]).answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert np.isfinite(answer["gap"]["before"]).all()
+
+
+def test_a_joint_that_stood_in_the_healthy_recordings_is_refused() -> None:
+    arm = load_arm("servo6")
+    with pytest.raises(AnswerIsNo, match=rf"{arm.joint_names[5]} moves in the new recordings and stands in all"):
+        diagnose_changes(arm, [of_moving(9, None)], [], [of_moving(seed, 5) for seed in (1, 2, 3)])
+
+
+@pytest.mark.parametrize("rate", [40.0, 100.0])
+@pytest.mark.parametrize("held_out", [0, 1])
+def test_friction_that_differs_is_named_with_and_without_a_held_out_recording(rate: float, held_out: int) -> None:
+    """A refit of the arm's own numbers takes it up as well: that is no reason to leave out its name."""
+    arm = load_arm("servo6")
+    joint = arm.joint_names[1]
+    truth = with_effect(arm, ArmEffect("viscous_friction", joint, {"viscous": 6.0}))
+    logs = [recorded(truth, fourier_motion(arm, seed, 30.0, rate), seed, memory=0.0) for seed in (1, 2, 3)[: 2 + held_out]]
+    answer = diagnose(arm, logs[:2], logs[2:]).answer
+    (named,) = answer["effects"]
+    assert (named["effect"], named["joint"]) == ("viscous_friction", joint)
+    assert named["parameters"]["viscous"]["value"] == pytest.approx(6.0, rel=0.03)
+    assert answer["gap"]["after"][1] < 0.1 * answer["gap"]["before"][1]

@@ -1,0 +1,66 @@
+"""The simulated motion of changed arms beside that of the arm as it was: none is written with which it is farther from the recorded one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.diagnosis.corrected import ArmChange
+from calib.diagnosis.significance import SIGNIFICANT
+from calib.measurement.preprocessing import Measurement
+from calib.validation.forward import HORIZONS, ForwardError, forward_error
+from sim.arm import Arm
+
+FARTHER = 0.05  # share by which the simulated flange may be farther off
+ENOUGH = 4  # windows, or parts of one
+FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
+
+
+class SimulatedMotion:
+    """Errors of changed arms and of `start` in forward simulation, on the first recording on which every joint moves long enough."""
+
+    def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
+        self.start, self.shown = start, shown
+        self._known: dict[int, tuple[ArmChange, tuple[ForwardError, ...]]] = {}
+
+    @cached_property
+    def _before(self) -> tuple[Measurement, tuple[ForwardError, ...]]:
+        for m in self.shown:
+            errors = self._of(self.start, m)
+            if errors[0].starts:
+                break
+        return m, errors
+
+    def errors(self, change: ArmChange) -> tuple[tuple[ForwardError, ForwardError], ...]:
+        """(before, after) for every horizon that has windows on that recording."""
+        recording, before = self._before
+        if id(change) not in self._known:
+            self._known[id(change)] = change, self._of(change.of(self.start), recording)
+        return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
+
+    def rises(self, change: ArmChange) -> bool:
+        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
+        return any(_farther(a, b) for a, b in self.errors(change))
+
+    def worst(self, change: ArmChange) -> tuple[float, float]:
+        """m before and after, over the horizon at which the error grows most."""
+        stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
+        a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
+        return a.flange, b.flange
+
+    def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
+        return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
+
+
+def _farther(a: ForwardError, b: ForwardError) -> bool:
+    if not 0.0 < a.flange < np.inf:
+        return False  # unstable already, or a bench drive whose flange lies on its axis
+    if not np.isfinite(b.flange):
+        return True
+    if len(a.squares) < ENOUGH:
+        return False
+    more = b.squares - (1 + FARTHER) ** 2 * a.squares
+    return bool(more.mean() > SIGNIFICANT * more.std(ddof=1) / np.sqrt(len(more)))
