@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.signal import lfilter
@@ -55,7 +57,7 @@ def _common(m: LogModel) -> dict[str, list[np.ndarray]]:
 
 def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
     """The same of one joint; a pair of arguments means products of the first one's splines with the second."""
-    name, link, dt = m.arm.joint_names[j], m.link, 1.0 / m.measurement.rate
+    name, link = m.arm.joint_names[j], m.link
     sign = _direction(m, j)
     out = {
         f"ddq:{name}": [link.ddq[:, j]],
@@ -65,10 +67,14 @@ def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
         f"memory:{name}": [],
     }
     for memory in MEMORIES:
-        decay = np.exp(-dt / memory)
-        slow = lfilter([1 - decay], [1, -decay], link.q[:, j] - link.q[0, j]) + link.q[0, j]
-        out[f"memory:{name}"].append(link.q[:, j] - slow)
+        out[f"memory:{name}"].append(m.measurement.by_stretch(partial(_since, memory * m.measurement.rate), link.q[:, j]))
     return out
+
+
+def _since(memory: float, q: np.ndarray) -> np.ndarray:
+    """(N,) how far q is from where a lag of the first order, of so many samples, has followed it to."""
+    decay = np.exp(-1.0 / memory)
+    return np.asarray(q - q[0] - lfilter([1 - decay], [1, -decay], q - q[0]))
 
 
 def _direction(m: LogModel, j: int) -> np.ndarray:
@@ -89,9 +95,13 @@ def _resonances(m: LogModel, j: int) -> np.ndarray:
         w = 2 * np.pi * frequency
         decay, ring = np.exp(-DAMPING * w * dt), np.cos(w * np.sqrt(1 - DAMPING**2) * dt)
         recursion = [1.0, -2.0 * decay * ring, decay**2]
-        x = lfilter([0.0, -((w * dt) ** 2)], recursion, m.link.ddq[:, j])
-        out += [x, np.gradient(x, dt) / w]
+        x = m.measurement.by_stretch(partial(lfilter, [0.0, -((w * dt) ** 2)], recursion), m.link.ddq[:, j])
+        out += [x, m.measurement.by_stretch(partial(_slope, dt), x) / w]
     return np.column_stack(out)
+
+
+def _slope(dt: float, x: np.ndarray) -> np.ndarray:
+    return np.gradient(x, dt) if len(x) > 1 else np.zeros_like(x)
 
 
 def _hystereses(m: LogModel, j: int) -> np.ndarray:

@@ -60,7 +60,7 @@ def answer(
     log: str,
     trusted: Sequence[GateCheck],
 ) -> dict[str, Any]:
-    """diagnosis.json (design.md section 7)."""
+    """What diagnosis.json holds."""
     none: dict[str, list[float]] = {"noise_floor": [], "before": [], "refit": [], "after": []}
     return {
         "schema": "diagnosis/1",

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.link_side import centre_size
-from calib.diagnosis.nuisance import DELAY_MEAN, DELAY_SPREAD, spreads
+from calib.diagnosis.nuisance import DELAY_MEAN, DELAY_SPREAD, ROTOR_TOGETHER, spreads
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm
 
@@ -29,7 +29,7 @@ FRICTION = {
 class Moved:
     """One number of the arm: its value before and after the refit, its standard deviation then and that of its prior, and gap_share.
 
-    gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought.
+    The reflected inertia of one joint comes beside the factor on all joints. gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought.
     """
 
     name: str
@@ -80,6 +80,8 @@ def _meaning(arm: Arm, name: str) -> tuple[str, str | None, float, str, float] |
     """What a nuisance parameter is, its joint, the arm's own value, its unit and one prior standard deviation of it."""
     if name == "delay":
         return "delay of the torque reading", None, 1e3 * DELAY_MEAN, "ms", 1e3 * DELAY_SPREAD
+    if name == "Ia_all":
+        return "reflected inertia of all joints", None, 1.0, "times", ROTOR_TOGETHER
     match = re.fullmatch(r"(m|cx|cy|cz|I|Fc|Fv|Ia|offset)_(\d+)", name)
     if match is None:
         return None

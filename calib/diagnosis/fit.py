@@ -167,14 +167,14 @@ def loss_of(observed: Mapping[Key, Observed], arm: Arm) -> float:
     return total
 
 
-def _prior(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+def _prior(columns: list[list[np.ndarray]], hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
     """(k,) prior standard deviation of every accepted parameter, and (k,) its middle in units of it from where the parameter stands.
 
     The deviation is WIDE over the column's size, or the parameter's own, or that of a contact's force, whose middle is none, or HELD times that of
     what was observed.
     """
     scale, mean = np.zeros(len(columns)), np.zeros(len(columns))
-    for k, ((i, p), (_, per_log)) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
+    for k, ((i, p), per_log) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
         item, size = hypothesis.accepted[i], np.sqrt(sum(float((c**2).sum()) for c in per_log))
         one = hypothesis.observed.get((item.effect, item.joint))
         if item.effect == CONTACT and p.name.startswith("force"):
@@ -188,13 +188,11 @@ def _prior(columns: list[tuple[float, list[np.ndarray]]], hypothesis: Hypothesis
     return scale, mean
 
 
-def _joined(
-    rows: ResidualRows, columns: list[tuple[float, list[np.ndarray]]], scale: np.ndarray, mean: np.ndarray
-) -> ResidualRows:
+def _joined(rows: ResidualRows, columns: list[list[np.ndarray]], scale: np.ndarray, mean: np.ndarray) -> ResidualRows:
     """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
     widened = ResidualRows(rows.models)
     for j in range(rows.n):
-        extra = [rows.take(j, [c[:, j] for c in per_log]) for _, per_log in columns]
+        extra = [rows.take(j, [c[:, j] for c in per_log]) for per_log in columns]
         widened.x[j] = np.concatenate([rows.x[j], np.stack(extra, axis=1) * scale], axis=1)
     widened.mean = np.concatenate([rows.mean, mean])
     widened.least = np.concatenate([rows.least, np.full(len(columns), -np.inf)])

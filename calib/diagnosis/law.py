@@ -111,7 +111,7 @@ def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
     effect do not have it. A shape, which has no such value, may change by a factor.
     """
     columns, mean, precision = [], [], []
-    for (i, p), (_, column) in zip(parameters_of(f.accepted), columns_of(f.models, f.hypothesis), strict=True):
+    for (i, p), column in zip(parameters_of(f.accepted), columns_of(f.models, f.hypothesis), strict=True):
         item = f.accepted[i]
         absent, value = nominal_values(f.hypothesis.start, item)[p.name], item.parameters[p.name]
         away = 0.0 if absent is None or logarithmic(p) else value - absent

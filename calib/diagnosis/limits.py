@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from calib.measurement.joint_torque import joint_torque
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 
@@ -56,13 +57,14 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
 
     A level that any recording goes beyond is no limit. Nothing is fitted, so recordings that are held out count like the others.
     """
-    out = []
+    out, torques = [], [joint_torque(log, arm) for log in logs]
     for j, joint in enumerate(arm.joint_names):
-        read = [log for log in logs if np.isfinite(log.q_cmd[:, j]).all() and np.isfinite(log.tau[:, j]).all()]
-        if not read:
+        read = [(log, tau[:, j]) for log, tau in zip(logs, torques, strict=True) if np.isfinite(tau[:, j]).all()]
+        commanded = [(log, tau) for log, tau in read if np.isfinite(log.q_cmd[:, j]).all()]
+        if not commanded:
             continue
-        most = max(float(np.quantile(_smoothed(log, j), 0.998)) for log in logs if np.isfinite(log.tau[:, j]).all())
-        found = [stand for log in read for stand in _stands(log, j, most) if stand[0] > BEHIND]
+        most = max(float(np.quantile(_smoothed(tau, _rate(log)), 0.998)) for log, tau in read)
+        found = [stand for log, tau in commanded for stand in _stands(log, j, tau, most) if stand[0] > BEHIND]
         levels = np.array([level for _, level in found])
         if len(found) >= LEAST_TIMES and levels.std() < SAME * np.median(levels):
             item = ArmEffect("torque_saturation", joint, {"limit": float(np.median(levels))})
@@ -70,9 +72,10 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
     return out
 
 
-def _stands(log: Log, j: int, most: float) -> Iterator[tuple[float, float]]:
-    """Stretches of flat torque near `most`: largest following error over its usual size, and level N m."""
-    rate, torque = _rate(log), _smoothed(log, j)
+def _stands(log: Log, j: int, tau: np.ndarray, most: float) -> Iterator[tuple[float, float]]:
+    """Stretches of flat torque near `most`, of tau (N,): largest following error over its usual size, and level N m."""
+    rate = _rate(log)
+    torque = _smoothed(tau, rate)
     error = np.abs(log.q_cmd[:, j] - log.q[:, j])
     speed = np.abs(log.dq[:, j])
     under = (torque < BELOW * most) & (speed > MOVING * np.quantile(speed, 0.98))
@@ -93,9 +96,8 @@ def _resolution(q: np.ndarray) -> float:
     return float(np.min(steps[steps > LEAST_STEP], initial=1.0)) if np.any(steps > LEAST_STEP) else LEAST_STEP
 
 
-def _smoothed(log: Log, j: int) -> np.ndarray:
-    """(N,) N m without most of the noise, which stands above a limit."""
-    tau, rate = log.tau[:, j], _rate(log)
+def _smoothed(tau: np.ndarray, rate: float) -> np.ndarray:
+    """(N,) |tau| N m without most of the noise, which stands above a limit."""
     noise = float(np.median(np.abs(np.diff(tau)))) / (0.6745 * np.sqrt(2.0))
     wanted = noise / max(NOISE * float(np.quantile(np.abs(tau), 0.998)), 1e-12)
     return np.abs(uniform_filter1d(tau, max(1, round(rate * float(np.clip(wanted**2 / rate, SMOOTH, LONGEST))))))

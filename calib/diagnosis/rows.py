@@ -114,11 +114,6 @@ class Solved:
         """Per joint, whitened."""
         return [r - x @ self.theta for r, x in zip(self.rw, self.xw, strict=True)]
 
-    def chi2(self) -> float:
-        """Sum of squares of the whitened rest and of the prior."""
-        off = self.theta - self.rows.mean
-        return float(sum(e @ e for e in self.left()) + off @ off)
-
     def gain_of(
         self, pieces: Mapping[int, Products], g: np.ndarray, spread: tuple[float, ...] | None = None
     ) -> tuple[Any, np.ndarray]:

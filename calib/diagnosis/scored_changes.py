@@ -29,7 +29,6 @@ class Changed:
     std: dict[str, float]
     gain: float
     rivals: tuple[Key, ...]
-    log: int | None = None
 
 
 @dataclass
@@ -58,7 +57,7 @@ class ScoredChange:
 
     def stated(self) -> Changed:
         """The change with its standard deviations, without its columns."""
-        return Changed(self.effect, _spread(self), self.gain, self.rivals, self.log)
+        return Changed(self.effect, _spread(self), self.gain, self.rivals)
 
 
 def scored_changes(

@@ -13,8 +13,8 @@ from sim.effects.effect import Parameter
 from sim.prediction import by_stage, link_side, motor_side
 
 
-def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[float, list[np.ndarray]]]:
-    """Per fitted parameter: its step, and per log the change (R, n) of predicted torque per unit of it."""
+def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[list[np.ndarray]]:
+    """Per fitted parameter and log: the change (R, n) of predicted torque per unit of it."""
     out = []
     for i, p in parameters_of(hypothesis.accepted):
         item = hypothesis.accepted[i]
@@ -22,7 +22,7 @@ def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[tuple[flo
         if not within(changed(item, p, step)) or changed(item, p, step).parameters == item.parameters:
             step = -step
         moved = changed(item, p, step)
-        out.append((step, [_slope(model, hypothesis, k, item, moved, step) for k, model in enumerate(models)]))
+        out.append([_slope(model, hypothesis, k, item, moved, step) for k, model in enumerate(models)])
     return out
 
 

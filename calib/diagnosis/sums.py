@@ -78,7 +78,7 @@ def portion(point: Point, log: Log, others: bool = True) -> JointInformation:
     """Per joint the factor of [X D r S] of one piece; without `others` there are no columns S."""
     model = point.model(log)
     rows = ResidualRows([model])
-    named = [per_log[0] for _, per_log in columns_of([model], point.hypothesis)]
+    named = [per_log[0] for per_log in columns_of([model], point.hypothesis)]
     beside = _beside(model, point.hypothesis) if others else []
     factors = []
     for j in range(rows.n):

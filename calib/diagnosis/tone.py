@@ -39,7 +39,7 @@ def strongest(models: Sequence[LogModel], residuals: Sequence[np.ndarray], j: in
     if len(usable) < 2 or len(usable) < len(models):
         return None
     step = 1.0 / max(m.measurement.rate for m, _ in usable)
-    count = next_fast_len(2 * int(max(m.measurement.row_samples[-1] / m.measurement.rate for m, _ in usable) / step), real=True)
+    count = next_fast_len(2 * int(max(_seconds(m)[-1] for m, _ in usable) / step), real=True)
     highest = min(m.measurement.decimator.cutoff for m, _ in usable)
     frequency = np.arange(count // 2 + 1) / (count * step)
     band = (frequency > LOWEST) & (frequency < highest)
@@ -50,9 +50,7 @@ def strongest(models: Sequence[LogModel], residuals: Sequence[np.ndarray], j: in
     for m, _ in usable:
         if m.measurement.period is not None:
             harmonic = frequency * m.measurement.period
-            band &= np.abs(harmonic - np.round(harmonic)) > 1.5 * m.measurement.period / (
-                m.measurement.row_samples[-1] / m.measurement.rate
-            )
+            band &= np.abs(harmonic - np.round(harmonic)) > 1.5 * m.measurement.period / (_seconds(m)[-1])
     if not band.any():
         return None
     k = int(np.argmax(np.where(band, total, -np.inf)))
@@ -64,7 +62,7 @@ def strongest(models: Sequence[LogModel], residuals: Sequence[np.ndarray], j: in
 def _gains(m: LogModel, e: np.ndarray, j: int, step: float, count: int, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """2 P / P_0 and the amplitude N m of a sine, per frequency."""
     usable = m.measurement.row_usable[:, j]
-    at = m.measurement.row_samples[usable] / m.measurement.rate
+    at = _seconds(m)[usable]
     at = at - at[0]
     window = 1.0 - np.cos(2 * np.pi * at / max(at[-1], 1e-9))
     series = np.zeros(count)
@@ -73,3 +71,8 @@ def _gains(m: LogModel, e: np.ndarray, j: int, step: float, count: int, frequenc
     width = 2 * max(1, int(NEAR / (frequency[1] - frequency[0]))) + 1
     floor = median_filter(spectrum**2, width, mode="nearest") / np.log(2)
     return 2 * spectrum**2 / np.maximum(floor, 1e-300), 2 * spectrum / max(float(window.sum()), 1e-300)
+
+
+def _seconds(m: LogModel) -> np.ndarray:
+    """(R,) s of the rows since the log's first sample, gaps included."""
+    return np.asarray(m.link.t[m.measurement.row_samples] - m.link.t[0])

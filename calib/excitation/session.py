@@ -4,7 +4,7 @@ friction    each joint in turn at constant speeds both ways, then a small chirp 
 excitation  the informative Fourier motion, whole periods
 validation  another Fourier motion, which no fit sees
 discriminate  where a diagnosis left two explanations: the motion on which they part most
-probes      reversal ladder, static holds, the excitation's path at half speed (methods: P5, P3, P6)
+probes      reversal ladder, static holds, the excitation's path at half speed
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from sim.trajectory import Trajectory
 
 SECONDS, RATE = 20.0, 20.0
 ROWS_A_SECOND = 20.0  # that a filter of 8 Hz leaves, for about the same number of independent readings
-REACH = 1.2  # rad to either side
+REACH, LEAST_REACH = 1.2, 0.05  # rad to either side
 SLOW, FAST = 0.06, 0.5  # of dq_max
 WORTH, NEAR = (
     0.6,
@@ -47,7 +47,7 @@ def advice(
 ) -> tuple[Advice, ...]:
     """What to record for the columns `unknown`, most helpful motion first; home (n,) rad is where the logs' motion was centred.
 
-    Columns that no motion of the menu helps are in the last entry, whose motion says so.
+    Columns that no motion of the menu helps are in the last entry, whose motion says so. None where no joint has room to move.
     """
     if not len(unknown):
         return ()
@@ -56,6 +56,8 @@ def advice(
     before = np.sqrt(np.diag(inverse(nominal.precision)))
     enough = np.maximum(CONTRACTION * before, RELATIVE * np.abs(solution.theta))
     menu = _menu(model, home)
+    if not menu:
+        return ()
     then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, path)))) for _, _, path in menu])
     effort = np.array([moving for _, moving, _ in menu])
     # a motion is for those that it makes known, or, failing that, brings much nearer
@@ -98,12 +100,13 @@ def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajecto
     out = []
     postures = [("", home), *_turned(model, home)]
     for where, posture in postures:
-        for j in range(n):
+        free = [j for j in range(n) if _room(model, posture, j) >= LEAST_REACH]
+        for j in free:
             for word, share in (("slowly", SLOW), ("fast", FAST)):
                 motion = _motion(model, posture, t, {j: (share, 1.0)})
                 rate = f"up to {np.abs(motion.dq[:, j]).max():.2g} rad/s"
                 out.append((f"move {arm.joint_names[j]} {word} to and fro ({rate}){where}", 1, motion))
-        for i, j in itertools.combinations(range(n), 2):
+        for i, j in itertools.combinations(free, 2):
             motion = _motion(model, posture, t, {i: (FAST, 1.0), j: (FAST, 1.37)})
             out.append(
                 (f"move {arm.joint_names[i]} and {arm.joint_names[j]} fast together, at different rates{where}", 2, motion)
@@ -112,13 +115,28 @@ def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajecto
 
 
 def _turned(model: TorqueModel, home: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Postures in which one joint of the last half stands a quarter of a turn away, for gravity to pull another way."""
+    """Postures in which one joint of the last half stands a quarter of a turn away, where its limits allow that, for gravity to pull another way."""
     arm, out = model.arm, []
+    lo, hi = _limits(model)
     for j in range(arm.n // 2, arm.n):
-        q = home.copy()
-        q[j] += np.pi / 2 if q[j] + np.pi / 2 < arm.q_max[j] else -np.pi / 2
-        out.append((f", with {arm.joint_names[j]} a quarter of a turn away", q))
+        ways = [way for way in (np.pi / 2, -np.pi / 2) if lo[j] < home[j] + way < hi[j]]
+        if ways and not arm.tree.prismatic[j]:
+            q = home.copy()
+            q[j] += ways[0]
+            out.append((f", with {arm.joint_names[j]} a quarter of a turn away", q))
     return out
+
+
+def _limits(model: TorqueModel) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) rad each; a joint without limits turns for ever."""
+    arm = model.arm
+    return np.where(np.isnan(arm.q_min), -np.inf, arm.q_min), np.where(np.isnan(arm.q_max), np.inf, arm.q_max)
+
+
+def _room(model: TorqueModel, posture: np.ndarray, j: int) -> float:
+    """rad, at most REACH, by which joint j can move to both sides."""
+    lo, hi = _limits(model)
+    return float(min(REACH, 0.9 * (hi[j] - posture[j]), 0.9 * (posture[j] - lo[j])))
 
 
 def _motion(model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict[int, tuple[float, float]]) -> Trajectory:
@@ -126,10 +144,9 @@ def _motion(model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict
     q = np.tile(posture, (len(t), 1))
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
     for j, (share, pace) in moving.items():
-        room = min(REACH, 0.9 * (arm.q_max[j] - posture[j]), 0.9 * (posture[j] - arm.q_min[j]))
         speed = share * (arm.dq_max[j] if np.isfinite(arm.dq_max[j]) else 2.0)
         most = 0.8 * (arm.ddq_max[j] if np.isfinite(arm.ddq_max[j]) else 5.0)
-        reach = max(min(room, REACH), 0.05)
+        reach = _room(model, posture, j)
         rate = pace * min(speed / reach, np.sqrt(most / reach))
         q[:, j] += reach * np.sin(rate * t)
         dq[:, j], ddq[:, j] = reach * rate * np.cos(rate * t), -reach * rate**2 * np.sin(rate * t)

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from calib.identification.calibrated import LINEAR_EFFECTS
 from calib.identification.friction import Sweep, as_prior, pre_estimate
 from calib.identification.instruments import Instrumental, commanded, instrumental
 from calib.identification.least_squares import Solution, estimate
@@ -29,7 +30,6 @@ from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
 SURVEY_SECONDS = 600.0
-LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset", "presliding_friction")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ FOUND = {
     "viscous": 0.2,
     "rotor": 0.3,
 }
-FITTED = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset")
+LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset", "presliding_friction")
 
 
 def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
@@ -81,7 +81,7 @@ def calibrated_arm(
         sure = {"inertia": alone[f"Ia_{j + 1}"]} if f"Ia_{j + 1}" in alone else {}
         effects.append(ArmEffect("rotor_inertia", joint, {"inertia": float(tree.armature[j])}, sure))
     wide = [j for j in range(n) if model.slip_width[j] > SLIP_WIDTHS[0] and own["coulomb"][j] > 0]
-    replaced = {("presliding_friction", arm.joint_names[j]) for j in wide}
+    replaced: set[tuple[str, str]] = set()
     for j in wide:
         effects += built_up(arm.joint_names[j], float(own["coulomb"][j]), float(model.slip_width[j]))
     for law in laws:
@@ -89,7 +89,7 @@ def calibrated_arm(
         terms = {k: v + (own_law.parameters[k] if own_law else 0.0) for k, v in law.parameters.items()}
         effects.append(replace(law, parameters=terms))
         replaced.add((law.effect, law.joint or ""))
-    kept = [e for e in arm.effects if e.effect not in FITTED and (e.effect, e.joint) not in replaced]
+    kept = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS and (e.effect, e.joint) not in replaced]
     fitted = "identified by calib identify from " + ", ".join(sources)
     provenance = dict(arm.provenance) | {FITTED_PROVENANCE: fitted}
     return replace(arm, tree=tree, effects=(*effects, *kept), provenance=provenance, prior=_known(arm.prior))

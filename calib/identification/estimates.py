@@ -11,7 +11,7 @@ from calib.regression.normal_equations import Prior, inverse
 from calib.result import Estimate
 
 # A parameter counts as identified where the data leave it less than a third of what was known before, or fix it to a tenth of itself
-# (methods: essential parameters of M. Gautier; contraction of the prior).
+# (essential parameters, M. Gautier; contraction of the prior).
 CONTRACTION = 0.3
 RELATIVE = 0.1
 

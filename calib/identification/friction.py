@@ -20,13 +20,11 @@ SHORTEST_SECONDS = 0.4
 
 @dataclass(frozen=True)
 class Sweep:
-    """Friction of one joint: mean (3,) and covariance (3, 3) of viscous N m s/rad, coulomb N m, offset N m; speeds it rests on."""
+    """Friction of one joint: mean (3,) and covariance (3, 3) of viscous N m s/rad, coulomb N m, offset N m."""
 
     joint: int
     mean: np.ndarray
     covariance: np.ndarray
-    speeds: np.ndarray
-    rows: int
 
 
 def sweep_rows(m: Measurement) -> np.ndarray:
@@ -80,7 +78,6 @@ def _columns(m: Measurement, model: TorqueModel, j: int, keep: np.ndarray) -> tu
 
 def _fit(j: int, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Sweep | None:
     a, b, posture = (np.concatenate(x) for x in zip(*parts, strict=True))
-    speeds = np.unique(np.round(a[:, 0] / (0.1 * np.abs(a[:, 0]).min() + 1e-12)))
     if not (np.any(a[:, 0] > 0) and np.any(a[:, 0] < 0)) or np.ptp(np.abs(a[:, 0])) < 0.3 * np.abs(a[:, 0]).max():
         return None
     _, group = np.unique(posture, axis=0, return_inverse=True)
@@ -100,4 +97,4 @@ def _fit(j: int, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Swee
     inflation = (1 + correlation) / (1 - correlation)
     variance = e @ e / (len(b) - design.shape[1]) * inflation
     covariance = inverse(design.T @ design) * variance
-    return Sweep(j, (x / scale)[:3], covariance[:3, :3], speeds, len(b))
+    return Sweep(j, (x / scale)[:3], covariance[:3, :3])

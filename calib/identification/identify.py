@@ -32,7 +32,7 @@ from calib.regression.normal_equations import wider
 from calib.regression.stored import Kept
 from calib.result import Conditioning, FitResult, Gap
 from logs import Log
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 
 # times the torque that the other fit leaves at a joint. Seven real arms and drives: at most 1.04 where laws help; 1.05 on a servo (XL330) whose
 # recordings kept apart parameters without a law predict better (0.38 of the torque's standard deviation, not 0.44). Three
@@ -42,7 +42,8 @@ MORE = 1.15
 
 @dataclass(frozen=True)
 class Identification:
-    """The calibrated arm, how well it is known, its result, and what a report draws: model, theta and measurements."""
+    """The calibrated arm, how well it is known, its result, and what a report draws: model, theta, measurements, and the
+    friction laws, whose torque is not in theta."""
 
     arm: Arm
     known: Known
@@ -52,6 +53,7 @@ class Identification:
     possible: PossibleArm
     measurements: tuple[Measurement, ...]
     holdout: tuple[Measurement, ...]
+    laws: tuple[ArmEffect, ...] = ()
 
 
 def identify(
@@ -146,7 +148,8 @@ def identify(
     slow = fit.weights.noise.drive if fit.weights.slow is None else fit.weights.slow
     intensity = slow**2 / fit.measurements[0].decimator.row_rate
     known = Known(solution.covariance, intensity, "was identified from " + ", ".join(fit.names))
-    return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held))
+    effects = laws.effects if laws else ()
+    return Identification(calibrated, known, result, model, solution, possible, fit.measurements, tuple(held), effects)
 
 
 def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:

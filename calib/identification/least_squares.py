@@ -13,9 +13,7 @@ import numpy as np
 
 from calib.identification.joint_equations import placed, prior_in_use, residual_variance, together
 from calib.identification.model import TorqueModel
-from calib.identification.row_weights import reference
-from calib.identification.rows import RegressorRows
-from calib.identification.sums import Reference, Sums, summed
+from calib.identification.sums import Reference, Sums
 from calib.regression.information import InformationMatrix
 from calib.regression.normal_equations import Prior, inverse, solution_of, wider
 
@@ -44,19 +42,12 @@ class Solution:
     regularised: bool
 
 
-def solve(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Solution:
-    """The estimate; `nominal` joins as a prior only if the scaled condition number passes RIDGE_ABOVE.
-
-    AnswerIsNo where a joint has hardly any usable rows.
-    """
-    weights = reference(rows, prior, nominal, robust)
-    return estimate(rows.model, summed(rows, weights), weights, prior, nominal)
-
-
 def estimate(
     model: TorqueModel, sums: Sums, weights: Reference, prior: Prior | None = None, nominal: Prior | None = None
 ) -> Solution:
-    """The estimate from sums of rows that were weighted by `weights`; priors as `solve` takes them."""
+    """The estimate from sums of rows that were weighted by `weights`; `nominal` joins as a prior only if the scaled condition number passes
+    RIDGE_ABOVE.
+    """
     p = model.p
     used = [model.used_by(j) for j in range(model.arm.n)]
     prior, condition, scaled, regularised = prior_in_use(model, sums.plain, prior, nominal)
@@ -87,7 +78,7 @@ def ordinary(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """theta (p,), its std (p,) and the condition number from arrays (N, n) as they are: each joint weighted by its own residual.
 
-    For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `solve` is for.
+    For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `identify` is for.
     """
     columns = model.joint_columns(q, dq, ddq)
     sums = tuple(InformationMatrix.of(np.column_stack([a, tau[:, j]])) for j, a in enumerate(columns))

@@ -12,6 +12,7 @@ from calib.identification.model import FRICTION
 from calib.identification.rows import RegressorRows
 from calib.result import Estimate, FitResult, Gap
 from calib.terminal.quantity import rounded, significant
+from sim.prediction import torque_of_laws
 
 MOST_ROWS = 20_000
 SIGMAS = 1.96
@@ -70,7 +71,10 @@ def as_text(e: Estimate) -> str:
 
 
 def evidence(found: Identification) -> dict[str, Any]:
-    """Filtered rows of the first held-out log, or of the first training log: measured torque, and before and after as predicted."""
+    """Filtered rows of the first held-out log, or of the first training log: before and after as predicted, and the measured torque.
+
+    The torque of effects that the arm had before and keeps is in none of them.
+    """
     m = (found.holdout or found.measurements)[0]
     rows = RegressorRows(found.model, [m])
     n = found.model.arm.n
@@ -80,6 +84,7 @@ def evidence(found: Identification) -> dict[str, Any]:
     for block in rows:
         for theta, out in ((nominal, before), (fitted, after)):
             out.append(np.stack([block.a[j] @ theta[rows.used[j]] for j in range(n)], axis=1))
+    by_laws = m.rows(torque_of_laws(found.laws, found.model.arm, m.trajectory))
     index = np.flatnonzero(m.row_usable.any(axis=1))
     index = index[:: max(1, len(index) // MOST_ROWS)]
     return {
@@ -88,7 +93,7 @@ def evidence(found: Identification) -> dict[str, Any]:
         "t": m.trajectory.t[m.row_samples][index] - m.trajectory.t[0],
         "tau": m.rows(m.tau)[index],
         "before": np.concatenate(before)[index],
-        "after": np.concatenate(after)[index],
+        "after": (np.concatenate(after) + by_laws)[index],
         "q": m.rows(m.trajectory.q)[index],
         "dq": m.rows(m.trajectory.dq)[index],
     }

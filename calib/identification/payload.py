@@ -65,7 +65,7 @@ def load_between(model: TorqueModel, free: Solution, loaded: Solution) -> Load:
     gain = inverse(g.T @ weight @ g) @ g.T @ weight
     phi = gain @ difference
     left = difference - g @ phi
-    chi2 = float(left @ weight @ left) / (len(left) - len(phi))
+    chi2 = float(left @ weight @ left) / max(len(left) - int(np.linalg.matrix_rank(g)), 1)
     ones = np.ones(model.arm.n)
     covariance = gain @ (free.covariance + loaded.covariance) @ gain.T * max(chi2, 1.0)
     _require_mass(model, float(phi[0]), float(np.sqrt(covariance[0, 0])))

@@ -85,11 +85,6 @@ class RegressorRows:
         """Rows a second."""
         return self.measurements[0].decimator.row_rate
 
-    @property
-    def count(self) -> np.ndarray:
-        """(n,) usable rows of every joint."""
-        return sum((b.usable.sum(axis=0) for b in self), np.zeros(self.model.arm.n, dtype=int))
-
     def part(self, k: int) -> RegressorRows:
         """The rows of measurement k alone."""
         left = {0: self.leave_out[k]} if k in self.leave_out else {}

@@ -11,7 +11,10 @@ from calib.measurement.preprocessing import Measurement
 
 
 def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], most: int = 5000) -> np.ndarray:
-    """(n,) rad: of SLIP_WIDTHS the one that leaves each joint's rows the least residual; the narrowest unless another wins by 2 %."""
+    """(n,) rad: of SLIP_WIDTHS the one that leaves each joint's rows the least residual; the narrowest unless another wins by 2 %.
+
+    Of every recording about as many rows, `most` in all.
+    """
     n = model.arm.n
     sums = [[np.zeros((0, 0))] * n for _ in SLIP_WIDTHS]
     blocks = _first_rows(model, measurements, most)
@@ -33,7 +36,7 @@ def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], m
 
 
 def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: int) -> list:  # type: ignore[type-arg]
-    out, count = [], 0
+    out = []
     used = [model.used_by(j) for j in range(model.arm.n)]
     for m in measurements:
         first = 0
@@ -43,9 +46,8 @@ def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: i
             b = m.decimator.rows(m.tau[samples])
             out.append((m, (samples, a, b, m.row_usable[first : first + len(b)]), used))
             first += len(b)
-            count += len(b)
-            if count > most:
-                return out
+            if first > most / len(measurements):
+                break
     return out
 
 

@@ -68,11 +68,6 @@ class Sums:
             np.sum([s.counts for s in parts], axis=0),
         )
 
-    @property
-    def usable(self) -> JointInformation:
-        """Per joint every usable row, fitted or not."""
-        return merged_joints([self.plain, self.apart])
-
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything by name, to be kept in a file."""
         out = {"scores": self.scores, "touched": self.touched, "counts": self.counts}

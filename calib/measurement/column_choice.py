@@ -29,7 +29,7 @@ def chosen_map(
     names = tuple(part.strip() for part in joints.split(",")) if joints else joint_names
     complete = "q" in stated and ("time" in stated or rate is not None)
     if complete:
-        return _of_options(stated, rate, names, episode, str(file)), [], True
+        return _of_options(stated, rate, names, episode), [], True
     guess, doubts = guess_map(table, names, episode)
     if not stated and rate is None:
         return guess, doubts, False
@@ -126,7 +126,6 @@ def _of_options(
     rate: float | None,
     names: Sequence[str] | None,
     episode: int | None,
-    where: str,
 ) -> ColumnMap:
     plain = _plain(stated, rate)
     joints = list(names) if names is not None else _names(plain["q"]["columns"])

@@ -24,6 +24,7 @@ LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
 NEGLIGIBLE = 1e-3  # of the joint's residual: a term that contributes less is left out
 PARTS = 5  # of a single recording
+TINY = 1e-9  # N m
 HELD = 1e12  # precision of a parameter that must not move
 
 
@@ -200,7 +201,8 @@ class _Problem:
         first = p + np.concatenate([[0], np.cumsum([len(t) for t in terms])])
         columns = [np.concatenate([np.arange(p), first[j] + np.arange(len(terms[j]))]) for j in range(n)]
         own = [np.concatenate([np.arange(p), p + terms[j]]) for j in range(n)]
-        size = np.array([np.sqrt(s[-1, -1] / r) for s, r in zip(total, rows, strict=True)])
+        # a joint whose torque reads exactly zero has a size all the same
+        size = np.array([max(float(np.sqrt(s[-1, -1] / r)), TINY) for s, r in zip(total, rows, strict=True)])
         alpha = np.concatenate([np.full(len(t), 1 / (0.03 * s) ** 2) for t, s in zip(terms, size, strict=True)])
         variance = np.maximum((0.1 * size) ** 2, 1e-12)
         x = np.zeros(int(first[-1]))

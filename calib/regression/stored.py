@@ -38,8 +38,8 @@ class Kept:
 
 
 def digest_of(log: Log) -> str:
-    """A digest of the samples that an identification uses, wherever they are kept."""
+    """A digest of the samples that an identification or a diagnosis uses, wherever they are kept."""
     digest = hashlib.blake2b(log.path.name.encode() if log.path else b"")
-    for values in (log.t, log.q, log.dq, log.tau, log.current):
+    for values in (log.t, log.q, log.dq, log.tau, log.current, log.temperature):
         digest.update(np.ascontiguousarray(values).data)
     return digest.hexdigest()

@@ -29,7 +29,7 @@ _VERDICTS: dict[str, Verdict] = {
 def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any], arm: Arm | None = None) -> Path:
     """Write the page of a diagnosis; returns its path.
 
-    diagnosis  the content of diagnosis.json (design.md section 7)
+    diagnosis  the content of diagnosis.json
     evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
                (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `others`: the same arrays on further held-out logs. Without arrays (bad data) the page
                has no pictures.

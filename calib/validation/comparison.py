@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,7 @@ def _diagnosis(run: Run, data: dict[str, Any]) -> RunNumbers:
         for name, p in e["parameters"].items()
     }
     gap = data["gap"]
-    return RunNumbers(run, numbers, dict(zip(gap["joints"], map(float, gap["after"]), strict=True)), str(gap["unit"]))
+    return RunNumbers(run, numbers, _of_moving(gap["joints"], gap["after"]), str(gap["unit"]))
 
 
 def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
@@ -107,4 +108,9 @@ def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
         if e["identifiable"]
     }
     gap = data["holdout"] or data["training"]
-    return RunNumbers(run, numbers, dict(zip(data["joint_names"], map(float, gap["after"]), strict=True)), "N*m")
+    return RunNumbers(run, numbers, _of_moving(data["joint_names"], gap["after"]), "N*m")
+
+
+def _of_moving(joints: Sequence[str], left: Sequence[float | None]) -> dict[str, float]:
+    """The residual of the joints that moved; of the others none is known."""
+    return {joint: float(x) for joint, x in zip(joints, left, strict=True) if x is not None}

@@ -157,7 +157,9 @@ def polish(
         if np.mean(after**2) < np.mean(best**2):
             best, theta = after, trial
     accepted = bool(np.sqrt(np.mean(best**2)) < (1 - WORTH) * np.sqrt(np.mean(before**2)))
-    return Polished(with_corrections(arm, keys, theta) if accepted else arm, accepted, keys, theta, before, best)
+    polished = with_corrections(arm, keys, theta)
+    made = np.array([_own(polished, key) - _own(arm, key) for key in keys])
+    return Polished(polished if accepted else arm, accepted, keys, made, before, best)
 
 
 def _simulated(arm: Arm, held: Sequence[Measurement]) -> np.ndarray:
@@ -176,6 +178,10 @@ def _solved(shots: Sequence[Shots], ridge: float) -> np.ndarray:
     size[size == 0] = np.inf
     x = a / size
     return np.asarray(-np.linalg.solve(x.T @ x + ridge * len(x) * np.eye(len(size)), x.T @ b) / size)
+
+
+def _own(arm: Arm, key: Key) -> float:
+    return value_of(arm, *key, POLISHED[key[0]], 0.0)
 
 
 def with_corrections(arm: Arm, keys: Sequence[Key], theta: Sequence[float] | np.ndarray) -> Arm:

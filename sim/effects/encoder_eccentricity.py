@@ -42,8 +42,8 @@ class EncoderEccentricity(Effect):
     )
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The joint's own parts are where they were after a whole turn."""
-        return repeats(p["cycles"])
+        """The joint's own parts are where they were after a whole turn, and no reading belongs to two angles."""
+        return repeats(p["cycles"]) and p["amplitude"] * p["cycles"] < 1
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Solve angle + A sin(N angle + phase) = reading by fixed point, with speed and acceleration by the chain rule."""

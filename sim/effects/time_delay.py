@@ -64,7 +64,8 @@ class TimeDelay(Effect):
         if box.t is None or len(box.t) < 2:
             return
         lo, hi = box.reading.lo.copy(), box.reading.hi.copy()
-        times = [box.t - d for d in (p["delay"].lo[0], p["delay"].middle[0], p["delay"].hi[0])]
+        delay = p["delay"].wider(unsure)
+        times = [box.t - d for d in (delay.lo[0], delay.middle[0], delay.hi[0])]
         for j in range(lo.shape[1]):
             box.reading.lo[:, j] = np.min([np.interp(t, box.t, lo[:, j]) for t in times], axis=0)
             box.reading.hi[:, j] = np.max([np.interp(t, box.t, hi[:, j]) for t in times], axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
+from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
@@ -25,6 +26,8 @@ class TorqueGain(Effect):
         state.tau[:, joint] *= p["gain"]
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """reading *= g."""
-        box.reading[:, joints] = box.reading[:, joints] * p["gain"]
-        box.gain[joints] = np.maximum(box.gain[joints], p["gain"].magnitude)
+        """reading *= g; where g is not sure, by a share of how far it is from 1."""
+        one = Interval(np.ones(len(joints)), np.ones(len(joints)))
+        gain = (p["gain"] - one).wider(unsure) + one
+        box.reading[:, joints] = box.reading[:, joints] * gain
+        box.gain[joints] = np.maximum(box.gain[joints], gain.magnitude)

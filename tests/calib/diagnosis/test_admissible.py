@@ -29,7 +29,7 @@ from tests.calib.diagnosis.conftest import recording
 )
 @pytest.mark.parametrize("effect", ["torque_ripple", "encoder_eccentricity"])
 def test_a_wave_of_the_joint_repeats_after_a_turn(effect: str, cycles: float, whole: bool) -> None:
-    values = {"amplitude": 0.01, "cycles": cycles, "phase": 0.3}
+    values = {"amplitude": 0.001, "cycles": cycles, "phase": 0.3}
     assert effect_named(effect).plausible(values, 100.0, np.inf) == whole
 
 

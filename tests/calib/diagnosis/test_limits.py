@@ -138,3 +138,10 @@ def test_a_delayed_joint_that_mostly_stands_has_no_limit(ur10e: Arm) -> None:
     q[:, ELBOW] = np.interp(t - 0.05, t, q_cmd[:, ELBOW])
     assert (np.abs(dq[:, ELBOW]) > 0).mean() < 0.7
     assert limits_reached(ur10e, [replace(log, q=q, dq=dq, q_cmd=q_cmd)]) == []
+
+
+def test_a_limit_of_a_drive_that_reports_its_current_is_found(ur10e: Arm) -> None:
+    arm = replace(ur10e, torque_constant=np.full(6, 10.0))
+    log = asked(arm, 50.0, 0.08)
+    (found,) = limits_reached(arm, [replace(log, tau=np.full_like(log.tau, np.nan), current=log.tau / 10.0)])
+    assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)

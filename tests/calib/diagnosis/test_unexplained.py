@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,7 +13,10 @@ from calib.claims.diagnosis_sentences import variable
 from calib.diagnosis.additive_basis import SPOTS, hats
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
+from calib.diagnosis.motion import measured
+from calib.diagnosis.tone import strongest
 from sim.arm import Arm
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import NOISE, Hidden, recording
@@ -141,3 +145,19 @@ def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidde
     found = asked(ur10e, hidden).answer
     unexplained_at(found, "wrist_1_joint")
     assert any(x.startswith(imitated) and words in x for x in found["refused"])
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.15, 0.45])
+def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
+    frequency, models, residuals = 3.3, [], []
+    for seed in (1, 2):
+        m = LogModel(measured(recording(ur10e, seed, seconds=40.0), ur10e), Hypothesis.nominal(ur10e))
+        t = m.link.t + np.where(np.arange(len(m.link.t)) > len(m.link.t) // 2, gap, 0.0)
+        late = replace(m.link, t=t)
+        models.append(SimpleNamespace(measurement=m.measurement, link=late))
+        noise = 0.3 * np.random.default_rng(seed).standard_normal(len(m.measurement.row_samples))
+        residuals.append(noise + 0.15 * np.sin(2 * np.pi * frequency * t[m.measurement.row_samples] + seed))
+    found = strongest(cast("list[LogModel]", models), residuals, 0, 2)
+    assert found is not None
+    assert found.frequency == pytest.approx(frequency, abs=0.03)
+    assert min(found.gains) > 8.0

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.known_truth import HOME
 from calib.excitation.fourier import Basis, Fourier, random_fourier
+from calib.identification import advice as advice_module
 from calib.identification.advice import advice, sentence
 from calib.identification.base_fit import BaseFit, Options, fitted
 from calib.identification.estimates import base_estimates
 from calib.identification.identify import identify
+from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
 from sim.arm import Arm
 from sim.trajectory import Trajectory
@@ -66,3 +71,19 @@ def test_what_is_advised_stands_in_the_result(ur5e: Arm) -> None:
 def test_nothing_unknown_needs_no_advice(ur5e: Arm) -> None:
     fit = fitted(ur5e, [recorded(ur5e, slow_motion(ur5e), 1)], NARROW)
     assert advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), [], HOME) == ()
+
+
+def test_no_advised_motion_leaves_the_limits(ur5e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrow = replace(ur5e, q_min=HOME - 1.0, q_max=np.where(np.arange(6) == 4, HOME + 0.03, HOME + 1.8))
+    fit = fitted(ur5e, [recorded(ur5e, slow_motion(ur5e), 1)], NARROW)
+    model = TorqueModel.of_arm(narrow)
+    every = range(model.p)
+    seen = list[Trajectory]()
+    information = advice_module._information
+    monkeypatch.setattr(advice_module, "_information", lambda m, s, path: (seen.append(path), information(m, s, path))[1])
+    advice(model, fit.solution, nominal_prior(narrow, model), every, HOME)
+    assert len(seen) > 20
+    for path in seen:
+        assert np.all(path.q >= narrow.q_min)
+        assert np.all(path.q <= narrow.q_max)
+        assert not path.dq[:, 4].any()

@@ -37,3 +37,11 @@ def test_motion_between_samples_is_as_good_as_a_sample() -> None:
     wave = np.sin(2 * np.pi * 7.0 * t)[:, None]
     grid, q, _, _, _ = resampled(t, wave, wave, rate, 50)
     assert np.abs(q[5:-5, 0] - np.sin(2 * np.pi * 7.0 * grid[5:-5])).max() < 3e-4
+
+
+@pytest.mark.parametrize("rate", [30.0, 48.0])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_flat_windows_of_slow_recordings_pass_the_motion(rate: float, order: int) -> None:
+    windows = DerivativeFilter.flat(rate)
+    for f in (0.3, 1.0, 3.0):
+        assert response(windows, order, f) == pytest.approx((2j * np.pi * f) ** order, rel=5e-3)

@@ -76,3 +76,14 @@ def test_the_page_in_a_browser(visit: Callable[..., object], tmp_path: Path) -> 
     seen = visit(comparison.write(tmp_path / "comparison.html", a, b, compare(a, b)))
     assert seen.complaints == []  # type: ignore[attr-defined]
     assert console.cell(compare(a, b)[0].sigmas) in seen.page.inner_text("body")  # type: ignore[attr-defined]
+
+
+def test_a_joint_that_did_not_move_has_no_residual_to_compare() -> None:
+    diagnosed("runs/a", 8.2)
+    path = diagnosed("runs/b", 9.2) / "diagnosis.json"
+    data = json.loads(path.read_text())
+    data["gap"]["after"][0] = None
+    path.write_text(json.dumps(data))
+    one, other = found(read_run("runs/a")), found(read_run("runs/b"))
+    assert set(one.gap) - set(other.gap) == {data["gap"]["joints"][0]}
+    assert compare(one, other)

@@ -142,3 +142,15 @@ def write_csv(log: Log, arm: Arm, file: Path) -> None:
     heads = [f"actual_{kind}_{j}" for kind in ("q", "qd", "current") for j in range(arm.n)]
     rows = np.column_stack([log.t, log.q, log.dq, log.tau / arm.torque_constant])
     np.savetxt(file, rows, delimiter=",", header=",".join(["timestamp", *heads]), comments="", fmt="%.17g")
+
+
+def test_the_file_holds_what_was_applied_and_not_what_was_asked_for(
+    ur5e: Arm, recordings: list[Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("calib.validation.polish._solved", lambda shots, ridge: np.full(shots[0].slopes.shape[2], -1e3))
+    found = polish(ur5e, recordings[:2], recordings[2:])
+    for one in found.as_dict()["corrections"]:
+        if one["effect"] in ("coulomb_friction", "viscous_friction"):
+            own = ur5e.effect(one["effect"], one["joint"])
+            assert own is not None
+            assert one["change"] == pytest.approx(-own.parameters[one["parameter"]])
