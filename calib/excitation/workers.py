@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -28,11 +29,25 @@ class Workers:
                 answers.append(work(task))
                 done((k + 1) / len(tasks))
             return answers
-        waiting = [self._pool.submit(work, task) for task in tasks]
+        with _without_script():
+            waiting = [self._pool.submit(work, task) for task in tasks]
         for k, future in enumerate(as_completed(waiting)):
             future.result()
             done((k + 1) / len(tasks))
         return [future.result() for future in waiting]
+
+
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Processes that start do not run the user's script again: one that calls `plan` outside of `if __name__ == "__main__"` would start them again."""
+    script = vars(sys.modules["__main__"])
+    hidden = {name: script.pop(name) for name in ("__file__", "__spec__") if name in script}
+    script["__spec__"] = None
+    try:
+        yield
+    finally:
+        del script["__spec__"]
+        script.update(hidden)
 
 
 @contextmanager
