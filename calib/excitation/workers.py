@@ -40,8 +40,8 @@ class Workers:
 @contextmanager
 def _without_script() -> Iterator[None]:
     """Processes that start do not run the user's script again: one that calls `plan` outside of `if __name__ == "__main__"` would start them again."""
-    script = vars(sys.modules["__main__"])
-    hidden = {name: script.pop(name) for name in ("__file__", "__spec__") if name in script}
+    script: dict[str, object] = vars(sys.modules["__main__"])
+    hidden: dict[str, object] = {name: script.pop(name) for name in ("__file__", "__spec__") if name in script}
     script["__spec__"] = None
     try:
         yield
