@@ -13,6 +13,7 @@ from sim.arm import Arm, ArmEffect
 from sim.cell import Cell, PayloadTable
 from sim.effects import with_effect
 from sim.joint_state import JointState, Status
+from sim.own_values import values_of
 from sim.rigid_body import RigidBody
 
 # A payload or mounting that is off by more than this shifts gravity torques visibly; a rate or clock off by more cannot be fitted.
@@ -221,8 +222,7 @@ def with_payload(arm: Arm, payload: PayloadTable | None) -> Arm:
 
 def stated_friction(arm: Arm) -> np.ndarray:
     """(n,) N m: the dry friction that the arm's file states, zero where it states none."""
-    frictions = [arm.effect("coulomb_friction", joint) for joint in arm.joint_names]
-    return np.array([f.parameters["coulomb"] if f else 0.0 for f in frictions])
+    return values_of(arm, "coulomb_friction", "coulomb")
 
 
 def _timing(rate: float, states: list[JointState]) -> list[Check]:

@@ -22,6 +22,7 @@ from sim.mjcf import SOFT_STEP, STEP, joint_size, numbers, section
 from sim.mjcf_edit import bodies_of
 from sim.mjcf_form import passive
 from sim.model import compiled
+from sim.own_values import value_of
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH
 from sim.split_joint import split_joint
@@ -76,7 +77,7 @@ def exported_model(arm: Arm) -> ExportedModel:
             element.attrib.update({k: v for k, v in attributes.items() if k not in JOINT_KEYS})
         bend = np.sum([e.form.damping for e in here], axis=0) if here else np.zeros(3)
         if np.any(bend):
-            element.set("damping", numbers(np.add(bend, (_linear(arm, joint), 0.0, 0.0))))
+            element.set("damping", numbers(np.add(bend, (value_of(arm, "viscous_friction", joint, "viscous"), 0.0, 0.0))))
         limits = [e.form.limit for e in here if e.form.limit is not None]
         if model.jnt_actfrclimited[j]:  # it would clip what the passive elements add, too
             element.set("actuatorfrclimited", "false")
@@ -135,11 +136,6 @@ def _table(
 
 def _how(form: Exported, item: ArmEffect, dry: dict[str, dict[str, Any]]) -> str:
     return "dcmotor lugre" if form.dry and item.joint in dry else form.how
-
-
-def _linear(arm: Arm, joint: str) -> float:
-    own = arm.effect("viscous_friction", joint)
-    return own.parameters["viscous"] if own else 0.0
 
 
 def _inertia(arm: Arm) -> np.ndarray:

@@ -14,6 +14,7 @@ from calib.diagnosis.nuisance import LATER, OWN, POSITIVE, WIDER, first_own, fri
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named
+from sim.own_values import values_of
 from sim.prediction import Stages, by_stage, motor_side
 from sim.rigid_body import RigidBody
 from sim.torque_path import PathState
@@ -115,10 +116,9 @@ class LogModel:
         arm, of = self.arm, self._spreads
         out = np.full(len(self.names), -np.inf)
         for k, (effect, parameter, key) in enumerate(POSITIVE):
-            for j, joint in enumerate(arm.joint_names):
-                own, size = arm.effect(effect, joint), of[key][j]
-                if size > 0:
-                    out[first_own(arm.n) + len(OWN) * j + k] = -(own.parameters[parameter] if own else 0.0) / size
+            for j, own in enumerate(values_of(arm, effect, parameter)):
+                if of[key][j] > 0:
+                    out[first_own(arm.n) + len(OWN) * j + k] = -own / of[key][j]
         return out
 
     @cached_property

@@ -17,6 +17,7 @@ from calib.diagnosis.nuisance import spreads
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
+from sim.own_values import value_of
 from sim.prior import unstated
 
 ROUNDS = 2
@@ -37,10 +38,9 @@ def with_unstated(arm: Arm, measurements: Sequence[Measurement]) -> Arm:
         filled = here
         for effect, joint in sorted(keys, key=str):
             j = arm.joint_index(str(joint))
-            own = here.effect(effect, joint)
             name = effect_named(effect).parameters[0].name
             symbol, prior = ORDINARY[effect]
-            value = own.parameters[name] if own else 0.0
+            value = value_of(here, effect, joint, name)
             if effect != "torque_offset":
                 value = max(0.0, value + float(spreads(here)[prior][j]) * theta[f"{symbol}_{j + 1}"])
             filled = with_effect(filled, ArmEffect(effect, joint, {name: float(value)}))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arm import Arm
+from sim.own_values import values_of
 from sim.rigid_body import BaseParameters, RigidBody
 from sim.slip import SLIP_WIDTH, slip_direction
 
@@ -128,22 +129,16 @@ class TorqueModel:
     def nominal(self) -> np.ndarray:
         """theta (p,) of the arm's own numbers: links, rotor_inertia, viscous and coulomb friction, torque_offset."""
         arm = self.arm
-        rotor = [_number(arm, "rotor_inertia", joint, "inertia") for joint in arm.joint_names]
-        own = []
-        for joint in arm.joint_names:
-            own += [
-                _number(arm, "viscous_friction", joint, "viscous"),
-                _number(arm, "coulomb_friction", joint, "coulomb"),
-                _number(arm, "torque_offset", joint, "offset"),
-            ]
+        rotor, viscous, coulomb, offset = (
+            values_of(arm, *of)
+            for of in (
+                ("rotor_inertia", "inertia"), ("viscous_friction", "viscous"), ("coulomb_friction", "coulomb"), ("torque_offset", "offset"),
+            )
+        )  # fmt: skip
+        own = np.stack([viscous, coulomb, offset], axis=1).ravel()
         return np.concatenate([self.base.projection @ np.concatenate([self.body.parameters(), rotor]), own])
 
 
 def parameter_unit(name: str) -> str:
     """Unit of a full parameter by its name: m kg, mc kg m, I and Ia kg m^2."""
     return "kg*m^2" if name.startswith("I") else "kg*m" if name.startswith("mc") else "kg"
-
-
-def _number(arm: Arm, effect: str, joint: str, parameter: str) -> float:
-    found = arm.effect(effect, joint)
-    return found.parameters[parameter] if found else 0.0

@@ -7,14 +7,14 @@ import numpy as np
 from calib.identification.model import FRICTION, TorqueModel
 from calib.regression.normal_equations import Prior
 from sim.arm import Arm
+from sim.own_values import values_of
 from sim.prior import spread, torque_scale
 from sim.rigid_body import link_parameters
 
 
 def full_nominal(arm: Arm, model: TorqueModel) -> np.ndarray:
     """(11 n,) link parameters and rotor inertias as the arm has them."""
-    rotor = [arm.effect("rotor_inertia", joint) for joint in arm.joint_names]
-    return np.concatenate([model.body.parameters(), [e.parameters["inertia"] if e else 0.0 for e in rotor]])
+    return np.concatenate([model.body.parameters(), values_of(arm, "rotor_inertia", "inertia")])
 
 
 def full_covariance(arm: Arm) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 from sim.model import no_warnings
+from sim.own_values import value_of, values_of
 from sim.plant import Plant
 from sim.rigid_body import RigidBody
 
@@ -87,7 +88,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
     if not starts:
         return ForwardError(horizon, none, float("nan"), none, (), np.zeros(0))
     plant, bodies, tr = Plant(arm), RigidBody(loop or arm), m.trajectory
-    rotor = np.array([value_of(loop or arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
+    rotor = values_of(loop or arm, "rotor_inertia", "inertia")
     torque, travel = measured_torque(arm, m), np.array([tr.q[k + steps] - tr.q[k] for k in starts])
     errors, at = [], []
     with no_warnings():
@@ -116,9 +117,9 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
 
 def measured_torque(arm: Arm, m: Measurement) -> np.ndarray:
     """(N, n) N m that the arm says was there when the sensor read m.tau: without its offset, gain and delay."""
-    offset = np.array([value_of(arm, "torque_offset", j, "offset", 0.0) for j in arm.joint_names])
-    gain = np.array([value_of(arm, "torque_gain", j, "gain", 1.0) for j in arm.joint_names])
-    late = value_of(arm, "time_delay", None, "delay", 0.0)
+    offset = values_of(arm, "torque_offset", "offset")
+    gain = values_of(arm, "torque_gain", "gain", 1.0)
+    late = value_of(arm, "time_delay", None, "delay")
     t = m.trajectory.t
     pairs = itertools.pairwise(m.starts)
     tau = np.concatenate([np.stack([np.interp(t[a:b] + late, t[a:b], x) for x in m.tau[a:b].T], axis=1) for a, b in pairs])
@@ -166,9 +167,3 @@ def _spread(starts: Sequence[int] | np.ndarray, apart: int, most: int) -> list[i
     if len(chosen) > most:
         chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, most).astype(int)]
     return chosen
-
-
-def value_of(arm: Arm, effect: str, joint: str | None, parameter: str, neutral: float) -> float:
-    """The arm's own value of an effect's parameter; `neutral` where it has no such effect."""
-    found = arm.effect(effect, joint)
-    return found.parameters[parameter] if found else neutral

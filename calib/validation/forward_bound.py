@@ -16,6 +16,7 @@ from calib.identification.model import TorqueModel
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
+from sim.own_values import values_of
 
 STEPS = 25
 SIGMAS = 1.96
@@ -24,8 +25,8 @@ SIGMAS = 1.96
 def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, known: Known) -> np.ndarray:
     """(n,) rad that 95 % of simulations of `steps` samples stay within, RMS over windows that begin at samples `starts`."""
     n, model = arm.n, TorqueModel.of_arm(arm)
-    rotor = np.array([e.parameters["inertia"] if (e := arm.effect("rotor_inertia", j)) else 0.0 for j in arm.joint_names])
-    viscous = np.array([e.parameters["viscous"] if (e := arm.effect("viscous_friction", j)) else 0.0 for j in arm.joint_names])
+    rotor = values_of(arm, "rotor_inertia", "inertia")
+    viscous = values_of(arm, "viscous_friction", "viscous")
     speed_variance = (m.q_noise * DerivativeFilter.of_cutoff(m.rate, m.decimator.cutoff).noise_gain(1)) ** 2
     dt = steps / m.rate / STEPS
     total = np.zeros(n)

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from calib.measurement.preprocessing import Measurement
-from calib.validation.forward import HORIZONS, forward_error, measured_torque, value_of, whole_windows
+from calib.validation.forward import HORIZONS, forward_error, measured_torque, whole_windows
 from calib.validation.tracking import moved_by
 from sim.arm import Arm
 from sim.effects import effect_named
 from sim.errors import BadLog, ConfigError
+from sim.own_values import value_of, values_of
 from sim.prediction import predict
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
@@ -96,7 +97,7 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
         return np.concatenate([predict(other, part) for part in parts])
 
     tau_hat = along(tr.q, tr.dq)
-    rotor = np.array([value_of(arm, "rotor_inertia", j, "inertia", 0.0) for j in arm.joint_names])
+    rotor = values_of(arm, "rotor_inertia", "inertia")
     bodies = RigidBody(arm)
     mass = np.array([bodies.mass_matrix(q) for q in tr.q]) + np.diag(rotor)
     stiff = np.stack([(along(tr.q + STEP * e, tr.dq) - tau_hat) / STEP for e in eye], axis=-1)
@@ -107,7 +108,7 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
         if effect == "torque_offset":  # as `measured_torque` takes it off
             force[:, arm.joint_names.index(joint), k] = -1.0 / value_of(arm, "torque_gain", joint, "gain", 1.0)
         else:
-            step = 0.01 * max(abs(value_of(arm, effect, joint, POLISHED[effect], 0.0)), 1e-3)
+            step = 0.01 * max(abs(value_of(arm, effect, joint, POLISHED[effect])), 1e-3)
             force[..., k] = (tau_hat - along(tr.q, tr.dq, with_corrections(still, [(effect, joint)], [step]))) / step
     ends = _ends(starts, HORIZON.steps(m), 1 / m.rate, mass, (ahead - behind) / (2 * SPEED_STEP), stiff, force)
     return Shots(ends[..., 0], ends[..., 1:])
@@ -181,7 +182,7 @@ def _solved(shots: Sequence[Shots], ridge: float) -> np.ndarray:
 
 
 def _own(arm: Arm, key: Key) -> float:
-    return value_of(arm, *key, POLISHED[key[0]], 0.0)
+    return value_of(arm, *key, POLISHED[key[0]])
 
 
 def with_corrections(arm: Arm, keys: Sequence[Key], theta: Sequence[float] | np.ndarray) -> Arm:

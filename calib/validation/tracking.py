@@ -14,6 +14,7 @@ import numpy as np
 
 from sim.arm import Arm
 from sim.effects import effect_named
+from sim.own_values import values_of
 from sim.plant import Plant
 from sim.prediction import predict
 from sim.rigid_body import RigidBody
@@ -55,7 +56,7 @@ def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory, seed: int 
     plant = Plant(truth, drive=nominal, seed=seed)
     plant.reset(motion.q[0])
     supplied = predict(moved_by(model), motion)
-    rotor = [e.parameters["inertia"] if (e := nominal.effect("rotor_inertia", j)) else 0.0 for j in nominal.joint_names]
+    rotor = values_of(nominal, "rotor_inertia", "inertia")
     bodies, period = RigidBody(nominal), float(motion.t[1] - motion.t[0])
     error, feedback = np.empty_like(motion.q), np.empty_like(motion.q)
     for k, (q, dq) in enumerate(zip(motion.q, motion.dq, strict=True)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.watch.kernels import slip_on
 from sim.arm import Arm
+from sim.own_values import values_of
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState, Stage
@@ -30,9 +31,9 @@ class DriveTorque:
     def __init__(self, arm: Arm) -> None:
         n = arm.n
         self._stages = by_stage(arm.effects, arm)
-        self.rotor = _each(arm, "rotor_inertia", "inertia")
-        self.coulomb = _each(arm, "coulomb_friction", "coulomb")
-        self.viscous = _each(arm, "viscous_friction", "viscous")
+        self.rotor = values_of(arm, "rotor_inertia", "inertia")
+        self.coulomb = values_of(arm, "coulomb_friction", "coulomb")
+        self.viscous = values_of(arm, "viscous_friction", "viscous")
         delays = [e for e in arm.effects if e.effect == "time_delay"]
         self.delay = float(delays[0].parameters["delay"]) if delays else 0.0
         self.not_followed = tuple(
@@ -93,11 +94,6 @@ class DriveTorque:
         slip_on(q, self._angle, self._slip, width, out)
         self._slip, self._angle = out[-1].copy(), q[-1].copy()
         return out
-
-
-def _each(arm: Arm, effect: str, parameter: str) -> np.ndarray:
-    found = [arm.effect(effect, joint) for joint in arm.joint_names]
-    return np.array([e.parameters[parameter] if e else 0.0 for e in found])
 
 
 def _path(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> PathState:

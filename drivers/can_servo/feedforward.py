@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.arm import Arm
+from sim.own_values import values_of
 from sim.rigid_body import RigidBody
 
 
@@ -17,8 +18,7 @@ class Feedforward:
     def __init__(self, arm: Arm, kind: str, period: float) -> None:
         self._kind, self._period, self._n = kind, period, arm.n
         self._body = RigidBody(arm) if kind != "none" else None
-        rotors = [arm.effect("rotor_inertia", name) for name in arm.joint_names]
-        self._rotor = np.array([e.parameters["inertia"] if e else 0.0 for e in rotors])
+        self._rotor = values_of(arm, "rotor_inertia", "inertia")
         self._last: tuple[float, np.ndarray] | None = None
         # compiled here, where no drive waits for a command, and not on the first command
         self(np.zeros(arm.n), np.zeros(arm.n), 0.0)
