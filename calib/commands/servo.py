@@ -76,7 +76,7 @@ def look(
     with console.progress("asking the drives"), Service.from_cell(table, arm) as service:
         if orders:
             service.do(names[0], orders[0], supported)  # type: ignore[arg-type]
-        looks = [service.look(name) for name in names]
+        looks = [service.look(name, supported) for name in names]
     if as_json:
         console.print_json({"schema": "servo/1", "cell": table.name, "drives": [_plain(look) for look in looks]})
     else:

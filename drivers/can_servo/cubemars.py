@@ -18,12 +18,16 @@ class CubeMars(Drive):
     question_switches_off = True
 
     @property
+    def looking_switches_off(self) -> bool:
+        return True
+
+    @property
     def key(self) -> Hashable:
         return self.servo.feedback, self.servo.node & 0xFF
 
     @staticmethod
     def key_of(message: can.Message) -> Hashable | None:
-        if message.is_extended_id or message.dlc not in (6, 8):
+        if message.is_extended_id or message.is_remote_frame or message.dlc not in (6, 8):
             return None
         return message.arbitration_id, message.data[0]
 

@@ -34,12 +34,16 @@ class Damiao(Drive):
     answers_refresh = True
 
     @property
+    def looking_switches_off(self) -> bool:
+        return not self.answers_refresh
+
+    @property
     def key(self) -> Hashable:
         return self.servo.feedback, self.servo.node & 0xF
 
     @staticmethod
     def key_of(message: can.Message) -> Hashable | None:
-        if message.is_extended_id or message.dlc != 8:
+        if message.is_extended_id or message.is_remote_frame or message.dlc != 8:
             return None
         return message.arbitration_id, message.data[0] & 0xF
 
@@ -95,7 +99,7 @@ class Damiao(Drive):
 
     @staticmethod
     def answering(message: can.Message) -> tuple[int, int] | None:
-        if message.is_extended_id or message.dlc != 8:
+        if message.is_extended_id or message.is_remote_frame or message.dlc != 8:
             return None
         node, what, register, raw = frames.register_reply(bytes(message.data))
         return (node, message.arbitration_id) if (what, register, raw) == (READ, ESC_ID, node) else None

@@ -36,7 +36,7 @@ class DamiaoBox(can.BusABC):
         self._block = bytearray()
         self.channel_info = f"Damiao USB adapter {channel}"
         try:
-            self.port = serial.Serial(channel, BAUD, timeout=0, exclusive=True, **arguments)
+            self.port = serial.Serial(channel, BAUD, timeout=0, write_timeout=0, exclusive=True, **arguments)
         except serial.SerialException as error:
             raise can.CanInitializationError(str(error)) from error
         super().__init__(channel=channel)
@@ -77,7 +77,8 @@ class DamiaoBox(can.BusABC):
         try:
             if not select.select([], [self.port.fileno()], [], 0.0)[1]:
                 raise can.CanOperationError("the serial port takes no more bytes", error_code=105)
-            self.port.write(data)
+            if self.port.write(data) != len(data):
+                raise can.CanOperationError("the serial port took half a frame", error_code=105)
         except (OSError, TypeError, serial.SerialException) as error:
             raise can.CanOperationError(f"the serial port is gone: {error}", error_code=19) from error
 

@@ -79,6 +79,12 @@ class Drive(ABC):
     extended = False
     pushes = False
     question_switches_off = False
+
+    @property
+    def looking_switches_off(self) -> bool:
+        """Whether `identify` and `refresh` ask with the order off, as nothing else of it is answered."""
+        return False
+
     hand_turn = 0.15
     cycle: tuple[tuple[bool, int], ...] = ((False, 8), (False, 8))
     beats = 0.0

@@ -96,7 +96,7 @@ class ODrive(Drive):
         elif command == TORQUES:
             self._torque = sign * frames.two_floats(data)[1] * gear
         elif command == TEMPERATURE:
-            self._temperature = max(frames.two_floats(data))
+            self._temperature = max((x for x in frames.two_floats(data) if not math.isnan(x)), default=math.nan)
         elif command == ESTIMATES and self._torque == self._torque:
             turns, speed = frames.two_floats(data)
             tau, self._torque = self._torque, math.nan

@@ -28,6 +28,11 @@ class RobStride(Drive):
 
     protocol = "robstride"
     extended = True
+
+    @property
+    def looking_switches_off(self) -> bool:
+        return True
+
     cycle = ((True, 8), (True, 8))
 
     @property
@@ -37,7 +42,7 @@ class RobStride(Drive):
     @staticmethod
     def key_of(message: can.Message) -> Hashable | None:
         identifier = message.arbitration_id
-        if not message.is_extended_id or message.dlc != 8 or identifier & 0xFF != HOST:
+        if not message.is_extended_id or message.is_remote_frame or message.dlc != 8 or identifier & 0xFF != HOST:
             return None
         return identifier >> 8 & 0xFF
 
@@ -82,7 +87,9 @@ class RobStride(Drive):
     @staticmethod
     def answering(message: can.Message) -> tuple[int, int] | None:
         identifier = message.arbitration_id
-        if not message.is_extended_id or identifier >> 16 or identifier & 0xFF != 0xFE or message.dlc != 8:
+        if not message.is_extended_id or message.is_remote_frame or message.dlc != 8:
+            return None
+        if identifier >> 16 or identifier & 0xFF != 0xFE:
             return None
         return identifier >> 8, HOST
 

@@ -60,9 +60,16 @@ class Service:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.link.close()
 
-    def look(self, joint: str) -> Look:
-        """Ask one drive who it is and how it is; changes nothing."""
+    def look(self, joint: str, supported: bool = False) -> Look:
+        """Ask one drive who it is and how it is; DeviceError where that switches its torque off and the arm might fall.
+
+        supported as `do` has it.
+        """
         drive = self._drive(joint)
+        if drive.looking_switches_off and not (self.options.brakes or supported):
+            raise DeviceError(
+                f"{drive.name}: it answers the order off alone, which drops an arm without brakes; support it, then add --supported"
+            )
         identity = drive.identify(self._enquiry.ask)
         wanted = drive.servo.serial
         problem = ""
@@ -75,7 +82,7 @@ class Service:
 
         supported says that somebody or something carries the arm: torque off drops an arm without brakes.
         """
-        drive, before = self._drive(joint), self.look(joint)
+        drive, before = self._drive(joint), self.look(joint, supported)
         if before.serial_problem:
             raise DeviceError(
                 f"{drive.name}: serial number {before.identity.serial}, but {before.serial_problem}; nothing was done"

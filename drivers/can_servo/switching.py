@@ -42,7 +42,9 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
             raise DeviceError(
                 f"{drive.name}: it does not switch on: {reading.error}; find the cause, then clear it with `calib servo`"
             )
-        if reading is not None and reading.on is not False and not joints.missing():
+        # a drive with a heartbeat says whether it is on: without one, neither that nor its errors would ever show
+        says = reading is not None and (reading.on is True if drive.beats else reading.on is not False)
+        if says and not joints.missing():
             return
         if clock.now() > end:
             raise DeviceError(

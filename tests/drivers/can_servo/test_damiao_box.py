@@ -63,3 +63,11 @@ def test_any_bytes_are_read_without_a_fault(ends):
 def test_a_bit_rate_that_the_adapter_does_not_know():
     with pytest.raises(ValueError, match="bitrate 800000"):
         DamiaoBox("/dev/null", 800_000)
+
+
+def test_a_port_that_nobody_empties_refuses_and_never_waits(ends):
+    _, bus = ends
+    frame = can.Message(arbitration_id=0x107, is_extended_id=False, data=bytes(8))
+    with pytest.raises(can.CanOperationError, match=r"serial port"):
+        for _ in range(20_000):
+            bus.send(frame)

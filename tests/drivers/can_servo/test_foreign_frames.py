@@ -1,0 +1,101 @@
+"""What others send on the bus neither crashes a protocol nor keeps a braking frame from the drives."""
+
+from __future__ import annotations
+
+import contextlib
+from types import SimpleNamespace
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from drivers.can_servo.bring_up import PROTOCOLS
+from drivers.can_servo.damiao import Damiao
+from drivers.can_servo.odrive import TEMPERATURE, ODrive
+from drivers.can_servo.service import Service
+from drivers.can_servo.stream import Stream
+from sim.can_wiring import CanOptions, RangeTable, ServoTable
+from sim.errors import DeviceError
+
+RANGES = RangeTable(q=12.5, dq=30.0, tau=10.0)
+
+
+def options(protocol: str, **more: Any) -> CanOptions:
+    table = {"interface": "virtual", "channel": "x", "protocol": protocol, "rate": 100.0, "brakes": False, "servos": []}
+    return CanOptions(**(table | more))
+
+
+def drive(protocol: str) -> Any:
+    servo = ServoTable(joint="j", protocol=protocol, node=1, feedback=0x11, kp=10.0, kd=1.0, ranges=RANGES)
+    return PROTOCOLS[protocol](servo, options(protocol))
+
+
+@pytest.mark.parametrize("protocol", sorted(PROTOCOLS))
+def test_a_remote_frame_is_no_answer_of_any_protocol(protocol: str) -> None:
+    kind = PROTOCOLS[protocol]
+    for extended in (False, True):
+        for identifier in (0x1, 0x11, 0x7FF, 1 << 8 | 0xFD, 1 << 8 | 0xFE):
+            for length in (0, 6, 8):
+                frame = can.Message(
+                    arbitration_id=identifier, is_extended_id=extended, is_remote_frame=True, dlc=length, check=False
+                )
+                assert kind.key_of(frame) is None
+                assert kind.answering(frame) is None
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        [can.Message(arbitration_id=0x5, is_extended_id=False, data=bytes(8))] * 20,
+        [can.Message(arbitration_id=0x1, is_extended_id=False, data=bytes(8))],
+        [can.Message(arbitration_id=0x11, is_extended_id=False, is_remote_frame=True, dlc=8)] * 3,
+    ],
+    ids=["babbling node", "second host", "remote frames"],
+)
+def test_an_arm_that_is_held_gets_its_frame_whatever_is_on_the_bus(foreign: list[can.Message]) -> None:
+    now, sent, waiting = [0.0], list[can.Message](), list[can.Message]()
+    link = SimpleNamespace(receive=lambda until: waiting.pop(0) if waiting else None, where="x", failed="", send=sent.extend)
+    clock = SimpleNamespace(now=lambda: now[0], sleep_until=lambda t: None)
+    still: Any = type("Still", (), {"__call__": lambda s, q, dq, t: np.zeros(1), "hold": lambda s, q: np.zeros(1)})()
+    stream = Stream("arm", [drive("damiao")], link, clock, options("damiao"), still)  # type: ignore[arg-type]
+    stream._target.follow(np.zeros(1), np.array([0.5]), np.zeros(1), 0.0)
+    stream.on = True
+    for _ in range(50):
+        waiting.extend(foreign)
+        with contextlib.suppress(DeviceError):
+            stream.hold()
+        now[0] += 0.01
+    assert len(sent) == 50
+
+
+@pytest.mark.parametrize("protocol", ["cubemars", "robstride", "old damiao"])
+def test_a_drive_that_answers_the_order_off_alone_is_not_asked_on_an_arm_without_brakes(protocol: str) -> None:
+    one = drive(protocol.split()[-1])
+    if isinstance(one, Damiao):
+        one.answers_refresh = False
+    asked = list[can.Message]()
+
+    def ask(message: can.Message, reply: Any, what: str) -> Any:
+        asked.append(message)
+        raise DeviceError("nobody is there")
+
+    service = Service(options("damiao"), None, None)  # type: ignore[arg-type]
+    service.drives, service._enquiry = [one], SimpleNamespace(ask=ask)  # type: ignore[assignment]
+    for order in (lambda: service.look("j"), lambda: service.do("j", "off"), lambda: service.do("j", "zero")):
+        with pytest.raises(DeviceError, match=r"then add --supported"):
+            order()
+    assert asked == []
+    with pytest.raises(DeviceError, match=r"nobody is there"):
+        service.look("j", supported=True)
+
+
+@pytest.mark.parametrize(
+    ("pair", "hottest"), [((float("nan"), 95.0), 95.0), ((95.0, float("nan")), 95.0), ((40.0, 30.0), 40.0)]
+)
+def test_a_temperature_that_is_not_reported_hides_no_other(pair: tuple[float, float], hottest: float) -> None:
+    one = drive("odrive")
+    assert isinstance(one, ODrive)
+    data = np.array(pair, dtype="<f4").tobytes()
+    one.decode(can.Message(arbitration_id=1 << 5 | TEMPERATURE, is_extended_id=False, data=data))
+    assert one._temperature == hottest
