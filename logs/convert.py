@@ -28,13 +28,14 @@ from logs.schemas import (
     NO_HOST_CLOCK,
     RECORDING,
     SCHEMAS,
+    STAMPS_END,
     STATES,
     TOPICS,
     UNITS,
 )
 from logs.table_log import log_of_table
 from logs.tables import FORMATS, Table, read_table
-from sim.errors import DeviceError
+from sim.errors import BadLog, DeviceError
 from sim.files import is_name
 from sim.version import software_version
 
@@ -150,6 +151,11 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     hosts = log.t_host_origin + np.rint(log.t_host * 1e9).astype(np.int64) if has_host else stamps
     offset = int(hosts[0] - stamps[0])
     stamps = stamps + offset
+    if not 0 <= min(int(stamps.min()), int(hosts.min())) <= max(int(stamps.max()), int(hosts.max())) < STAMPS_END:
+        raise BadLog(
+            f"{target}: instants from {stamps.min() * 1e-9:.6g} to {stamps.max() * 1e-9:.6g} s since 1970 cannot be written (1970 to 2038); "
+            "check the unit of the time, and the clock"
+        )
     frame = log.metadata.get(FRAME, "")
     encoder = JointEncoder(log.joint_names, frame if is_name(frame) else "")
     slow = bool(np.isfinite(log.current).any() or np.isfinite(log.temperature).any())

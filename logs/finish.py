@@ -109,6 +109,9 @@ def write_file(part: Path, body: Callable[[Writer], dict[int, int]]) -> None:
         raise DeviceError(
             f"{part}: cannot be written ({error.strerror}); free space or use another disk, then finish it with `calib import`"
         ) from error
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def put_in_place(part: Path, target: Path) -> None:

@@ -20,7 +20,7 @@ from logs.encode import JointEncoder, log_body, message_record, text_body
 from logs.finish import finish, killed_sentence
 from logs.journal import AHEAD, Disk, Journal, record_bytes
 from logs.recording import COMPLETED, ERROR, INFO, Recording, metadata_text
-from logs.schemas import DEVICE_CLOCK, FRAME, STATES, TOPICS
+from logs.schemas import DEVICE_CLOCK, FRAME, STAMPS_END, STATES, TOPICS
 from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
 from sim.version import software_version
@@ -122,7 +122,7 @@ class Recorder(Recording):
             self._offset = host - stamp
             clock = {"offset_ns": str(self._offset), "meaning": "stamp = device clock + offset: wall time at the first sample"}
             records.append(record_bytes(Metadata(name=DEVICE_CLOCK, metadata=clock)))
-        stamp += self._offset
+        stamp = self._wall(stamp)
         records.append(self._joints(_STATES, host, stamp, (state.q, state.dq, state.tau)))
         if q_cmd is not None:
             command = [self._array(value) for value in (q_cmd, dq_cmd, tau_cmd)]
@@ -140,7 +140,7 @@ class Recorder(Recording):
         """Append a line to /events at `t_device`, s on the device clock."""
         # before the first sample there is no instant of the host clock to count from: the start of the recording stands for it
         host = self._wall_start if self._host_start is None else self._host_ns(self._host_last)
-        stamp = host if self._offset is None else self._stamp(t_device, 0.0) + self._offset
+        stamp = host if self._offset is None else self._wall(self._stamp(t_device, 0.0))
         self._journal.append(self._event(host, stamp, level, name, message))
 
     def close(self, end_reason: str = COMPLETED) -> None:
@@ -196,6 +196,16 @@ class Recorder(Recording):
                 "finite and within 0 to 2^31 s: check the driver"
             )
         return round(t_device * 1e9)
+
+    def _wall(self, stamp: int) -> int:
+        """A stamp of the device clock as wall time, ns; DeviceError where a ROS 2 stamp cannot hold it."""
+        wall = stamp + (self._offset or 0)
+        if not 0 <= wall < STAMPS_END:
+            raise DeviceError(
+                f"{self.path}: the instant {wall * 1e-9:.3f} s since 1970 cannot be recorded (1970 to 2038); set this computer's clock, "
+                "and check the driver's"
+            )
+        return wall
 
     def _array(self, value: np.ndarray | None) -> np.ndarray:
         n = len(self.joint_names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+STAMPS_END = 2**31 * 10**9  # ns since 1970: the seconds of a ROS 2 stamp are an int32, which ends in 2038
 STATES = "/joint_states"
 COMMANDS = "/joint_commands"
 DIAGNOSTICS = "/joint_diagnostics"

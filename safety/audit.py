@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import math
 import os
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 from sim.errors import ConfigError, SafetyStop
 
 FIRST = "0" * 64
-LONGEST = 100_000
+LONGEST, LONGEST_WORDS = 100_000, 10_000
 
 
 def record(file: Path, event: str, now: datetime | None = None, **facts: Any) -> None:
@@ -29,7 +30,7 @@ def record(file: Path, event: str, now: datetime | None = None, **facts: Any) ->
             stream.seek(0)
             number, previous = _last(file, stream.read())
             at = (now or datetime.now(UTC)).isoformat(timespec="milliseconds")
-            entry = {"number": number + 1, "at": at, "event": event, "facts": facts, "previous": previous}
+            entry = {"number": number + 1, "at": at, "event": event, "facts": _plain(facts), "previous": previous}
             body = json.dumps(entry, sort_keys=True, allow_nan=False, ensure_ascii=True)
             line = f'{body[:-1]}, "sha256": "{hashlib.sha256(body.encode()).hexdigest()}"}}\n'
             stream.write(line.encode())
@@ -37,6 +38,17 @@ def record(file: Path, event: str, now: datetime | None = None, **facts: Any) ->
             os.fsync(stream.fileno())
     except OSError as error:
         raise ConfigError(f"{file}: cannot be written ({error.strerror}); nothing moves without its record") from error
+
+
+def _plain(x: Any) -> Any:
+    """`x` with words for the numbers that JSON does not have, and words of a bearable length: a stop for a NaN is recorded most of all."""
+    if isinstance(x, dict):
+        return {key: _plain(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [_plain(value) for value in x]
+    if isinstance(x, str):
+        return x if len(x) <= LONGEST_WORDS else f"{x[:LONGEST_WORDS]} ... ({len(x)} characters)"
+    return repr(float(x)) if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def verify(file: Path) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -201,10 +201,11 @@ class _Run:
                 except CalibError as second:
                     error.add_note(str(second))
             raise
-        if self.link is not None:
-            self.monitored.append(self.link.end())
-        for log in logs.values():
-            log.close()
+        with ExitStack() as closing:  # each of them, whatever fails
+            for log in logs.values():
+                closing.callback(log.close)
+            if self.link is not None:
+                self.monitored.append(self.link.end())
         worst = guard.monitor.worst
         return StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))), paths
 

@@ -25,6 +25,7 @@ from safety import realtime
 from safety.approval import approval_of, check_approval
 from safety.audit import record
 from safety.collision import Clearance
+from safety.coming_to_rest import STANDING_CYCLES
 from safety.guard import STANDSTILL
 from safety.monitor import Monitor
 from safety.monitor_link import SEEN_TIME, Order, read, silence_of, write
@@ -60,6 +61,7 @@ class Watch:
         self._leg, self._k = -1, ENDED
         self._q: np.ndarray | None = None
         self._tripped_at = self._stopping_since = self._fastest = np.inf
+        self._still = 0
 
     def look(self, state: JointState | None, now: float, sign: Sign) -> str | None:
         """Why the arm must be taken from the guard now, or None. state is None where no reading came."""
@@ -77,16 +79,19 @@ class Watch:
     @property
     def at_rest(self) -> bool:
         """Whether the arm was seen to stand after the guard began to stop it, or ended."""
-        return self._fastest == 0.0
+        return self._still >= STANDING_CYCLES
 
     def _stopping(self, state: JointState | None, now: float) -> str | None:
-        speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
-        if state is not None and bool((np.abs(state.dq) <= self._noise).all()):
-            self._fastest = 0.0
         if self.at_rest:
             return None
+        speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
+        # a single reading below the noise may be an arm that turns round
+        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())
+        self._still = self._still + 1 if stands else 0
         if self._stopping_since == np.inf:
             self._stopping_since, self._fastest = now, speed
+        if stands:
+            return None
         since = now - self._stopping_since
         if not since <= REST_AFTER:
             return f"the arm does not stand {REST_AFTER:g} s after its stop began"

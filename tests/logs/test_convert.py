@@ -111,3 +111,13 @@ def test_a_recording_that_lost_a_chunk_says_how_many_samples(tmp_path):
     log = read_log(path, accept_partial=True)
     assert 0 < len(log) < 5000
     assert any(f"says 5000 samples, {len(log)} survive" in finding for finding in log.findings)
+
+
+@pytest.mark.parametrize("since", [3e9, 2**31])
+def test_instants_that_no_stamp_holds_are_refused_and_nothing_is_left(tmp_path, csv_text, since):
+    head, *rows = csv_text().splitlines()
+    source = tmp_path / "a.csv"
+    source.write_text("\n".join([head, *[f"{float(r.split(',', 1)[0]) + since!r},{r.split(',', 1)[1]}" for r in rows]]) + "\n")
+    with pytest.raises(BadLog, match=r"since 1970 cannot be written"):
+        import_recording(source, tmp_path / "out.mcap")
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["a.csv"]

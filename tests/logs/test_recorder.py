@@ -120,3 +120,12 @@ def test_wrong_shapes_are_refused(tmp_path):
             recorder.write(JointState(0.0, 0.0, *[np.zeros(2)] * 5), NAN, NAN, NAN)
         with pytest.raises(ValueError, match="shape"):
             recorder.write(sample(3), np.zeros(2), NAN, NAN)
+
+
+def test_a_clock_that_no_stamp_holds_is_refused(tmp_path):
+    recorder = Recorder(tmp_path / "a.mcap", NAMES, wall_clock=lambda: 2**31 * 10**9 - 10**9)
+    recorder.write(sample(0))
+    with pytest.raises(DeviceError, match=r"since 1970 cannot be recorded"):
+        recorder.write(sample(1000))
+    recorder.close("a clock that runs away")
+    assert len(read_log(tmp_path / "a.mcap", accept_partial=True)) == 1

@@ -7,6 +7,7 @@ import pytest
 
 from safety.clear import ClearedTrajectory
 from safety.collision import Clearance
+from safety.coming_to_rest import STANDING_CYCLES
 from safety.guard import STANDSTILL
 from safety.monitor_link import silence_of
 from safety.signs import ENDED, HOLDS, STOPS, Sign
@@ -168,7 +169,9 @@ def test_a_stop_must_slow_the_arm_down_and_end(watch: Watch, k: int) -> None:
     assert "no slower" in str(stopping(watch, SLOWER_AFTER + 0.02, 0.5, k))
     assert stopping(watch, REST_AFTER - 0.01, 0.1, k) is None
     assert "does not stand" in str(stopping(watch, REST_AFTER + 0.01, 0.1, k))
-    assert stopping(watch, REST_AFTER + 0.02, 0.0, k) is None
+    for cycle in range(STANDING_CYCLES):
+        assert not watch.at_rest
+        assert stopping(watch, REST_AFTER + 0.02 + cycle * PERIOD, 0.0, k) is None
     assert watch.at_rest
     assert stopping(watch, REST_AFTER + 9.0, 0.0, k) is None
 
@@ -190,8 +193,16 @@ def test_standing_is_what_the_guard_calls_it(watch: Watch, arm: Arm) -> None:
     noise = STANDSTILL + 8 * arm.sensors.velocity_noise[0]
     stopping(watch, 0.0, noise * 1.001)
     assert not watch.at_rest
-    stopping(watch, 0.01, noise * 0.999)
+    for cycle in range(STANDING_CYCLES):
+        stopping(watch, 0.01 + cycle * PERIOD, noise * 0.999)
     assert watch.at_rest
+
+
+def test_an_arm_that_turns_round_does_not_stand(watch: Watch) -> None:
+    assert stopping(watch, 0.0, 0.5) is None
+    assert stopping(watch, 0.01, 0.0) is None
+    assert stopping(watch, SLOWER_AFTER + 0.01, 0.4) is None
+    assert "no slower" in str(stopping(watch, SLOWER_AFTER + 0.02, 3.0))
 
 
 def test_either_process_may_be_silent_as_long_as_a_reading_may_be_late() -> None:
