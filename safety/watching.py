@@ -58,10 +58,9 @@ class Watch:
         self._tube, self._silence = tube, silence_of(rate, latency)
         self._steps = 1 + int(np.ceil(self._silence * rate))
         self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
-        self._leg, self._k = -1, ENDED
+        self._leg, self._k, self._still = -1, ENDED, 0
         self._q: np.ndarray | None = None
         self._tripped_at = self._stopping_since = self._fastest = np.inf
-        self._still = 0
 
     def look(self, state: JointState | None, now: float, sign: Sign) -> str | None:
         """Why the arm must be taken from the guard now, or None. state is None where no reading came."""
@@ -85,17 +84,14 @@ class Watch:
         if self.at_rest:
             return None
         speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
-        # a single reading below the noise may be an arm that turns round
-        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())
+        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())  # once: it may turn round
         self._still = self._still + 1 if stands else 0
         if self._stopping_since == np.inf:
             self._stopping_since, self._fastest = now, speed
-        if stands:
-            return None
         since = now - self._stopping_since
-        if not since <= REST_AFTER:
+        if not (stands or since <= REST_AFTER):
             return f"the arm does not stand {REST_AFTER:g} s after its stop began"
-        if not (since <= SLOWER_AFTER or speed < self._fastest):
+        if not (stands or since <= SLOWER_AFTER or speed < self._fastest):
             return f"the arm is no slower {SLOWER_AFTER:g} s after its stop began"
         return None
 
