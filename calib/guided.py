@@ -189,7 +189,8 @@ def ending(session: GuidedSession) -> list[str]:
     found = answer(last)
     done = next(d for d in reversed(session.done) if d.name.startswith("diagnose"))
     sentences = [done.sentence]
-    sentences += [f"not decided after {session.rounds} rounds: {pair}" for pair in undecided(found)]
+    rounds = sum(d.name.startswith("diagnose") for d in session.done)
+    sentences += [f"not decided after {rounds} round{'s' * (rounds != 1)}: {pair}" for pair in undecided(found)]
     if found.get("verdict") == "unexplained":
         joints = ", ".join(str(u.get("joint")) for u in found.get("unexplained", []))
         sentences.append(

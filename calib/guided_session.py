@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,6 +11,7 @@ import tomli_w
 from pydantic import Field
 
 from calib.past_runs import list_runs
+from sim.cell import load_cell
 from sim.errors import ConfigError
 from sim.files import read_toml
 from sim.resources import nearest
@@ -118,11 +120,17 @@ def read_session(folder: Path) -> GuidedSession:
     return GuidedSession(folder=folder, **data, done=tuple(table.done))
 
 
-def open_session(cell_name: str, root: Path | None = None) -> GuidedSession | None:
-    """The newest session of this cell that has not been closed."""
+def open_session(cell: Path, root: Path | None = None, configs: Path | None = None) -> GuidedSession | None:
+    """The newest session of this cell file that has not been closed."""
     for run in list_runs() if root is None else list_runs(root):
         if run.verb == "go" and (run.folder / FILE).is_file():
             found = read_session(run.folder)
-            if not found.closed and Path(found.cell).stem == cell_name:
-                return found
+            with suppress(ConfigError):  # a cell file that is gone is another one
+                if not found.closed and is_of(found, cell, configs):
+                    return found
     return None
+
+
+def is_of(session: GuidedSession, cell: Path, configs: Path | None = None) -> bool:
+    """Whether a session was begun with this cell file; ConfigError where its own is gone."""
+    return load_cell(session.cell, configs).path.resolve() == cell.resolve()

@@ -15,7 +15,7 @@ from typer.main import get_command
 from calib.run_folder import INVOCATION, Invocation, end_run
 from calib.terminal import console
 from calib.terminal.unexpected import EXIT_CODE, quiet_libraries, write_fault
-from sim.errors import CalibError
+from sim.errors import CalibError, ConfigError
 from sim.first_use import announce
 from sim.resources import nearest
 from sim.version import software_version
@@ -94,18 +94,22 @@ class Commands(TyperGroup):
 
 
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
-    """`--holdout a b c` as `--holdout a --holdout b --holdout c`, for the options named in `lists`."""
+    """`--holdout a b c` as `--holdout a --holdout b --holdout c`, for the options named in `lists`.
+
+    ConfigError for one without a word: an empty variable of a shell is no wish for none.
+    """
     out: list[str] = []
-    option = ""
-    for word in arguments:
-        if word in lists:
-            option = word
-        elif word.startswith("-"):
-            option = ""
-            out.append(word)
+    option, bare = "", ""
+    for word in [*arguments, "--"]:
+        if word in lists or word.startswith("-"):
+            if bare:
+                raise ConfigError(f"{bare}: no file is named; name at least one, or leave {bare} out")
+            option = bare = word if word in lists else ""
+            out += [] if option else [word]
         else:
             out += [option, word] if option else [word]
-    return out
+            bare = ""
+    return out[:-1]
 
 
 app = typer.Typer(

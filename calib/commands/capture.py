@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, new_run
+from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
 from sim.errors import ConfigError
 
@@ -39,6 +39,7 @@ def command(
         raise ConfigError(f"{table.path}: driver = {table.table.driver!r}: only a session with a UR (ur_rtde) can be captured")
     arm = load_arm(table.table.arm, configs)
     device = validated(UrOptions, table.table.options, table.path)
+    require_free(out)
     with console.progress(f"listening to {table.name}") as show:
         head, messages = captured(device, seconds, lambda share: show(share, f"listening to {table.name}"))
     folder: Path = new_run(arm, "capture", out, table)

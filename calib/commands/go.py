@@ -67,8 +67,16 @@ def command(
         raise ConfigError("--new begins a session and --session continues one; give one of the two")
     if str(session) == LATEST and not Path(LATEST).exists():
         session = newest("go").folder
-    open_one = None if new else guided_session.read_session(session) if session else guided_session.open_session(where.name)
+    open_one = (
+        None
+        if new
+        else guided_session.read_session(session)
+        if session
+        else guided_session.open_session(where.path, configs=configs)
+    )
     if open_one is not None:
+        if not guided_session.is_of(open_one, where.path, configs):
+            raise ConfigError(f"{open_one.folder}: is a session of {open_one.cell} and not of {cell}; give that cell, or --new")
         open_one = guided.with_cell(open_one, where.sha256)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:

@@ -18,9 +18,10 @@ def sentence(fleet: Fleet) -> str:
     done = [row for row in rows if row["status"] == "done"]
     deviating = [row for row in done if deviates(row)]
     text = f"{len(done)} of {len(rows)} arms assessed"
-    text += (
-        f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else ", none deviates" if done else ""
-    )
+    blind = sum(row.get("verdict") == "not_diagnosed" for row in done)
+    none = ", none deviates" if blind < len(done) else ""
+    text += f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else none
+    text += f"; {blind} not diagnosed" if blind else ""
     if len(done) < len(rows):
         text += f"; {len(rows) - len(done)} could not be assessed"
     if fleet.unassigned:

@@ -195,4 +195,5 @@ def _parameter_text(parameter: str) -> str:
 
 
 def _clock(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
+    minutes, left = divmod(round(seconds), 60)
+    return f"{round(seconds)} s" if round(seconds) < 120 else f"{minutes} min {left} s"

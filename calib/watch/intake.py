@@ -51,7 +51,7 @@ class Intake:
         unlimited = lambda x: np.where(np.isfinite(x), x, np.inf)  # noqa: E731
         self._tau_most, self._dq_most = 3.0 * unlimited(arm.tau_max), 2.0 * unlimited(arm.dq_max)
         noise = np.array(arm.sensors.torque_noise)
-        self._spike = np.maximum(10 * noise, SPIKE * np.where(np.isfinite(arm.tau_max), arm.tau_max, 10 * noise + 1.0))
+        self._spike = np.maximum(10 * noise, SPIKE * unlimited(arm.tau_max))
         self._last: Sample | None = None
         # the one before a reading whose torque is in doubt
         self._waiting: Sample | None = None

@@ -127,10 +127,13 @@ def from_log(
             f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to make one of; write torque_constant "
             "into its arm.toml, or record effort"
         )
+    steps = np.diff(log.t)
+    if not (steps > 0).any():
+        raise BadLog(f"{path}: every sample has the same time; there is nothing to watch")
     declared, gravity = _declared(log), _mounting(log)
     require(model if gravity is None else replace(model, tree=replace(model.tree, gravity=gravity)), [log])
     return Source(
-        path.name, model, 1.0 / float(np.median(np.diff(log.t))), states_of(log), lambda: declared,
+        path.name, model, 1.0 / float(np.median(steps[steps > 0])), states_of(log), lambda: declared,
         gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
         facts={"log": str(path)},
     )  # fmt: skip
@@ -161,22 +164,30 @@ def _declared(log: Log) -> Declared | None:
     about = log.metadata
     try:
         if "device_payload_mass" in about:
-            x, y, z = json.loads(about.get("device_payload_com", "[0, 0, 0]"))
-            return Declared(float(about["device_payload_mass"]), (float(x), float(y), float(z)), "the controller")
+            return _of_numbers(
+                about["device_payload_mass"], json.loads(about.get("device_payload_com", "[0, 0, 0]")), "the controller"
+            )
         if "payload" in about:
             table = json.loads(about["payload"])
-            x, y, z = table["com"]
-            return Declared(float(table["mass"]), (float(x), float(y), float(z)), "the cell file")
+            return _of_numbers(table["mass"], table["com"], "the cell file")
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise BadLog(f"{log.path}: what it says about its payload is not understood ({error}); correct its metadata") from error
     return None
+
+
+def _of_numbers(mass: object, com: Sequence[object], by: str) -> Declared:
+    m, x, y, z = (float(str(value)) for value in (mass, *com))
+    if not np.isfinite([m, x, y, z]).all():
+        raise ValueError(f"{m:g} kg at {x:g}, {y:g}, {z:g} m are not four finite numbers")
+    return Declared(m, (x, y, z), by)
 
 
 def until(states: Iterator[JointState], seconds: float | None) -> Iterator[JointState]:
     """The readings of the first `seconds` on the device's clock; all of them where None."""
     first: float | None = None
     for state in states:
-        first = state.t_device if first is None else first
+        if first is None and np.isfinite(state.t_device):
+            first = state.t_device
         yield state
-        if seconds is not None and state.t_device - first >= seconds:
+        if seconds is not None and first is not None and state.t_device - first >= seconds:
             return

@@ -48,13 +48,13 @@ class Commands:
         return [line[0] for line in self.lines]
 
 
-def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers: str = "") -> int:
-    """`calib go mock-ur10e`, its steps played by `commands`, its questions answered by `answers`."""
+def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers: str = "", cell: str = "mock-ur10e") -> int:
+    """`calib go CELL`, its steps played by `commands`, its questions answered by `answers`."""
     real = program.start
     monkeypatch.setattr(program, "start", commands)
     monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
     try:
-        return real(["go", "mock-ur10e", *more])[0]
+        return real(["go", cell, *more])[0]
     finally:
         monkeypatch.setattr(program, "start", real)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.guided_session import GuidedSession, read_session
+from calib.guided_session import GuidedSession, open_session, read_session
+from sim.cell import load_cell
 from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 
@@ -40,3 +41,23 @@ def test_a_damaged_session_is_refused(change: tuple[str, str], desk: Path, monke
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace(*change))
     assert go(Commands([]), monkeypatch, "--yes") == 2
+
+
+def test_two_cell_files_of_one_name_have_sessions_of_their_own(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = load_cell("mock-ur10e").path.read_text()
+    for name in ("a", "b"):
+        (desk / name).mkdir()
+        (desk / name / "robot.toml").write_text(text)
+    stopped = Commands([], lambda count, verb: 4)
+    for name in ("a", "b", "a"):
+        assert go(stopped, monkeypatch, "--yes", cell=f"{name}/robot.toml") == 4
+    assert [line[1] for line in stopped.lines] == ["a/robot.toml", "b/robot.toml", "a/robot.toml"]
+    told = capsys.readouterr().out
+    assert told.count("New session") == 2
+    assert told.count("Continues the session") == 1
+    folder = open_session(desk / "a" / "robot.toml")
+    assert folder is not None
+    assert go(stopped, monkeypatch, "--yes", "--session", str(folder.folder), cell="b/robot.toml") == 2
+    assert "is a session of a/robot.toml and not of b/robot.toml" in capsys.readouterr().err

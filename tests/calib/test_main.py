@@ -176,3 +176,12 @@ def test_a_run_that_cannot_be_ended_is_reported_and_keeps_its_answer(
     monkeypatch.setattr("calib.main.end_run", broken)
     assert program.main(["export", "servo6", "--out", "exported"]) == 0
     assert "run.toml: an integer beyond 64 bits" in capsys.readouterr().err
+
+
+def test_a_list_option_without_a_file_is_refused() -> None:
+    lists = ("--holdout", "--baseline")
+    words = ["ur10e", "a.mcap", "--holdout", "b.mcap", "c.mcap", "--out", "x"]
+    assert program.spread(words, lists) == ["ur10e", "a.mcap", "--holdout", "b.mcap", "--holdout", "c.mcap", "--out", "x"]
+    for wrong in (["a.mcap", "--holdout", "--out", "x"], ["a.mcap", "--holdout"], ["--holdout", "--baseline", "b.mcap"]):
+        with pytest.raises(ConfigError, match=r"^--holdout: no file is named"):
+            program.spread(wrong, lists)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from calib.watch.events import Kind, WatchEvent
+from calib.watch.source import until
 from calib.watch.watcher import Watcher
+from sim.arm import Arm
 from sim.joint_state import JointState
 from tests.calib.watch.conftest import AT
 
@@ -89,3 +91,16 @@ def test_many_faults_are_reported_once_in_a_while_and_counted(at_work: Fresh, ca
     assert {e.kind for e in events} <= {Kind.BAD_READING}
     assert len(events) <= 3
     assert watcher.picture().faults["bad_reading"] > 10
+
+
+def test_an_arm_whose_limits_nobody_stated_loses_no_reading(servo6: Arm, calm: list[JointState]) -> None:
+    silent = servo6.sensors.model_copy(update={"torque_noise": (0.0,) * servo6.n})
+    bare = replace(servo6, tau_max=np.full(servo6.n, np.nan), sensors=silent)
+    assert not [e for e in watched(Watcher(bare, 200.0), calm) if e.kind is Kind.BAD_READING]
+
+
+def test_the_first_seconds_begin_with_the_first_reading_that_has_a_time(calm: list[JointState]) -> None:
+    readings = [replace(calm[0], t_device=np.nan), *calm[1:]]
+    span = calm[-1].t_device - calm[1].t_device
+    taken = list(until(iter(readings), span / 2))
+    assert len(calm) / 3 < len(taken) < len(calm) * 2 / 3

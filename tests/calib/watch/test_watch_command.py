@@ -108,6 +108,14 @@ def test_the_payload_that_the_log_declares_is_compared(tmp_path: Path, servo6: A
     assert "declared_payload_wrong" in names
 
 
+def test_a_declared_payload_that_is_no_number_is_refused(
+    tmp_path: Path, servo6: Arm, calm: list[JointState], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = recorded(tmp_path / "log.mcap", servo6, calm[:200], device_payload_mass="nan", device_payload_com=[0.0, 0.0, 0.0])
+    assert main(["watch", str(log), "--out", str(tmp_path / "o")]) == 2
+    assert "what it says about its payload is not understood" in capsys.readouterr().err
+
+
 def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
     assert "No claim without motion" in capsys.readouterr().out
