@@ -80,6 +80,9 @@ def watch(
     BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
     """
     started = now()
+    if database is not None:
+        with TrendTable(database):  # one that is none is refused before anything is watched
+            pass
     rehearse(source.arm, source.rate)
     watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
     gate = LiveGate(source.arm, source.name, source.rate, source.gravity) if source.gated else None

@@ -116,6 +116,16 @@ def test_a_declared_payload_that_is_no_number_is_refused(
     assert "what it says about its payload is not understood" in capsys.readouterr().err
 
 
+def test_a_database_that_is_none_is_refused_before_anything_is_watched(
+    tmp_path: Path, servo6: Arm, calm: list[JointState], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, other = recorded(tmp_path / "log.mcap", servo6, calm), tmp_path / "notes.txt"
+    other.write_text("not a table of anything\n" * 100)
+    assert main(["watch", str(log), "--out", str(tmp_path / "o"), "--database", str(other)]) == 2
+    assert "not a table of watches" in capsys.readouterr().err
+    assert not (tmp_path / "o" / "events.jsonl").exists()
+
+
 def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
     assert "No claim without motion" in capsys.readouterr().out
