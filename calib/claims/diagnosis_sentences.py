@@ -160,11 +160,18 @@ def _found(effects: Sequence[Numbers]) -> str:
         for e in effects:
             joints.setdefault(e["effect"], []).extend([e["joint"]] if e.get("joint") else [])
         found = [words(effect, listed(at) if at else None) for effect, at in joints.items()]
-        return "; ".join(found) if any(len(at) > 1 for at in joints.values()) else listed(found)
+        text = "; ".join(found) if any(len(at) > 1 for at in joints.values()) else listed(found)
+        return text + "".join(f"; {words(e['effect'], e.get('joint'))}{_or(e)}" for e in effects if e.get("others"))
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
     by = f"from the {e['measured_by']}; " if e.get("measured_by") else ""
-    return f"{words(e['effect'], e.get('joint'))} ({values}; {by}{e['gap_share']:.0%} of the torque residual)"
+    return f"{words(e['effect'], e.get('joint'))} ({values}; {by}{e['gap_share']:.0%} of the torque residual){_or(e)}"
+
+
+def _or(e: Numbers) -> str:
+    """What may stand in the place of an effect."""
+    others = [words(o["effect"], o.get("joint")) for o in e.get("others", [])]
+    return f", or {' or '.join(others)}: these recordings do not decide" if others else ""
 
 
 def _depending(variables: Sequence[str]) -> str:

@@ -39,7 +39,10 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
     """The answer to the question."""
     kind, healthy = answer["verdict"], answer.get("baseline")
     keys = ("effect", "joint", "parameters", "gap_share", "measured_by")
-    effects = [{key: e[key] for key in keys if key in e} for e in answer.get("effects", [])]
+    effects = [
+        {key: e[key] for key in keys if key in e} | ({"others": others} if (others := e.get("indistinguishable_from")) else {})
+        for e in answer.get("effects", [])
+    ]
     if kind == "bad_data":
         return Claim("bad_data", {"failed": [c["detail"] for c in answer.get("data_checks", []) if not c["ok"]]})
     if kind == "unexplained":

@@ -80,7 +80,7 @@ def watch(
     BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
     """
     started = now()
-    if database is not None:
+    if database is not None and database.exists():
         with TrendTable(database):  # one that is none is refused before anything is watched
             pass
     rehearse(source.arm, source.rate)
