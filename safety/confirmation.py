@@ -14,8 +14,12 @@ NOT_RATED = (
 )
 
 
+# Where a tunnel to a real controller usually ends on this computer; an emulated one stands at 127.0.0.2 and the like
+TUNNEL_ENDS = tuple(map(ipaddress.ip_address, ("127.0.0.1", "::1")))
+
+
 def without_arm(cell: Cell) -> bool:
-    """Whether only software can stand behind a cell: the mock, a controller on a loopback address, a CAN bus in memory or on a
+    """Whether only software can stand behind a cell: the mock, a controller on a loopback address but TUNNEL_ENDS, a CAN bus in memory or on a
     pseudo-terminal."""
     options = cell.table.options
     if cell.table.driver == "mock":
@@ -23,9 +27,10 @@ def without_arm(cell: Cell) -> bool:
     host = options.get("host")
     if isinstance(host, str):
         try:
-            return ipaddress.ip_address(host).is_loopback
-        except ValueError:
-            return host == "localhost"
+            address = ipaddress.ip_address(host)
+        except ValueError:  # a name, localhost too
+            return False
+        return address.is_loopback and address not in TUNNEL_ENDS
     if options.get("interface") == "virtual":
         return True
     channel = options.get("channel")
