@@ -32,6 +32,7 @@ class Structure:
     held_out  fall of the loss on logs kept apart, nothing fitted there; nan without such logs
     share     of the rest's variance, whitened, that it explains
     rms       N m, what that is of the rest
+    columns   of the part; noise alone brings about 1 with each
     """
 
     joint: str
@@ -40,13 +41,19 @@ class Structure:
     held_out: float
     share: float
     rms: float
+    columns: int = 0
+
+    @property
+    def enough(self) -> float:
+        """What `fitted` must exceed: LEAST, and what noise brings in its columns where no log was kept apart to show that it comes again."""
+        return LEAST + (self.columns if np.isnan(self.held_out) else 0)
 
     @property
     def real(self) -> bool:
         """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring, and worth a word."""
         clear = self.fitted > CLEARLY * LEAST
         enough = LEAST_APART / CLEARLY if clear else LEAST_APART
-        return self.fitted > LEAST and not self.held_out < enough and self.share > LEAST_SHARE
+        return self.fitted > self.enough and not self.held_out < enough and self.share > LEAST_SHARE
 
 
 def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
@@ -61,7 +68,9 @@ def structures(best: Fit, apart: Sequence[Measurement]) -> list[Structure]:
 
 def _strongest(parts: Sequence[Structure], joint: str) -> Structure:
     nothing = Structure(joint, "", 0.0, np.nan, 0.0, 0.0)  # of a joint that never moved
-    return max(parts, key=lambda s: min(s.fitted / LEAST, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)), default=nothing)
+    return max(
+        parts, key=lambda s: min(s.fitted / s.enough, np.nan_to_num(s.held_out / LEAST_APART, nan=np.inf)), default=nothing
+    )
 
 
 def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: AdditiveBasis, j: int) -> list[Structure]:
@@ -90,7 +99,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
             held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
         share = min(1.0, fitted / len(white))
         rms = float(noise.sigma[j] * np.sqrt(share))
-        out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, share, rms))
+        out.append(Structure(best.hypothesis.arm.joint_names[j], name, fitted, held_out, share, rms, white.shape[1]))
     return out + _tones(best, kept, j)
 
 

@@ -9,7 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from benchmarks.known_truth import fourier_motion, recorded, varied, without_offsets
 from calib.claims.diagnosis_sentences import variable
+from calib.diagnosis import additive_basis
 from calib.diagnosis.additive_basis import SPOTS, hats
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.diagnose import diagnose
@@ -17,7 +19,7 @@ from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured
 from calib.diagnosis.tone import strongest
-from sim.arm import Arm
+from sim.arm import Arm, load_arm
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import NOISE, Hidden, recording
 
@@ -161,3 +163,28 @@ def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
     assert found is not None
     assert found.frequency == pytest.approx(frequency, abs=0.03)
     assert min(found.gains) > 8.0
+
+
+@pytest.mark.parametrize("seed", [1, 21, 51])
+def test_noise_in_many_columns_is_no_structure_without_a_held_out_recording(seed: int) -> None:
+    """Hats over a turn take as much of it as they are many: these three recordings had friction at one angle."""
+    arm = load_arm("servo6")
+    truth = without_offsets(varied(arm, seed, 0.01))
+    logs = [recorded(truth, fourier_motion(arm, seed + k, 20.0, 200.0), seed + k, memory=0.0) for k in (0, 1)]
+    found = diagnose(arm, logs).answer
+    assert (found["verdict"], found["unexplained"]) == ("no_missing_effect", [])
+
+
+def test_no_filtered_part_remembers_what_was_before_a_gap(ur10e: Arm) -> None:
+    log = recording(ur10e, 1)
+    half = len(log) // 2
+    late = log.t + np.where(np.arange(len(log)) >= half, 20.0, 0.0)
+    other = log.q.copy()
+    other[:half] = log.q[0] + 0.5 * (log.q[:half] - log.q[0])
+    models = [LogModel(measured(replace(log, t=late, q=q), ur10e), Hypothesis.nominal(ur10e)) for q in (log.q, other)]
+    (first, second), (_, third) = (m.measurement.starts[1:] for m in models)
+    assert second == third
+    for part in (additive_basis._resonances, lambda m, j: additive_basis._own(m, j)[f"memory:{ur10e.joint_names[j]}"][0]):
+        one, two = (np.asarray(part(m, PAN)) for m in models)
+        assert np.abs(one[:first] - two[:first]).max() > 1e-3
+        np.testing.assert_allclose(one[first:], two[first:], atol=1e-9)
