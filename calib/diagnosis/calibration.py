@@ -29,7 +29,8 @@ FRICTION = {
 class Moved:
     """One number of the arm: its value before and after the refit, its standard deviation then and that of its prior, and gap_share.
 
-    The reflected inertia of one joint comes beside the factor on all joints. gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought.
+    gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought. The reflected
+    inertia of a joint moves with the factor on all joints too, as the corrected arm has it.
     """
 
     name: str
@@ -57,14 +58,19 @@ class Moved:
 def calibration(refit: Fit) -> list[Moved]:
     """The numbers that moved by more than a prior standard deviation and significantly, farthest first."""
     arm, solved = refit.hypothesis.start, refit.solved
-    theta, variance = solved.theta, np.maximum(np.diag(solved.inverse), 1e-12)
-    brought, out = _brought(solved), []
-    for name, moved, spread in zip(refit.models[0].names, theta, variance, strict=False):
-        evidence = float(moved**2 / spread)
-        if abs(moved) >= MOVED and evidence >= EVIDENT and (found := _meaning(arm, name)) is not None:
-            what, joint, value, unit, size = found
-            share = min(1.0, evidence / max(brought, 1e-12))
-            out.append(Moved(what, joint, value, value + float(moved) * size, unit, float(np.sqrt(spread)) * size, size, share))
+    names, brought, out = refit.models[0].names, _brought(solved), []
+    for k, name in enumerate(names):
+        if (found := _meaning(arm, name)) is None or found[-1] == 0.0:
+            continue
+        what, joint, value, unit, size = found
+        per = np.zeros(len(solved.theta))
+        per[k] = size
+        if name.startswith("Ia_"):
+            per[names.index("Ia_all")] = ROTOR_TOGETHER * value
+        moved, variance = float(per @ solved.theta), max(float(per @ solved.inverse @ per), 1e-12 * size**2)
+        if abs(moved) >= MOVED * size and moved**2 >= EVIDENT * variance:
+            share = min(1.0, moved**2 / variance / max(brought, 1e-12))
+            out.append(Moved(what, joint, value, value + moved, unit, float(np.sqrt(variance)), size, share))
     return sorted(out, key=lambda x: -abs(x.deviations))
 
 
@@ -80,8 +86,6 @@ def _meaning(arm: Arm, name: str) -> tuple[str, str | None, float, str, float] |
     """What a nuisance parameter is, its joint, the arm's own value, its unit and one prior standard deviation of it."""
     if name == "delay":
         return "delay of the torque reading", None, 1e3 * DELAY_MEAN, "ms", 1e3 * DELAY_SPREAD
-    if name == "Ia_all":
-        return "reflected inertia of all joints", None, 1.0, "times", ROTOR_TOGETHER
     match = re.fullmatch(r"(m|cx|cy|cz|I|Fc|Fv|Ia|offset)_(\d+)", name)
     if match is None:
         return None
