@@ -189,7 +189,7 @@ def ending(session: GuidedSession) -> list[str]:
     found = answer(last)
     done = next(d for d in reversed(session.done) if d.name.startswith("diagnose"))
     sentences = [done.sentence]
-    rounds = sum(d.name.startswith("diagnose") for d in session.done)
+    rounds = sum(session.finished(name) is not None for name in {d.name for d in session.done if d.name.startswith("diagnose")})
     sentences += [f"not decided after {rounds} round{'s' * (rounds != 1)}: {pair}" for pair in undecided(found)]
     if found.get("verdict") == "unexplained":
         joints = ", ".join(str(u.get("joint")) for u in found.get("unexplained", []))

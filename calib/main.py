@@ -96,7 +96,7 @@ class Commands(TyperGroup):
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
     """`--holdout a b c` as `--holdout a --holdout b --holdout c`, for the options named in `lists`.
 
-    ConfigError for one without a word: an empty variable of a shell is no wish for none.
+    ConfigError for one without a word: an empty shell variable must not drop the option.
     """
     out: list[str] = []
     option, bare = "", ""

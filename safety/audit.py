@@ -41,7 +41,7 @@ def record(file: Path, event: str, now: datetime | None = None, **facts: Any) ->
 
 
 def _plain(x: Any) -> Any:
-    """`x` with words for the numbers that JSON does not have, and words of a bearable length: a stop for a NaN is recorded most of all."""
+    """`x` with words for the numbers that JSON does not have, and no word beyond LONGEST_WORDS: a stop for a NaN must be recorded too."""
     if isinstance(x, dict):
         return {key: _plain(value) for key, value in x.items()}
     if isinstance(x, list | tuple):

@@ -84,7 +84,7 @@ class Watch:
         if self.at_rest:
             return None
         speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
-        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())  # once: it may turn round
+        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())  # once may be a turn
         self._still = self._still + 1 if stands else 0
         if self._stopping_since == np.inf:
             self._stopping_since, self._fastest = now, speed

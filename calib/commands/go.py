@@ -67,13 +67,11 @@ def command(
         raise ConfigError("--new begins a session and --session continues one; give one of the two")
     if str(session) == LATEST and not Path(LATEST).exists():
         session = newest("go").folder
-    open_one = (
-        None
-        if new
-        else guided_session.read_session(session)
-        if session
-        else guided_session.open_session(where.path, configs=configs)
-    )
+    open_one = None
+    if session is not None:
+        open_one = guided_session.read_session(session)
+    elif not new:
+        open_one = guided_session.open_session(where.path, configs=configs)
     if open_one is not None:
         if not guided_session.is_of(open_one, where.path, configs):
             raise ConfigError(f"{open_one.folder}: is a session of {open_one.cell} and not of {cell}; give that cell, or --new")

@@ -39,7 +39,7 @@ class Workers:
 
 @contextmanager
 def _without_script() -> Iterator[None]:
-    """Processes that start do not run the user's script again: one that calls `plan` outside of `if __name__ == "__main__"` would start them again."""
+    """Worker processes do not import the user's script: one that calls `plan` outside of `if __name__ == "__main__"` would start more of them."""
     script: dict[str, object] = vars(sys.modules["__main__"])
     hidden: dict[str, object] = {name: script.pop(name) for name in ("__file__", "__spec__") if name in script}
     script["__spec__"] = None

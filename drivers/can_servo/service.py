@@ -68,7 +68,7 @@ class Service:
         drive = self._drive(joint)
         if drive.looking_switches_off and not (self.options.brakes or supported):
             raise DeviceError(
-                f"{drive.name}: it answers the order off alone, which drops an arm without brakes; support it, then add --supported"
+                f"{drive.name}: it answers only the order off, which drops an arm without brakes; support the arm, then add --supported"
             )
         identity = drive.identify(self._enquiry.ask)
         wanted = drive.servo.serial

@@ -156,3 +156,9 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
     (found,) = assess(fitted, beside, [])
     assert found.lost > 50
     assert found.one_sided != both
+
+
+def test_a_wave_with_two_angles_for_one_reading_is_no_encoder() -> None:
+    encoder = effect_named("encoder_eccentricity")
+    assert encoder.plausible({"amplitude": 0.3, "cycles": 3.0, "phase": 0.0}, 100.0, np.inf)
+    assert not encoder.plausible({"amplitude": 0.3, "cycles": 4.0, "phase": 0.0}, 100.0, np.inf)

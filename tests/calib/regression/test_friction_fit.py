@@ -85,3 +85,14 @@ def test_a_joint_that_was_not_requested_gets_no_law_though_the_law_of_another_he
     found = fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)], only=[0])
     assert found.joints == [0]
     assert found.predicted[1] < (1 - HELPS) * free.plain[1]
+
+
+def test_a_joint_whose_torque_reads_zero_spoils_no_other() -> None:
+    data, theta = parts(2, law=0.0)
+    silent = [Part(p.x, p.d, [p.r[0], np.zeros(ROWS)]) for p in data]
+    for p in silent:
+        p.x[1][:] = 0.0
+        p.d[1][:] = 0.0
+    with np.errstate(all="raise"):
+        found = fit_friction(silent, np.zeros(P), 1e-6 * np.eye(P), [range(K)])
+    np.testing.assert_allclose(found.theta, theta, atol=0.15)

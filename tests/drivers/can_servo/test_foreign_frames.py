@@ -83,7 +83,7 @@ def test_a_drive_that_answers_the_order_off_alone_is_not_asked_on_an_arm_without
     service = Service(options("damiao"), None, None)  # type: ignore[arg-type]
     service.drives, service._enquiry = [one], SimpleNamespace(ask=ask)  # type: ignore[assignment]
     for order in (lambda: service.look("j"), lambda: service.do("j", "off"), lambda: service.do("j", "zero")):
-        with pytest.raises(DeviceError, match=r"then add --supported"):
+        with pytest.raises(DeviceError, match=r"answers only the order off, .* then add --supported"):
             order()
     assert asked == []
     with pytest.raises(DeviceError, match=r"nobody is there"):

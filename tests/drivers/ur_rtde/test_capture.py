@@ -85,3 +85,14 @@ def test_a_file_that_is_no_capture_is_refused(tmp_path: Path, lines: list[str]) 
     file.write_bytes(b"nothing compressed")
     with pytest.raises(BadLog):
         read_capture(file)
+
+
+def test_a_folder_that_is_taken_is_refused_before_anybody_listens(
+    cell: Callable[..., Cell], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listened = list[int]()
+    monkeypatch.setattr("drivers.ur_rtde.capturing.captured", lambda *a: listened.append(1))
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "a").write_text("x")
+    assert main(["capture", str(cell().path), "--out", str(tmp_path / "taken")]) == 2
+    assert listened == []

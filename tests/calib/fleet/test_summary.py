@@ -1,0 +1,28 @@
+"""The fleet in one sentence: nothing good is said of arms that nobody looked into."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from calib.fleet.fleet import Fleet
+from calib.fleet.summary import sentence
+
+GOOD = {"status": "done", "verdict": "no_missing_effect"}
+BLIND = {"status": "done", "verdict": "not_diagnosed"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ([GOOD, GOOD], "2 of 2 arms assessed, none deviates"),
+        ([GOOD, BLIND], "2 of 2 arms assessed, none deviates; 1 not diagnosed"),
+        ([BLIND], "1 of 1 arms assessed; 1 not diagnosed"),
+        ([GOOD | {"elsewhere": "coulomb_friction elbow"}], "1 of 1 arms assessed, 1 deviates"),
+        ([GOOD | {"effects": ["payload"]}, BLIND], "2 of 2 arms assessed, 1 deviates; 1 not diagnosed"),
+        ([{"status": "bad_logs"}], "0 of 1 arms assessed; 1 could not be assessed"),
+    ],
+)
+def test_a_sentence_of_a_fleet(rows: list[dict[str, Any]], text: str) -> None:
+    assert sentence(Fleet(rows, [], ())) == text
