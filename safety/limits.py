@@ -19,7 +19,6 @@ from sim.trajectory import Trajectory
 
 ROUNDING = 1e-9
 HALVINGS = 20
-QUANTITIES = ("q", "dq", "ddq", "jerk")
 UNITS = {"q": "rad", "dq": "rad/s", "ddq": "rad/s^2", "jerk": "rad/s^3"}
 
 

@@ -15,7 +15,6 @@ from can.util import CAN_FD_DLC
 
 # F command: can232 manual, LAWICEL AB. Bus-off has no bit of its own: passive, warning and bus error together.
 PASSIVE, BUS_OFF = 0x20, 0xA4
-TRANSMIT_FULL = 0x02
 # the letters of frames, and whether their identifier has 29 bits: data, remote, CAN FD without and with a data bit rate
 WIDE_OF = {b"t": False, b"T": True, b"r": False, b"R": True, b"d": False, b"D": True, b"b": False, b"B": True}
 
@@ -43,7 +42,7 @@ class LawicelBus(slcanBus):
 
     @state.setter
     def state(self, new_state: BusState) -> None:
-        raise NotImplementedError("a serial adapter's state is read, not set")
+        raise can.CanOperationError("a serial adapter's state is read, not set")
 
     def ask_status(self) -> None:
         """Ask for the status flags; the reply is noticed while receiving."""

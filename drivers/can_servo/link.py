@@ -66,6 +66,7 @@ class Link:
             _require_server(options)
         try:
             bus = _opened(options)
+        # python-can's interfaces raise all of these, NotImplementedError for what an adapter lacks
         except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
             raise DeviceError(f"{where}: cannot be opened ({error}); {REMEDIES.get(options.interface, REMEDY)}") from error
         if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:

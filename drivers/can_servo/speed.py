@@ -54,10 +54,6 @@ class Differentiator:
         most = self._q_step / stood
         return max(-most, min(most, slope))
 
-    def reset(self) -> None:
-        """Forget: the motion was interrupted."""
-        self._t, self._q = [], []
-
 
 class Speeds:
     """dq (n,) of a whole arm: of each joint from its positions, or the drive's own field where that is the finer one.
