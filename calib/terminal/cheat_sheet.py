@@ -9,7 +9,7 @@ from pathlib import Path
 SHEET: dict[str, list[tuple[str, str]]] = {
     "Begin": [
         ("see everything on a simulated arm", "calib demo"),
-        ("find a robot or CAN adapter, write its cell", "calib init"),
+        ("find a UR, write its cell; find CAN adapters", "calib init"),
         ("a whole session, guided", "calib go CELL"),
         ("an arm of your own", "calib arm new my.urdf"),
     ],
@@ -47,9 +47,11 @@ SHEET: dict[str, list[tuple[str, str]]] = {
     ],
 }
 NOTES = (
-    "CELL and ARM are names from configs/, or files. LOG is .mcap, .csv or a rosbag2 folder. `latest` is the newest run.",
-    "Every command: --help with an example, --json for machines, --quiet for scripts, --out DIR for the results.",
-    "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop, 4 device. Ctrl-C stops a moving arm.",
+    "CELL and ARM are names from configs/, or files. LOG is .mcap, .csv or a rosbag2 folder.",
+    "`latest` is the newest that fits: the newest arm that was written, the newest plan, or the newest run.",
+    "Every command: --help with an example, --quiet for scripts. All but emulate and help: --json. Those that write: --out DIR.",
+    "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop, 4 device, 70 a fault of the program, 130 interrupted.",
+    "Ctrl-C stops a moving arm.",
 )
 
 
