@@ -170,7 +170,10 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
             rows += [[effect, joint or "whole arm", name, None, quantity(p)] for name, p in parameters.items()]
     others = len(found) - (key in found)
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
-    if key not in found:
+    rivals = {(r["effect"], r["joint"]) for e in diagnosis["effects"] for r in e.get("indistinguishable_from") or ()}
+    if key not in found and key in rivals:
+        sentence = "what was hidden is among those that these recordings do not decide between; `calib plan --discriminate` plans what does"
+    elif key not in found:
         sentence = "what was hidden was not found; the report says what speaks for each candidate"
     elif others:
         sentence = f"what was hidden was found, and beside it {beside}"

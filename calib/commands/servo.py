@@ -47,7 +47,10 @@ def look(
         bool, typer.Option(help="make the present angle of this joint its zero; the drive must be off and still")
     ] = False,
     off: Annotated[bool, typer.Option(help="torque off for this joint")] = False,
-    supported: Annotated[bool, typer.Option(help="the arm is carried: without brakes, torque off drops it")] = False,
+    supported: Annotated[
+        bool,
+        typer.Option(help="the arm is carried: without brakes, torque off drops it, and some drives answer only that order"),
+    ] = False,
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:

@@ -84,6 +84,11 @@ def test_another_joint_is_another_effect() -> None:
     assert not wrong.right
     assert wrong.rows[0][4] is None
     assert "was not found" in wrong.sentence
+    wrong_answer = diagnosis(("asymmetric_friction", "elbow_joint", {"half_difference": 5.0}))
+    wrong_answer["effects"][0]["indistinguishable_from"] = [{"effect": hidden.effect, "joint": hidden.joint}]
+    undecided = demo.reveal(hidden, wrong_answer)
+    assert not undecided.right
+    assert "do not decide between" in undecided.sentence
     assert not demo.reveal(hidden, diagnosis()).right
 
 
