@@ -47,11 +47,11 @@ SHEET: dict[str, list[tuple[str, str]]] = {
     ],
 }
 NOTES = (
-    "CELL and ARM are names from configs/, or files. LOG is .mcap, .csv or a rosbag2 folder.",
-    "`latest` is the newest that fits: the newest arm that was written, the newest plan, or the newest run.",
-    "Every command: --help with an example, --quiet for scripts. All but emulate and help: --json. Those that write: --out DIR.",
-    "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop, 4 device, 70 a fault of the program, 130 interrupted.",
-    "Ctrl-C stops a moving arm.",
+    "CELL, ARM: a name in configs/, or a file. LOG: .mcap, .csv, a rosbag2 folder.",
+    "`latest` is the newest that fits: arm that was written, plan, or run.",
+    "Every command: --help with an example, --quiet. Most: --json, --out DIR.",
+    "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop,\n"
+    "4 device, 70 a fault of the program, 130 interrupted. Ctrl-C stops a moving arm.",
 )
 
 
@@ -63,7 +63,7 @@ def lines() -> list[str]:
         for what, call in tasks:
             line = f"  {what:<44}{call}"
             out += [line] if len(line) <= 80 else [f"  {what}", f"{'':6}{call}"]
-    return [*out, "", *NOTES]
+    return [*out, "", *"\n".join(NOTES).splitlines()]
 
 
 def page() -> str:
