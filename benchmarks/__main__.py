@@ -23,7 +23,8 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD, results
 
-# each is a module of this package with run(...) -> rows of what, value, unit, bar, note; here with what it is given when none is named
+# each is a module of this package with run(...) -> rows of what, value, unit, bar, note, and MEASURES, the paths whose change outdates them (all
+# packages where it has none); here with what it is given when none is named
 TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
     "derivatives": {},
@@ -78,35 +79,6 @@ SLICED = (
     "demo",
     "ur_load",
 )
-PLANT = ("sim/plant.py", "sim/plant_model.py", "sim/encoders.py", "sim/instant.py", "sim/torque_history.py")
-# what a topic measures; all packages, if not here
-MEASURES: dict[str, tuple[str, ...]] = {
-    "install": ("pyproject.toml",),
-    "logs": ("logs",),
-    "kills": ("logs",),
-    "reading": ("logs",),
-    "wrong_commands": ("calib/gate", "calib/commands", "calib/fleet", "logs"),
-    "gate": ("calib/gate", "logs"),
-    "clocks": ("logs",),
-    "hostile": ("logs", "safety", "sim"),
-    "safety": ("safety", "sim"),
-    "faults": ("safety", "drivers/mock.py", *PLANT),
-    "ur_load": ("drivers/ur_rtde", "safety", "logs", "sim/emulated"),
-    "monitor_process": ("drivers/ur_rtde", "safety", "sim/emulated"),
-    "first_day": ("drivers", "sim/emulated", "calib/commands"),
-    "soak": ("safety", "drivers/mock.py", *PLANT),
-    "ur": ("drivers", "safety", "logs", "sim"),
-    "can": ("drivers", "safety", "logs", "sim"),
-    "servo_scan": ("drivers", "sim"),
-    "derivatives": (
-        "calib/measurement/preprocessing.py",
-        "calib/measurement/exclusions.py",
-        "calib/measurement/joint_torque.py",
-        "calib/measurement/filtering.py",
-    ),
-    "excitation": ("calib/excitation", "safety", "sim"),
-    "peers": ("calib/identification", "calib/regression", "calib/measurement", "sim"),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -137,14 +109,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options = {"minutes": given.minutes}
         load, began = os.getloadavg()[0], time.perf_counter()
         try:
-            measured = import_module(f"benchmarks.{topic}").run(**options)
+            module = import_module(f"benchmarks.{topic}")
+            measured = module.run(**options)
         except Exception as error:  # the other topics' figures are worth having
             traceback.print_exc()
             failed.append(topic)
             measured = [{"what": "could not be measured", "value": "failed", "note": f"{type(error).__name__}: {error}"}]
         else:
             line = f"python -m benchmarks {'--quick ' * few}{topic}"
-            measures = MEASURES.get(topic, results.CODE)
+            measures = getattr(module, "MEASURES", results.CODE)
             results.write(topic.replace(".", "_"), measured, command=line, measures=measures, load_before=round(load, 2))
         took = f"{topic}: {time.perf_counter() - began:.0f} s, load average {load:.1f} before, {os.getloadavg()[0]:.1f} after"
         console.print(took)

@@ -38,7 +38,15 @@ from sim.trajectory import Trajectory
 COUNT = 100
 RATE = 250.0  # Hz, of the demo
 LONGEST = 3600.0  # s that one session may take, on a computer that is busy with other things
-HANGS_ON = ("calib/diagnosis", "calib/regression", "calib/measurement", "sim", "drivers/mock.py", "benchmarks/clean_mock.py")
+MEASURES = (
+    "calib/diagnosis",
+    "calib/identification",
+    "calib/regression",
+    "calib/measurement",
+    "sim",
+    "drivers/mock.py",
+    "benchmarks/clean_mock.py",
+)
 
 
 def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:
@@ -79,7 +87,7 @@ def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     """A slice of the sessions, then the rows of all that ended so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "clean_mock.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "clean_mock.jsonl", " ".join(digest(path) for path in MEASURES))
     arms = sorted(folder.name for folder in (shipped_configs() / "arms").iterdir())
     warm(sim, logs, drivers, safety, calib)
     jobs = {f"{arms[k % len(arms)]} {k}": (arms[k % len(arms)], k, k < len(arms)) for k in range(count)}

@@ -37,7 +37,7 @@ from sim.trajectory import Trajectory
 COUNT = 200
 CELL = "mock-ur10e"
 LONGEST = 3600.0  # s that one seed may take, on a computer that is busy with other things
-HANGS_ON = (
+MEASURES = (
     "calib/diagnosis", "calib/regression", "calib/measurement", "calib/excitation", "calib/demo.py", "sim", "drivers/mock.py", "benchmarks/demo.py",
 )  # fmt: skip
 
@@ -80,7 +80,7 @@ def answered(seed: int) -> dict[str, Any]:
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     """A slice of the seeds, then the rows of all that ended so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "demo.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "demo.jsonl", " ".join(digest(path) for path in MEASURES))
     motions()
     warm(sim, logs, drivers, safety, calib)
     todo = ((str(seed), partial(answered, seed)) for seed in range(count) if str(seed) not in kept.found)

@@ -25,7 +25,7 @@ from calib.identification.model import TorqueModel
 from sim.arm import load_arm
 
 TIMES = 20
-HANGS_ON = ("calib/excitation", "safety", "sim")
+MEASURES = ("calib/excitation", "safety", "sim")
 
 
 def _problem() -> tuple[Site, Information, Fourier]:
@@ -76,7 +76,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def _long() -> Kept:
-    return Kept(FOLDER / "excitation_long.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    return Kept(FOLDER / "excitation_long.jsonl", " ".join(digest(path) for path in MEASURES))
 
 
 def longer(minutes: float) -> None:

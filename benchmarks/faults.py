@@ -118,8 +118,8 @@ LONGEST = 60.0  # s that a run may take
 # files of safety/ that a run on the mock does not use: they begin, show, approve and watch real ones
 ASIDE = ("approval", "approach", "audit", "board", "confirmation", "control", "control_process", "execution", "gravity_sweep", "hold_key",
          "joint_test", "latency", "legs", "manifest", "plausible", "realtime", "run_progress", "signs", "stages", "monitor_link", "verified_samples", "watching")  # fmt: skip
-# what the outcome of a run hangs on
-HANGS_ON = (
+# what the outcome of a run depends on
+MEASURES = (
     *(f"safety/{file.name}" for file in sorted((ROOT / "safety").glob("*.py")) if file.stem not in ASIDE),
     "drivers/mock.py",
     "sim/encoders.py",
@@ -138,7 +138,7 @@ HANGS_ON = (
 def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
     """A slice of the matrix, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "faults.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "faults.jsonl", " ".join(digest(path) for path in MEASURES))
     cell = load_cell(CELL)
     arm = load_arm(cell.table.arm)
     for done in forked(_missing(kept, arm, cell, repeats), LONGEST, end):

@@ -40,7 +40,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import PAUSED, PLAYING
 from sim.errors import CalibError
 
-HANGS_ON = ("drivers", "sim/emulated", "calib/commands", "benchmarks/first_day.py")
+MEASURES = ("drivers", "sim/emulated", "calib/commands", "benchmarks/first_day.py")
 OPTIONS = {"serial": "20230000000", "frame_timeout": 0.5, "setpoint_timeout": 0.5, "watchdog": 4.0}
 LONGEST = 60.0  # s that a command may take
 # what a person types; CELL, PLAN and OUT are put in. `calib go` is these commands one after the other
@@ -159,7 +159,7 @@ def wrong_arms() -> list[str]:
 def run(minutes: float = 10.0, tries: int = 100) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "first_day.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "first_day.jsonl", " ".join(digest(path) for path in MEASURES))
     warm(sim, logs, drivers, safety, calib)
     jobs: list[tuple[str, Callable[[], Any]]] = []
     for number, name in enumerate(wrong_arms()):

@@ -19,6 +19,7 @@ from typing import Any
 
 from benchmarks.results import ROOT
 
+MEASURES = ("pyproject.toml",)
 MOST = 1100  # MB
 GIVES = {
     "arm-calib": "the program itself, its arms and cells",

@@ -23,6 +23,7 @@ from logs import RecorderProcess, read_log
 from logs.recover import is_recording
 from logs.ur_rtde_csv import UR_JOINTS
 
+MEASURES = ("logs",)
 VICTIMS = ("recorder", "control", "both")
 STEADY = 500.0  # Hz
 

@@ -46,7 +46,7 @@ CASES = {
     "the monitor process is killed (SIGKILL)": (signal.SIGKILL, "calib monitor"),
     "nothing happens": (None, ""),
 }
-HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated/ur", "benchmarks/monitor_process.py")
+MEASURES = ("safety", "drivers/ur_rtde", "sim/emulated/ur", "benchmarks/monitor_process.py")
 
 
 def watched_controller(path: str, talk: Connection) -> None:
@@ -123,7 +123,7 @@ def measured(number: int, case: str) -> dict[str, Any]:
 def run(minutes: float = 10.0, repeats: int = 20) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "monitor_process.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "monitor_process.jsonl", " ".join(digest(path) for path in MEASURES))
     for number in range(repeats):
         for i, case in enumerate(CASES):
             if (what := f"{case} {number}") not in kept.found and time.monotonic() < end:

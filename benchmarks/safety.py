@@ -25,6 +25,7 @@ from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import SafetyStop
 
+MEASURES = ("safety", "sim")
 CELL = "mock-ur10e"
 
 

@@ -19,6 +19,7 @@ from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.can import CanEmulator
 
+MEASURES = ("drivers", "sim")
 FAST = 5_000_000
 ROBSTRIDES, FD = (2, 3), 1
 RANGES = {"q": 12.57, "dq": 20.0, "tau": 60.0}

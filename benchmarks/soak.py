@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.faults import HANGS_ON, TROUBLES
+from benchmarks import faults
+from benchmarks.faults import TROUBLES
 from benchmarks.injection import Injection
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.reaction import RATE, SETTLE, Run
@@ -29,6 +30,7 @@ from sim.effects import with_effect
 from sim.errors import SafetyStop
 from sim.plant import Plant
 
+MEASURES = (*faults.MEASURES, "benchmarks/soak.py")
 ARMS = ("ur10e", "ur5e", "ur3e", "ur16e", "ur20", "servo6")
 SECTION = 60.0
 WRONG = 0.1
@@ -106,7 +108,7 @@ def section(arm: Arm, cell: Cell, number: int) -> dict[str, Any]:
 def run(minutes: float = 10.0, each: float = 30.0) -> list[dict[str, Any]]:
     """A slice of it, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "soak.jsonl", " ".join(digest(path) for path in (*HANGS_ON, "benchmarks/soak.py")))
+    kept = Kept(FOLDER / "soak.jsonl", " ".join(digest(path) for path in MEASURES))
     base = load_cell("mock-ur10e")
     motion = base.table.motion.model_copy(update={"following_error": FOLLOWING})
     cell = replace(base, table=base.table.model_copy(update={"motion": motion}))

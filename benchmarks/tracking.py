@@ -20,13 +20,13 @@ from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 
 SEEDS = (11, 14, 1, 9, 4, 8)  # two payloads, two springs, two ripples
-HANGS_ON = ("calib", "drivers", "safety", "sim")
+MEASURES = ("calib", "drivers", "safety", "sim")
 
 
 def run(minutes: float = 10.0) -> list[dict[str, Any]]:
     """A slice of the seeds, then rows of all that were run so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "tracking.jsonl", " ".join(map(digest, HANGS_ON)))
+    kept = Kept(FOLDER / "tracking.jsonl", " ".join(map(digest, MEASURES)))
     for seed in SEEDS:
         if str(seed) not in kept.found and time.monotonic() < end:
             kept.keep(str(seed), demonstrated(seed))

@@ -47,7 +47,7 @@ NAMES = {
 }  # fmt: skip
 MOTION = 6.0  # s; a fault comes at about 2 s, while the arm is fast
 WAIT = 240.0  # s for all that comes before and after a motion
-HANGS_ON = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
+MEASURES = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
 OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
 SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
 AHEAD: dict[str, object] = SERVO | {"ahead": 0.05}
@@ -180,7 +180,7 @@ def in_a_folder(last: int, seconds: float, fault: str | None, options: dict[str,
 def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
     """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in HANGS_ON))
+    kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in MEASURES))
 
     long, *short = [(f"recording of {seconds:g} s, {how}", seconds, None, options) for how, seconds, options in RECORDINGS]
     injected: list[Wanted] = [(f"{fault} {k}", MOTION, fault, {}) for k in range(repeats) for fault in NAMES]

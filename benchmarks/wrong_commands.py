@@ -31,7 +31,7 @@ from logs.convert import write_log
 
 COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
 ONE_LOG = ("watch", "import")
-HANGS_ON = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
+MEASURES = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
 AT_ONCE, IN_A_CHILD = 25, 10  # cases of a fleet, and of any other command one after the other
 LONGEST = 600.0  # s that one call may take
 FAULT = -1  # code of a call whose process ended with a fault, or not at all
@@ -82,7 +82,7 @@ def _cause(printed: str) -> str:
 def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COMMANDS) -> list[dict[str, Any]]:
     """A slice of the corpus through every command, then the rows of all that was tried so far: what, value, unit, bar, note."""
     kept, end = (
-        Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in HANGS_ON)),
+        Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in MEASURES)),
         time.monotonic() + 60 * minutes,
     )
     everything = [case for case in cases(count) if case.done != ("a gripper's joint",)]

@@ -40,20 +40,20 @@ MOTION = 10.0  # s
 SLIDING, TURNED = 0.05, 0.99
 OURS, RIDGE, NOMINAL = "calib identify", "ridge around the nominal arm", "nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
-# what the logs and the peers' answers hang on, and what ours does besides
+# what the logs and the peers' answers depend on, and what ours does
 LOGS = (
     "calib/measurement",
     "sim",
     "benchmarks/peers",
     "benchmarks/known_truth.py",
 )
-HANGS_ON = ("calib/identification", "calib/regression")
+MEASURES = (*LOGS, "calib/identification", "calib/regression")
 
 
 def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
     """A slice of the cases, then the rows of all that were tried so far; where the peers are not installed, a row that says so."""
     end = time.monotonic() + 60 * minutes
-    ours = Kept(FOLDER / "peers.jsonl", " ".join(map(digest, (*LOGS, *HANGS_ON))))
+    ours = Kept(FOLDER / "peers.jsonl", " ".join(map(digest, MEASURES)))
     peers = Kept(FOLDER / "peers.jsonl", " ".join([*map(digest, LOGS), str(PYTHON.is_file())]))
     every = {s: [f"{s:g} {seed}" for seed in range(seeds)] for s in lengths}
     for kept, work in ((ours, our_case), (peers, peer_case)):  # ours first: the peers take minutes a log
