@@ -62,7 +62,7 @@ def command(
     """
     from calib.watch.session import watch
     from calib.watch.source import open_source
-    from calib.watch.trend import DATABASE
+    from calib.watch.trend_table import DATABASE, WATCHED
     from calib.watch.view import WatchView
 
     table = database or DATABASE
@@ -89,7 +89,8 @@ def command(
         _json_line(found.as_dict())
     else:
         _show(found)
-        console.say(f"{folder}: watch.json, events.jsonl, watch.mcap" + (f"; kept in {table}" if found.kept else ""))
+        undated = ", dated by now: the recording does not state when it was made" if found.dated == WATCHED else ""
+        console.say(f"{folder}: watch.json, events.jsonl, watch.mcap" + (f"; kept in {table}{undated}" if found.kept else ""))
     if found.concerns:
         raise AnswerIsNo(
             f"{len(found.concerns)} of {len(found.events)} events need attention; the first: {found.concerns[0].message}"
@@ -124,8 +125,9 @@ def _show(found: Watched) -> None:
 
 def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> None:
     from calib.report import trend as page
-    from calib.watch.trend import TrendTable, slopes
-    from calib.watch.trend_text import sentence, terminal_plot
+    from calib.watch.trend import slopes
+    from calib.watch.trend_table import TrendTable
+    from calib.watch.trend_text import doubtful_dates, sentence, terminal_plot
 
     if not database.is_file():
         raise ConfigError(
@@ -139,6 +141,8 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
         runs = table.runs(name)
     if not runs:
         raise ConfigError(f"{database}: has no run of {name!r}; it holds {', '.join(arms) or 'no arm'}")
+    if doubtful := doubtful_dates(runs):
+        console.warn(f"{database}: {doubtful}")
     found = slopes(runs)
     outcome = sentence(name, runs, found)
     folder = new_run(name, "trend", out)

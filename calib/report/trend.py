@@ -8,7 +8,8 @@ import numpy as np
 
 from calib.report.figure import LINE, ROLES, axes, name
 from calib.report.page import Page
-from calib.watch.trend import RunRecord, Slope, series
+from calib.watch.trend import Slope, series
+from calib.watch.trend_table import RECORDED, RunRecord
 
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad"}
 WORDS = {"coulomb": "dry friction", "viscous": "viscous friction"}
@@ -49,10 +50,10 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
     )  # fmt: skip
     page.section("Runs")
     page.table(
-        ["started", "source", "payload [kg]", "± [kg]", "residual [N m], worst joint", "warmest [°C]", "consistency"],
+        ["started (UTC)", "dated by", "source", "payload [kg]", "± [kg]", "residual [N m], worst joint", "warmest [°C]", "consistency"],
         [
             [
-                f"{r.started:%Y-%m-%d %H:%M}", r.source, r.mass, 1.96 * r.mass_std, max((j.residual for j in r.joints), default=np.nan),
+                f"{r.started:%Y-%m-%d %H:%M}", "the recording" if r.dated == RECORDED else "when it was watched", r.source, r.mass, 1.96 * r.mass_std, max((j.residual for j in r.joints), default=np.nan),
                 max((j.temperature for j in r.joints if j.temperature is not None), default=np.nan), r.nis,
             ]
             for r in runs

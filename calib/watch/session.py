@@ -21,7 +21,7 @@ from calib.watch.events import CONCERNS, WatchEvent
 from calib.watch.live_gate import LiveGate
 from calib.watch.picture import Picture
 from calib.watch.source import Source, until
-from calib.watch.trend import RunRecord, TrendTable
+from calib.watch.trend_table import RECORDED, WATCHED, RunRecord, TrendTable
 from calib.watch.watcher import Watcher, rehearse
 from logs.recorder import Recorder
 from logs.recording import COMPLETED, ERROR, INFO
@@ -32,13 +32,18 @@ DECLARED_EVERY = 0.2  # s between two questions about the declared payload
 
 @dataclass(frozen=True)
 class Watched:
-    """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends."""
+    """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends.
+
+    started is when the readings were recorded, or, where `dated` is "watched", only when they were watched.
+    """
 
     source: Source
     events: tuple[WatchEvent, ...]
     picture: Picture
     seconds: float
     kept: bool
+    started: datetime
+    dated: str
 
     @property
     def concerns(self) -> tuple[WatchEvent, ...]:
@@ -50,6 +55,7 @@ class Watched:
         p, arm = self.picture, self.source.arm
         return {
             "schema": "watch/1", "arm": arm.name, "source": self.source.name, "seconds": self.seconds, "samples": p.samples,
+            "started": self.started.isoformat(), "dated": self.dated,
             "fits": p.fits, "outcome": p.sentence, "payload": p.payload if p.settled else None, "com": p.com, "nis": p.nis,
             "faults": p.faults, "trend": self.kept,
             "joints": [
@@ -79,7 +85,8 @@ def watch(
 
     BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
     """
-    started = now()
+    started = source.recorded or now()
+    dated = WATCHED if source.recording and source.recorded is None else RECORDED
     if database is not None and database.exists():
         with TrendTable(database):  # one that is none is refused before anything is watched
             pass
@@ -130,7 +137,7 @@ def watch(
     kept = bool(picture.fits) and picture.settled and database is not None
     if kept and database is not None:
         with TrendTable(database) as table:
-            table.add(RunRecord.of(source.arm, source.name, started, picture))
-    found = Watched(source, tuple(events), picture, float(last - first), kept)
+            table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated))
+    found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated)
     (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return found

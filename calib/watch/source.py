@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from calib.gate.correction import AS_RECORDED
 from calib.measurement.recordings import recorded_arm
 from calib.measurement.recordings import require as require_file
 from calib.watch.picture import Declared
+from calib.watch.recorded import digest_of, instant_of
 from drivers import open_driver
 from logs import read_log
 from logs.log import Log
@@ -32,6 +34,7 @@ class Source:
 
     duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s on the
     device clock is where the readings' own time is zero; facts go into the record; gated: nobody has examined the readings before.
+    recording: a log's digest; recorded: when it was made, None where it does not state that.
     """
 
     name: str
@@ -46,6 +49,8 @@ class Source:
     t_origin: float = 0.0
     findings: tuple[str, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
+    recording: str = ""
+    recorded: datetime | None = None
 
 
 def is_log(reference: str) -> bool:
@@ -117,7 +122,8 @@ def from_log(
             f"{path}: was recorded of {arm_of_log}, the arm given is {model.name}: nothing that it shows would be about this arm; "
             "leave --arm out, or name an arm folder of that arm"
         )
-    log = read_as(read_log(path, model.joint_names, accept_partial=accept_partial), assume)
+    read = read_log(path, model.joint_names, accept_partial=accept_partial)
+    log = read_as(read, assume)
     if len(log) < 2:
         raise BadLog(f"{path}: {len(log)} samples; there is nothing to watch")
     silent = ~np.isfinite(log.tau).any(axis=0)
@@ -135,7 +141,7 @@ def from_log(
     return Source(
         path.name, model, 1.0 / float(np.median(steps[steps > 0])), states_of(log), lambda: declared,
         gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
-        facts={"log": str(path)},
+        facts={"log": str(path)}, recording=digest_of(read), recorded=instant_of(read),
     )  # fmt: skip
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import plotext
 from numpy import ptp
 
-from calib.watch.trend import RunRecord, Slope, series
+from calib.watch.trend import Slope, series
+from calib.watch.trend_table import WATCHED, RunRecord
 
 WIDTH, HEIGHT = 60, 11
 PLOTS_MOST = 4
@@ -25,6 +26,17 @@ def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
     if all(s.interval is None for s in slopes):
         return f"{arm}, {count}: too few for a trend"
     return f"{arm}, {count}: no joint's friction changes for sure"
+
+
+def doubtful_dates(runs: list[RunRecord]) -> str:
+    """How many runs are dated by when they were watched, and why; "" where none is."""
+    count = sum(r.dated == WATCHED for r in runs)
+    if not count:
+        return ""
+    return (
+        f"{count} of {len(runs)} runs are dated by when they were watched: their recordings do not state when they were made, or were "
+        "watched with an older version, which did not read it; the date of these is corrected when they are watched again"
+    )
 
 
 def terminal_plot(runs: list[RunRecord], slopes: list[Slope]) -> str:

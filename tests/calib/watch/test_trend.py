@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+from dataclasses import astuple, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from calib.watch.trend import JointRecord, RunRecord, Slope, TrendTable, slopes
-from calib.watch.trend_text import sentence, terminal_plot
-from sim.errors import ConfigError
+from calib.watch import trend_table
+from calib.watch.recorded import digest_of, instant_of
+from calib.watch.trend import Slope, slopes
+from calib.watch.trend_table import JointRecord, RunRecord, TrendTable
+from calib.watch.trend_text import doubtful_dates, sentence, terminal_plot
+from logs.log import Log
+from sim.errors import BadLog, ConfigError
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -75,11 +83,124 @@ def test_the_table_keeps_what_it_is_given(tmp_path: Path) -> None:
 
 
 def test_a_log_that_is_watched_again_replaces_its_run(tmp_path: Path) -> None:
-    run = RunRecord(START, "arm", "", "log.mcap", 0.0, 0.01, 1.0, ())
+    run = RunRecord(START, "arm", "", "log.mcap", 0.0, 0.01, 1.0, (), "digest")
     with TrendTable(tmp_path / "t.sqlite") as table:
         table.add(run)
         table.add(run)
         assert len(table.runs("arm")) == 1
+
+
+def test_recordings_of_one_name_are_runs_of_their_own(tmp_path: Path) -> None:
+    with TrendTable(tmp_path / "t.sqlite") as table:
+        for day, digest in enumerate("ab"):
+            table.add(RunRecord(START + timedelta(days=day), "arm", "", "excitation.mcap", 0.0, 0.01, 1.0, (), digest))
+        assert [r.recording for r in table.runs("arm")] == ["a", "b"]
+
+
+VERSION_1 = """
+create table run (id integer primary key, started text not null, arm text not null, arm_sha256 text not null, source text not null,
+                  mass real, mass_std real, nis real);
+create table joint (run integer not null references run(id), joint text not null, seconds real not null, coulomb real, coulomb_std real,
+                    viscous real, viscous_std real, residual real, temperature real, primary key (run, joint));
+pragma user_version = 1;
+"""
+
+
+@pytest.fixture
+def first_version(tmp_path: Path) -> tuple[Path, list[RunRecord]]:
+    """A table of version 1 as that version wrote it, and what it holds."""
+    file, old = tmp_path / "t.sqlite", runs(5, 0.2)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.executescript(VERSION_1)
+        for key, r in enumerate(old, start=1):
+            row = (key, r.started.isoformat(), r.arm, r.arm_sha256, r.source, r.mass, r.mass_std, r.nis)
+            db.execute("insert into run values (?, ?, ?, ?, ?, ?, ?, ?)", row)
+            db.executemany("insert into joint values (?, ?, ?, ?, ?, ?, ?, ?, ?)", [(key, *astuple(j)) for j in r.joints])
+    return file, old
+
+
+def test_a_table_of_version_1_keeps_every_run(first_version: tuple[Path, list[RunRecord]]) -> None:
+    file, old = first_version
+    for _ in range(2):
+        with TrendTable(file) as table:
+            assert table.runs("arm") == [replace(r, dated="watched") for r in old]
+    with closing(sqlite3.connect(file)) as db:
+        assert db.execute("pragma user_version").fetchone() == (2,)
+    assert "5 of 5 runs are dated by when they were watched" in doubtful_dates([replace(r, dated="watched") for r in old])
+    assert doubtful_dates(old) == ""
+
+
+def test_a_run_of_version_1_is_replaced_only_by_the_same_numbers(first_version: tuple[Path, list[RunRecord]]) -> None:
+    file, old = first_version
+    again = replace(old[0], started=START - timedelta(days=9), recording="digest", dated="recorded")
+    other = replace(old[1], joints=old[2].joints, recording="other")
+    with TrendTable(file) as table:
+        table.add(again)
+        table.add(other)
+        kept = table.runs("arm")
+    assert kept[0] == again
+    assert len(kept) == 6
+    assert sum(r.source == old[1].source for r in kept) == 2
+
+
+def test_a_migration_that_fails_leaves_version_1_as_it_was(
+    first_version: tuple[Path, list[RunRecord]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, old = first_version
+    with monkeypatch.context() as patched:
+        patched.setattr(trend_table, "_FROM_1", trend_table._FROM_1 + "alter table nothing add column x text;")
+        with pytest.raises(ConfigError, match="--database"):
+            TrendTable(file)
+    with closing(sqlite3.connect(file)) as db:
+        assert db.execute("pragma user_version").fetchone() == (1,)
+        assert db.execute("select * from run").description[-1][0] == "nis"
+        assert len(db.execute("select * from run").fetchall()) == len(old)
+
+
+def test_a_table_of_a_newer_version_is_refused_and_not_changed(tmp_path: Path) -> None:
+    file = tmp_path / "t.sqlite"
+    with closing(sqlite3.connect(file)) as db:
+        db.execute("pragma user_version = 3")
+    before = file.read_bytes()
+    with pytest.raises(ConfigError, match="is of version 3, this program knows 1 to 2; nothing in it was changed: update"):
+        TrendTable(file)
+    assert file.read_bytes() == before
+
+
+def log(**about: Any) -> Log:
+    values = np.arange(12.0).reshape(6, 2)
+    fields = dict.fromkeys(("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd"), values)
+    given = {"joint_names": ("a", "b"), "t": np.arange(6.0), "t_host": np.full(6, np.nan), **fields, **about}
+    return Log(**given)
+
+
+NEW_YEAR = 1_767_225_600 * 10**9  # ns, 2026-01-01
+
+
+@pytest.mark.parametrize(
+    ("about", "expected"),
+    [
+        ({"metadata": {"wall_clock_start_ns": str(NEW_YEAR)}, "t_origin": 100 * 10**9}, START),
+        ({"t_host": np.arange(6.0), "t_host_origin": NEW_YEAR}, START),
+        ({"t_host_origin": NEW_YEAR}, None),  # a log without a host clock
+        ({"t_origin": NEW_YEAR}, START),  # a table with instants since 1970
+        ({"t_origin": 100 * 10**9}, None),  # seconds since the controller was switched on
+        ({"metadata": {"wall_clock_start_ns": "17"}, "t_origin": NEW_YEAR}, START),  # a host that did not know the time
+    ],
+)
+def test_a_recording_is_dated_by_what_it_states(about: dict[str, Any], expected: datetime | None) -> None:
+    assert instant_of(log(**about)) == expected
+
+
+def test_a_wall_clock_that_is_no_number_is_refused() -> None:
+    with pytest.raises(BadLog, match="wall_clock_start_ns = 'yesterday' is no time"):
+        instant_of(log(metadata={"wall_clock_start_ns": "yesterday"}))
+
+
+def test_a_recording_is_known_by_its_samples() -> None:
+    assert digest_of(log(path=Path("a.mcap"))) == digest_of(log(path=Path("b/c.mcap")))
+    assert digest_of(log()) != digest_of(log(q=np.ones((6, 2))))
+    assert digest_of(log(t_origin=NEW_YEAR)) != digest_of(log())
 
 
 def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:

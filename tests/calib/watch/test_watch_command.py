@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib.main import main
+from calib.watch.trend_table import TrendTable
 from logs import Recorder, read_log
 from sim.arm import Arm
 from sim.joint_state import JointState
@@ -17,8 +20,11 @@ from sim.joint_state import JointState
 DATA = os.environ.get("ARM_CALIB_DATA")
 
 
-def recorded(path: Path, arm: Arm, readings: list[JointState], **metadata: object) -> Path:
-    with Recorder(path, arm.joint_names, {"arm": arm.name, **metadata}) as recorder:
+def recorded(
+    path: Path, arm: Arm, readings: list[JointState], wall_clock: datetime | None = None, **metadata: object
+) -> Path:  # fmt: skip
+    clock = time.time_ns if wall_clock is None else lambda: round(wall_clock.timestamp() * 1e9)
+    with Recorder(path, arm.joint_names, {"arm": arm.name, **metadata}, wall_clock=clock) as recorder:
         for state in readings:
             recorder.write(state)
     return path
@@ -91,6 +97,35 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     assert len(reply["runs"]) == 1
     assert (tmp_path / "trend" / "trend.html").read_text().startswith("<!")
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
+
+
+def test_the_trend_has_both_recordings_of_one_name_at_the_time_of_each(
+    watched: tuple[Path, Path, int], tmp_path: Path, servo6: Arm, shift: tuple[list[JointState], float, float]
+) -> None:
+    folder, _, _ = watched
+    table = ["--database", str(tmp_path / "t")]
+    made = datetime.fromtimestamp(1_767_225_600, UTC)
+    (tmp_path / "b").mkdir()
+    other = recorded(tmp_path / "b" / "shift.mcap", servo6, shift[0][:6000], wall_clock=made)
+    for k, log in enumerate((folder / "shift.mcap", other, other)):
+        assert main(["watch", str(log), "--out", str(tmp_path / f"o{k}"), *table]) == 0
+    with TrendTable(tmp_path / "t") as kept:
+        found = kept.runs("servo6")
+    assert [r.source for r in found] == ["shift.mcap", "shift.mcap"]
+    assert found[0].started == made
+    assert {r.dated for r in found} == {"recorded"}
+
+
+def test_a_recording_without_a_date_is_dated_by_its_watching_and_says_so(
+    tmp_path: Path, servo6: Arm, shift: tuple[list[JointState], float, float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = ["--database", str(tmp_path / "t")]
+    log = recorded(tmp_path / "log.mcap", servo6, shift[0][:6000], wall_clock=datetime.fromtimestamp(1, UTC))
+    assert main(["watch", str(log), "--out", str(tmp_path / "o"), *table]) == 0
+    assert "dated by now: the recording does not state when it was made" in capsys.readouterr().out
+    assert main(["watch", "--trend", "--out", str(tmp_path / "trend"), *table]) == 0
+    assert "1 of 1 runs are dated by when they were watched" in capsys.readouterr().err
+    assert "when it was watched" in (tmp_path / "trend" / "trend.html").read_text()
 
 
 def test_a_log_of_another_arm_is_refused(

@@ -1,0 +1,191 @@
+"""Friction, payload, residual and temperature of many runs of an arm, in one small SQLite table.
+
+A recording is known again by its samples and not by its name, and dated by when it was made, as far as it states that: `dated` says
+which. Version 1 kept one run for all recordings of a name and dated each by when it was watched; its rows are kept and say so.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import astuple, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from calib.watch.picture import Picture
+from sim.arm import Arm
+from sim.errors import ConfigError
+
+DATABASE = Path("runs") / "watch.sqlite"
+VERSION = 2
+RECORDED, WATCHED = "recorded", "watched"  # what the date of a run is the date of
+_TABLES = """
+create table run (id integer primary key, started text not null, arm text not null, arm_sha256 text not null, source text not null,
+                  mass real, mass_std real, nis real, recording text not null default '', dated text not null default 'watched');
+create table joint (run integer not null references run(id), joint text not null, seconds real not null, coulomb real, coulomb_std real,
+                    viscous real, viscous_std real, residual real, temperature real, primary key (run, joint));
+"""
+_COLUMNS = "started, arm, arm_sha256, source, mass, mass_std, nis, recording, dated"
+_FROM_1 = """
+alter table run add column recording text not null default '';
+alter table run add column dated text not null default 'watched';
+"""
+
+
+@dataclass(frozen=True)
+class JointRecord:
+    """One joint in one run: s of motion, dry N m and viscous N m s/rad friction with std, residual N m RMS, temperature degC or None."""
+
+    joint: str
+    seconds: float
+    coulomb: float
+    coulomb_std: float
+    viscous: float
+    viscous_std: float
+    residual: float
+    temperature: float | None
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One run of an arm: when, from where, payload kg at its end, consistency of the filter, and every joint that moved.
+
+    recording: the digest of the recording, "" of a live arm and of version 1. dated: `started` is when it was "recorded", or only "watched".
+    """
+
+    started: datetime
+    arm: str
+    arm_sha256: str
+    source: str
+    mass: float
+    mass_std: float
+    nis: float
+    joints: tuple[JointRecord, ...]
+    recording: str = ""
+    dated: str = RECORDED
+
+    @classmethod
+    def of(
+        cls, arm: Arm, source: str, started: datetime, picture: Picture, recording: str = "", dated: str = RECORDED
+    ) -> RunRecord:  # fmt: skip
+        """The record of a watch; joints that did not move have nothing to say."""
+        joints = []
+        for j, joint in enumerate(arm.joint_names):
+            f = picture.friction[j]
+            if picture.seconds[j] > 0:
+                warm = f.temperature if np.isfinite(f.temperature) else None
+                joints.append(
+                    JointRecord(
+                        joint, float(picture.seconds[j]), f.coulomb.value, f.coulomb.std, f.viscous.value, f.viscous.std,
+                        float(picture.residual[j]), warm,
+                    )
+                )  # fmt: skip
+        return cls(
+            started, arm.name, arm.sha256, source, picture.payload.value, picture.payload.std, picture.nis, tuple(joints), recording, dated
+        )  # fmt: skip
+
+
+class TrendTable:
+    """The table in an SQLite file, made where there is none; a context manager.
+
+    A file of version 1 becomes one of version 2, with every row. ConfigError for a file of a newer version, which is left as it is, and
+    for one that is no such table or cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            # statements take effect together or not at all: autocommit, and transactions that are begun below
+            self._db = sqlite3.connect(path, isolation_level=None)
+            version = self._version()
+            if version in (0, 1):
+                version = self._made(version)
+        except sqlite3.Error as error:
+            raise ConfigError(f"{path}: not a table of watches ({error}); name another file with --database") from error
+        if version != VERSION:
+            self._db.close()
+            raise ConfigError(
+                f"{path}: is of version {version}, this program knows 1 to {VERSION}; nothing in it was changed: update the program, or "
+                "name another file with --database"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._db.close()
+
+    def _version(self) -> int:
+        return int(self._db.execute("pragma user_version").fetchone()[0])
+
+    def _made(self, version: int) -> int:
+        """The tables made or brought to this version, in one transaction; the version that another program made of them meanwhile."""
+        try:
+            self._db.execute("begin immediate")
+            version = self._version()
+            for statement in {0: _TABLES, 1: _FROM_1}.get(version, "").split(";\n"):
+                self._db.execute(statement)
+            if version in (0, 1):
+                self._db.execute(f"pragma user_version = {VERSION}")
+                version = VERSION
+            self._db.execute("commit")
+        except sqlite3.Error:
+            self._db.close()  # which rolls back
+            raise
+        return version
+
+    def add(self, run: RunRecord) -> None:
+        """One more run; a recording that is watched again replaces its earlier record, so that a replay never counts twice."""
+        self._db.execute("begin immediate")
+        try:
+            for key in self._same(run):
+                self._db.execute("delete from joint where run = ?", (key,))
+                self._db.execute("delete from run where id = ?", (key,))
+            when = run.started.astimezone(UTC).isoformat()
+            row = (when, run.arm, run.arm_sha256, run.source, run.mass, run.mass_std, run.nis, run.recording, run.dated)
+            marks = ", ".join("?" * len(row))
+            new = self._db.execute(f"insert into run ({_COLUMNS}) values ({marks})", row).lastrowid
+            self._db.executemany(
+                "insert into joint values (?, ?, ?, ?, ?, ?, ?, ?, ?)", [(new, *astuple(joint)) for joint in run.joints]
+            )
+            self._db.execute("commit")
+        except BaseException:
+            self._db.execute("rollback")
+            raise
+
+    def arms(self) -> list[str]:
+        """The arms that have runs here."""
+        return [row[0] for row in self._db.execute("select distinct arm from run order by arm")]
+
+    def runs(self, arm: str) -> list[RunRecord]:
+        """The runs of an arm, oldest first."""
+        rows = self._db.execute(f"select id, {_COLUMNS} from run where arm = ? order by started, id", (arm,)).fetchall()
+        return [self._run(*row) for row in rows]
+
+    def _run(
+        self, key: int, started: str, arm: str, sha256: str, source: str, mass: float, std: float, nis: float, recording: str, dated: str
+    ) -> RunRecord:  # fmt: skip
+        when = datetime.fromisoformat(started)
+        return RunRecord(when, arm, sha256, source, mass, std, nis, self._joints(key), recording, dated)
+
+    def _joints(self, key: int) -> tuple[JointRecord, ...]:
+        rows = self._db.execute(
+            "select joint, seconds, coulomb, coulomb_std, viscous, viscous_std, residual, temperature from joint where run = ? "
+            "order by rowid",
+            (key,),
+        )
+        return tuple(JointRecord(*row) for row in rows)
+
+    def _same(self, run: RunRecord) -> list[int]:
+        """The rows of the same recording. Version 1 kept no digest: there a row is the same where its file's name and every number are."""
+        if not run.recording:
+            return []
+        rows = self._db.execute("select id from run where arm = ? and recording = ?", (run.arm, run.recording)).fetchall()
+        older = self._db.execute(
+            "select id from run where arm = ? and source = ? and recording = '' and dated = ?", (run.arm, run.source, WATCHED)
+        ).fetchall()
+        return [key for (key,) in rows] + [key for (key,) in older if self._joints(key) == run.joints]
