@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 from calib.terminal.quantity import rounded
-from sim.errors import AnswerIsNo, ConfigError
+from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:
     from calib.watch.events import WatchEvent
@@ -91,6 +91,9 @@ def command(
         _show(found)
         undated = ", dated by now: the recording does not state when it was made" if found.dated == WATCHED else ""
         console.say(f"{folder}: watch.json, events.jsonl, watch.mcap" + (f"; kept in {table}{undated}" if found.kept else ""))
+    conclude(found.sentence)
+    if found.fault is not None:
+        raise DeviceError(f"{found.fault}; until then: {found.sentence}; it stands in {folder}")
     if found.concerns:
         raise AnswerIsNo(
             f"{len(found.concerns)} of {len(found.events)} events need attention; the first: {found.concerns[0].message}"
@@ -146,6 +149,7 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
     found = slopes(runs)
     outcome = sentence(name, runs, found)
     folder = new_run(name, "trend", out)
+    conclude(outcome)
     page.write(folder / "trend.html", name, runs, found, outcome)
     if as_json:
         console.print_json(

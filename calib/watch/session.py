@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,7 +26,7 @@ from calib.watch.trend_table import RECORDED, WATCHED, RunRecord, TrendTable
 from calib.watch.watcher import Watcher, rehearse
 from logs.recorder import Recorder
 from logs.recording import COMPLETED, ERROR, INFO
-from sim.errors import BadLog
+from sim.errors import BadLog, DeviceError
 
 DECLARED_EVERY = 0.2  # s between two questions about the declared payload
 
@@ -34,7 +35,8 @@ DECLARED_EVERY = 0.2  # s between two questions about the declared payload
 class Watched:
     """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends.
 
-    started is when the readings were recorded, or, where `dated` is "watched", only when they were watched.
+    started is when the readings were recorded, or, where `dated` is "watched", only when they were watched. fault is what the device, or
+    the disk, ended it with.
     """
 
     source: Source
@@ -44,6 +46,14 @@ class Watched:
     kept: bool
     started: datetime
     dated: str
+    fault: DeviceError | None = None
+
+    @property
+    def sentence(self) -> str:
+        """What was seen, in one sentence."""
+        count = len(self.events)
+        time = f" in {self.seconds:.1f} s" if np.isfinite(self.seconds) else ""
+        return f"{count} event{'' if count == 1 else 's'}{time}; {self.picture.sentence}"
 
     @property
     def concerns(self) -> tuple[WatchEvent, ...]:
@@ -55,7 +65,7 @@ class Watched:
         p, arm = self.picture, self.source.arm
         return {
             "schema": "watch/1", "arm": arm.name, "source": self.source.name, "seconds": self.seconds, "samples": p.samples,
-            "started": self.started.isoformat(), "dated": self.dated,
+            "started": self.started.isoformat(), "dated": self.dated, "fault": None if self.fault is None else str(self.fault),
             "fits": p.fits, "outcome": p.sentence, "payload": p.payload if p.settled else None, "com": p.com, "nis": p.nis,
             "faults": p.faults, "trend": self.kept,
             "joints": [
@@ -83,6 +93,8 @@ def watch(
 ) -> Watched:
     """Watch to the end of the log, for `seconds` of the device's clock, or until `end_requested`; on_picture gets the share done.
 
+    A device that fails ends it as well: what was seen until then is the answer, with the fault in it.
+
     BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
     """
     started = source.recorded or now()
@@ -94,6 +106,8 @@ def watch(
     watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
     gate = LiveGate(source.arm, source.name, source.rate, source.gravity) if source.gated else None
     refusal: str | None = None
+    fault: DeviceError | None = None
+    note: tuple[int, str, str] | None = None
     events: list[WatchEvent] = []
     metadata = {
         "arm": source.arm.name,
@@ -127,10 +141,19 @@ def watch(
                 if end_requested() or refusal is not None:
                     break
         except KeyboardInterrupt:
-            recorder.event(INFO, "watch", "ended by the operator", source.t_origin + (last if np.isfinite(last) else 0.0))
+            note = INFO, "watch", "ended by the operator"
+        except DeviceError as error:
+            fault, note = error, (ERROR, "device", str(error))
         if gate is not None and (refusal := refusal or gate.end()) is not None:
-            recorder.event(ERROR, "gate", refusal, source.t_origin + (last if np.isfinite(last) else 0.0))
-        recorder.close(COMPLETED)
+            note = ERROR, "gate", refusal
+        try:
+            if note is not None:
+                recorder.event(*note, source.t_origin + (last if np.isfinite(last) else 0.0))
+            recorder.close(COMPLETED if fault is None else f"{type(fault).__name__}: {fault}")
+        except DeviceError as error:  # the recording itself has failed
+            fault = fault or error
+            with suppress(DeviceError):
+                recorder.close(str(fault))
     if refusal is not None:
         raise BadLog(refusal)
     picture = watcher.picture()
@@ -138,6 +161,6 @@ def watch(
     if kept and database is not None:
         with TrendTable(database) as table:
             table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated))
-    found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated)
+    found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated, fault)
     (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return found

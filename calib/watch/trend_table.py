@@ -140,8 +140,8 @@ class TrendTable:
 
     def add(self, run: RunRecord) -> None:
         """One more run; a recording that is watched again replaces its earlier record, so that a replay never counts twice."""
-        self._db.execute("begin immediate")
         try:
+            self._db.execute("begin immediate")
             for key in self._same(run):
                 self._db.execute("delete from joint where run = ?", (key,))
                 self._db.execute("delete from run where id = ?", (key,))
@@ -153,9 +153,13 @@ class TrendTable:
                 "insert into joint values (?, ?, ?, ?, ?, ?, ?, ?, ?)", [(new, *astuple(joint)) for joint in run.joints]
             )
             self._db.execute("commit")
-        except BaseException:
-            self._db.execute("rollback")
-            raise
+        except sqlite3.Error as error:
+            raise ConfigError(
+                f"{self.path}: the run could not be added ({error}), what stood there stays; name another file with --database"
+            ) from error
+        finally:
+            if self._db.in_transaction:
+                self._db.execute("rollback")
 
     def arms(self) -> list[str]:
         """The arms that have runs here."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +14,14 @@ import pytest
 
 from benchmarks.wrong_data import base
 from calib.main import main
-from calib.watch import live_gate
+from calib.past_runs import read_run
+from calib.watch import live_gate, source
 from calib.watch.live_gate import LiveGate
 from calib.watch.session import watch
 from calib.watch.source import Source, states_of
-from logs import read_log
-from logs.log import Log
-from sim.errors import BadLog
+from logs import Recorder, read_log
+from logs.log import Log, State
+from sim.errors import BadLog, DeviceError
 from sim.joint_state import JointState
 
 WRONG = np.array([1, 1, -1, 1, 1, 1])
@@ -42,6 +46,60 @@ def test_a_reversed_torque_ends_the_watch_with_its_cause(tmp_path: Path, log: Lo
     assert "wrong sign" in events[-1].message
     assert not (tmp_path / "trend.sqlite").exists()
     assert not (tmp_path / "watch.json").exists()
+
+
+def failing(log: Log, readings: int) -> Iterator[JointState]:
+    yield from itertools.islice(states_of(log), readings)
+    raise DeviceError("a-cell: no reading for 0.5 s; look at the cable")
+
+
+def test_a_device_that_fails_leaves_what_was_seen(tmp_path: Path, log: Log) -> None:
+    found = watch(live(failing(log, len(log))), tmp_path, database=tmp_path / "trend.sqlite")
+    assert str(found.fault).startswith("a-cell: no reading")
+    kept = json.loads((tmp_path / "watch.json").read_text())
+    assert kept["fault"] == str(found.fault)
+    assert kept["samples"] == len(log)
+    written = read_log(tmp_path / "watch.mcap", accept_partial=True)
+    assert written.state is State.ABORTED
+    assert written.events[-1].name == "device"
+
+
+def test_a_wrong_torque_is_refused_where_the_device_fails_as_well(tmp_path: Path, log: Log) -> None:
+    with pytest.raises(BadLog, match=SEEN):
+        watch(live(failing(replace(log, tau=log.tau * WRONG), 600)), tmp_path, database=tmp_path / "trend.sqlite")
+    assert not (tmp_path / "watch.json").exists()
+
+
+def test_a_failed_watch_says_in_its_run_what_was_seen(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, log: Log, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @contextmanager
+    def opened(*_: object) -> Iterator[Source]:
+        yield live(failing(log, 600))
+
+    monkeypatch.setattr(source, "open_source", opened)
+    assert main(["watch", "a-cell", "--json"]) == 4
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["fault"].startswith("a-cell: no reading")
+    run = read_run("watch")
+    assert run.exit_code == 4
+    assert run.sentence.startswith("a-cell: no reading for 0.5 s; look at the cable; until then: ")
+    assert (run.folder / "watch.json").is_file()
+
+
+def test_a_recording_that_fails_is_a_fault_and_not_the_end_of_the_answer(
+    tmp_path: Path, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise DeviceError("watch.mcap: the disk is full")
+
+    monkeypatch.setattr(Recorder, "event", full)
+    found = watch(live(failing(log, 300)), tmp_path)
+    assert "no reading" in str(found.fault)
+    monkeypatch.setattr(Recorder, "write", full)
+    (tmp_path / "second").mkdir()
+    found = watch(live(states_of(log)), tmp_path / "second")
+    assert "the disk is full" in str(found.fault)
+    assert (tmp_path / "second" / "watch.json").is_file()
 
 
 def test_a_short_watch_is_examined_at_its_end(tmp_path: Path, log: Log) -> None:

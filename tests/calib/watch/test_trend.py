@@ -157,6 +157,15 @@ def test_a_migration_that_fails_leaves_version_1_as_it_was(
         assert len(db.execute("select * from run").fetchall()) == len(old)
 
 
+def test_a_run_that_cannot_be_added_is_a_sentence_and_loses_nothing(tmp_path: Path) -> None:
+    run = RunRecord(START, "arm", "", "log.mcap", 0.0, 0.01, 1.0, runs(1, 0.0)[0].joints * 2, "digest")  # the joint twice
+    with TrendTable(tmp_path / "t.sqlite") as table:
+        table.add(replace(run, joints=run.joints[:1]))
+        with pytest.raises(ConfigError, match="the run could not be added"):
+            table.add(run)
+        assert len(table.runs("arm")) == 1
+
+
 def test_a_table_of_a_newer_version_is_refused_and_not_changed(tmp_path: Path) -> None:
     file = tmp_path / "t.sqlite"
     with closing(sqlite3.connect(file)) as db:

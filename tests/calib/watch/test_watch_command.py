@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from calib.main import main
+from calib.past_runs import read_run
 from calib.watch.trend_table import TrendTable
 from logs import Recorder, read_log
 from sim.arm import Arm
@@ -55,6 +56,9 @@ def test_events_stand_in_the_log_in_json_lines_and_in_the_result(watched: tuple[
     result = json.loads((out / "watch.json").read_text())
     assert result["schema"] == "watch/1"
     assert result["fits"]
+    sentence = read_run(out).sentence
+    assert sentence.startswith("4 events in 34.0 s; ")
+    assert sentence.endswith("nothing at the flange")
     assert result["trend"]
 
 
@@ -95,6 +99,7 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     assert reply["arm"] == "servo6"
     assert "too few for a trend" in reply["outcome"]
     assert len(reply["runs"]) == 1
+    assert read_run(tmp_path / "trend").sentence == reply["outcome"]
     assert (tmp_path / "trend" / "trend.html").read_text().startswith("<!")
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
 
