@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import Field
 
-from calib.past_runs import list_runs
+from calib.past_runs import list_runs, runs_and_faults
 from sim.cell import load_cell
 from sim.errors import ConfigError
 from sim.files import read_toml
@@ -113,7 +113,7 @@ def read_session(folder: Path) -> GuidedSession:
     """The session of a folder; ConfigError where it is none."""
     file = folder / FILE
     if not file.is_file():
-        known = [str(run.folder) for run in list_runs() if run.verb == "go"]
+        known = [str(run.folder) for run in runs_and_faults()[0] if run.verb == "go"]
         raise ConfigError(f"{folder}: no session ({FILE} is missing); {nearest(str(folder), known)}")
     table = validated(SessionTable, read_toml(file), file)
     data = {k: getattr(table, k) for k in ("cell", "cell_sha256", "arm", "quick", "rounds", "closed")}

@@ -71,7 +71,9 @@ def read_run(reference: str | Path, root: Path = RUNS) -> Run:
         sound = isinstance(arguments, list) and all(isinstance(word, str) for word in words)
         if not (sound and is_name(data["verb"]) and is_name(data["arm"]) and isinstance(end.get("exit_code"), int | None)):
             raise TypeError("verb and arm are names, started, directory, arguments and sentence words, exit_code a number")
-    except (ConfigError, KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
+        raise ConfigError(f"{file}: not a run's file ({error} is missing); delete the folder or restore the file") from error
+    except (ConfigError, TypeError, AttributeError) as error:
         raise ConfigError(f"{file}: not a run's file ({error}); delete the folder or restore the file") from error
     killed = not end and bool(arguments) and not is_locked(file)
     return Run(
@@ -92,8 +94,23 @@ def _remains(folder: Path) -> str:
 
 
 def list_runs(root: Path = RUNS) -> list[Run]:
-    """The runs under `root`, newest first."""
-    return sorted((read_run(f) for f in _folders(root)), key=lambda r: r.started, reverse=True)
+    """The runs under `root`, newest first; ConfigError where one of them cannot be read, and so may be the newest."""
+    runs, faults = runs_and_faults(root)
+    if faults:
+        raise faults[0]
+    return runs
+
+
+def runs_and_faults(root: Path = RUNS) -> tuple[list[Run], list[ConfigError]]:
+    """The runs under `root` that can be read, newest first, and what is wrong with the others."""
+    runs: list[Run] = []
+    faults: list[ConfigError] = []
+    for folder in _folders(root):
+        try:
+            runs.append(read_run(folder))
+        except ConfigError as error:
+            faults.append(error)
+    return sorted(runs, key=lambda r: r.started, reverse=True), faults
 
 
 def _folders(root: Path) -> list[Path]:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from calib.past_runs import LATEST, RUNS, latest, list_runs
+from calib.past_runs import LATEST, RUNS, latest, runs_and_faults
 from calib.run_folder import conclude, lock_cell, new_run
 from calib.terminal import console, options
 
@@ -63,7 +63,7 @@ def command(
     if str(plan) == LATEST and not plan.exists():
         plan = latest("plan").folder
     if not plan.is_dir():
-        plans = [str(run.folder) for run in list_runs() if run.verb == "plan"]
+        plans = [str(run.folder) for run in runs_and_faults()[0] if run.verb == "plan"]
         raise ConfigError(
             f"there is no plan folder {str(plan)!r}; {nearest(str(plan), plans)}; `calib plan {arm.name}` makes one"
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.past_runs import RUNS, list_runs, read_run
+from calib.past_runs import RUNS, read_run, runs_and_faults
 from calib.run_folder import new_run
 from calib.terminal import console, options
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _names(incomplete: str) -> list[str]:
-    return [run.folder.name for run in list_runs() if run.folder.name.startswith(incomplete)]
+    return [run.folder.name for run in runs_and_faults()[0] if run.folder.name.startswith(incomplete)]
 
 
 def command(

@@ -9,14 +9,14 @@ from typing import Annotated
 
 import typer
 
-from calib.past_runs import FILE, RUNS, Run, list_runs, read_run
+from calib.past_runs import FILE, RUNS, Run, read_run, runs_and_faults
 from calib.run_folder import free_folder
 from calib.terminal import console, options
 from sim.errors import ConfigError
 
 
 def _names(incomplete: str) -> list[str]:
-    return [run.folder.name for run in list_runs() if run.folder.name.startswith(incomplete)]
+    return [run.folder.name for run in runs_and_faults()[0] if run.folder.name.startswith(incomplete)]
 
 
 def command(
@@ -37,7 +37,7 @@ def command(
     if run is None:
         if again:
             raise ConfigError("--again needs a run; name one of those that `calib runs` lists")
-        return _list(list_runs(root), root, as_json)
+        return _list(*runs_and_faults(root), root, as_json)
     found = read_run(run, root)
     if again:
         return _repeat(found)
@@ -49,13 +49,15 @@ def command(
     return 0
 
 
-def _list(found: list[Run], root: Path, as_json: bool) -> int:
+def _list(found: list[Run], faults: list[ConfigError], root: Path, as_json: bool) -> int:
+    for fault in faults:
+        console.warn(" ".join(str(fault).split()))
     if as_json:
-        console.print_json({"schema": "runs/1", "runs": [_plain(r) for r in found]})
+        console.print_json({"schema": "runs/1", "runs": [_plain(r) for r in found], "unreadable": [str(f) for f in faults]})
     elif found:
         rows = [[r.started.replace("T", " ")[:16], r.verb, r.arm, _code(r), r.folder.name, r.sentence] for r in found]
         console.table(["started (UTC)", "verb", "arm", "exit", "folder", "outcome"], rows)
-    else:
+    elif not faults:
         console.say(f"There are no runs in {root}/ yet; the first command that makes one is `calib plan ARM` or `calib demo`.")
     return 0
 

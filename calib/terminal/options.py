@@ -83,9 +83,10 @@ def run_folders(verb: str) -> Callable[[str], list[str]]:
     """Folders of the runs of one command that the shell offers for completion."""
 
     def names(incomplete: str) -> list[str]:
-        from calib.past_runs import LATEST, list_runs
+        from calib.past_runs import LATEST, runs_and_faults
 
-        return [n for n in (LATEST, *(str(r.folder) for r in list_runs() if r.verb == verb)) if n.startswith(incomplete)]
+        known = [str(r.folder) for r in runs_and_faults()[0] if r.verb == verb]
+        return [name for name in (LATEST, *known) if name.startswith(incomplete)]
 
     return names
 

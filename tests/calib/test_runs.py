@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 
 from calib.main import main
 from calib.past_runs import read_run
+from calib.run_folder import new_run
+from calib.terminal import options
 from sim.effects import EFFECTS
 
 
@@ -68,6 +71,28 @@ def test_an_interrupted_run_says_where_it_stands_and_how_to_repeat_it(capsys: py
     assert f"interrupted; nothing more was done; what was begun stands in {run.folder}" in error
     assert f"`calib runs {run.folder} --again`" in error
     assert main(["runs", str(run.folder), "--again"]) == 130
+
+
+@pytest.mark.parametrize("text", ["", "not = = toml", 'verb = "plan"'])
+def test_a_broken_run_is_named_in_one_line_and_the_others_are_listed(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    broken, sound = new_run("ur10e", "plan"), new_run("ur10e", "identify")
+    (broken / "run.toml").write_text(text)
+    assert main(["runs"]) == 0
+    shown = capsys.readouterr()
+    assert sound.name in shown.out
+    assert broken.name not in shown.out
+    (line,) = shown.err.splitlines()
+    assert f"{broken / 'run.toml'}: not a run's file" in line
+    assert main(["runs", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert [r["verb"] for r in answer["runs"]] == ["identify"]
+    assert len(answer["unreadable"]) == 1
+    assert options.run_folders("identify")("") == ["latest", str(sound)]
+    assert main(["record", "mock-ur10e", "nowhere"]) == 2
+    assert "there is no plan folder 'nowhere'" in capsys.readouterr().err
+    shutil.rmtree(sound)
+    assert main(["runs"]) == 0
+    assert "There are no runs" not in capsys.readouterr().out
 
 
 def test_the_catalogue_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
