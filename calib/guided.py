@@ -34,6 +34,27 @@ def with_cell(session: GuidedSession, sha256: str) -> GuidedSession:
     return changed
 
 
+def with_options(session: GuidedSession, quick: bool, rounds: int | None) -> GuidedSession:
+    """The session with what a later call asks of it: quick plans from here on, another number of rounds; as it is where it asks nothing.
+
+    ConfigError for fewer rounds than were diagnosed already. A session that was closed is open again where something changes.
+    """
+    if rounds is not None:
+        begun = max(k for k in range(1, session.rounds + 1) if k == 1 or session.finished(f"diagnose-{k}"))
+        if rounds < begun:
+            raise ConfigError(
+                f"--rounds {rounds}: the session {session.folder} has its diagnosis of round {begun} already; give {begun} or more, leave "
+                "the option out, or begin another with --new"
+            )
+    after = replace(session, quick=session.quick or quick, rounds=session.rounds if rounds is None else rounds)
+    if after == session:
+        return session
+    after = replace(after, closed=False)
+    if after.rounds > session.rounds and after.finished("validate-corrected"):  # of an arm that another round may replace
+        after = after.undone("validate-corrected", "another round follows")
+    return after
+
+
 def next_step(session: GuidedSession) -> GuidedStep | None:
     """The command that comes next; None where nothing is left to do."""
     quick = ("--quick",) if session.quick else ()

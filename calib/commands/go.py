@@ -38,8 +38,13 @@ def command(
     new: Annotated[bool, typer.Option("--new", help="Begin a new session, whatever is open.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Plan quickly: a random motion and short sweeps.")] = False,
     rounds: Annotated[
-        int, typer.Option(min=1, max=20, help="Recordings at most, to decide between effects that look alike.")
-    ] = 2,
+        int | None,
+        typer.Option(
+            min=1,
+            max=20,
+            help="Recordings at most, to decide between effects that look alike; 2, or those of the session, if not given.",
+        ),
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
     as_json: options.Json = False,
     configs: options.Configs = None,
@@ -75,17 +80,22 @@ def command(
     if open_one is not None:
         if not guided_session.is_of(open_one, where.path, configs):
             raise ConfigError(f"{open_one.folder}: is a session of {open_one.cell} and not of {cell}; give that cell, or --new")
-        open_one = guided.with_cell(open_one, where.sha256)
+        open_one = guided.with_options(guided.with_cell(open_one, where.sha256), quick, rounds)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
             folder = new_run(where.table.arm, "go", None, where)
-            current = guided_session.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds)
+            current = guided_session.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds or guided.ROUNDS)
             current.write()
             console.say(f"New session in {folder}. Leave with Ctrl-C; `calib go {cell}` continues it.")
         else:
             current = open_one
             new_run(where.table.arm, "go", current.folder, where, continues=True)
-            console.say(f"Continues the session in {current.folder}; --new begins another.")
+            current.write()
+            plans = "quick plans" if current.quick else "full plans"
+            console.say(
+                f"Continues the session in {current.folder}, with {plans} where one is still to be made, and {current.rounds} "
+                f"round{'s' * (current.rounds != 1)} at most; --new begins another."
+            )
         current, code = _run(current, yes, configs)
     if as_json:
         console.print_json(

@@ -25,12 +25,21 @@ def command(
         int | None, typer.Option(min=1, max=100, help="Whole periods of the excitation; 2 if not given, 1 with --quick.")
     ] = None,
     harmonics: Annotated[int, typer.Option(min=3, max=12, help="Harmonics of the Fourier motions; 5 to 7 is usual.")] = 6,
-    probes: Annotated[bool, typer.Option(help="Reversal ladder, static holds, the same path at half speed.")] = True,
+    probes: Annotated[
+        bool | None,
+        typer.Option(
+            "--probes/--no-probes",
+            help="Reversal ladder, static holds, the same path at half speed; if not given, planned without --quick and not with it.",
+        ),
+    ] = None,
     progressive: Annotated[
         bool, typer.Option("--progressive", help="First bring-up: unlock the joints one after another.")
     ] = False,
     home: Annotated[str | None, typer.Option(help="Posture where every motion begins and ends: rad, comma separated.")] = None,
-    starts: Annotated[int, typer.Option(min=0, help="Starts of the optimiser; 0 keeps the best random motion.")] = 8,
+    starts: Annotated[
+        int | None,
+        typer.Option(min=0, help="Starts of the optimiser, 0 keeps the best random motion; 8 if not given, 0 with --quick."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of the random motions.")] = 0,
     discriminate: Annotated[
         Path | None,
@@ -71,15 +80,20 @@ def command(
         require_postures(where, nominal)
         check_plausible(nominal, where)  # else a long plan would be made that no run takes
     requested = replace(
-        QUICK if quick else Session(probes=probes), period=period, harmonics=harmonics, seed=seed, starts=0 if quick else starts,
-        progressive=progressive, home=None if home is None else posture(home, nominal),
+        QUICK if quick else Session(), period=period, harmonics=harmonics, seed=seed, progressive=progressive,
+        home=None if home is None else posture(home, nominal),
     )  # fmt: skip
+    # what is given holds beside --quick as well
+    requested = replace(
+        requested,
+        periods=requested.periods if periods is None else periods,
+        probes=requested.probes if probes is None else probes,
+        starts=requested.starts if starts is None else starts,
+    )
     if discriminate is not None:
         if str(discriminate) == LATEST and not discriminate.exists():
             discriminate = latest("diagnose").folder
         requested = replace(requested, apart=tuple(pairs_of(discriminate, nominal)))
-    if periods is not None:
-        requested = replace(requested, periods=periods)
     folder = new_run(nominal, "plan", out, where)
     stands = where or open_cell(nominal)
     with console.progress("plan") as advance:

@@ -71,6 +71,40 @@ def test_it_goes_on_where_it_was_left(desk: Path, monkeypatch: pytest.MonkeyPatc
     assert len(set(outs)) == len(outs)
 
 
+def test_a_session_that_goes_on_takes_the_options_of_the_later_call(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    commands = Commands([OPEN, OPEN, SETTLED])
+    assert go(commands, monkeypatch, "--yes", "--quick", "--rounds", "3") == 0
+    plans = [line for line in commands.lines if line[0] == "plan"]
+    assert len(plans) == 3
+    assert all("--quick" in line for line in plans)
+    assert "with quick plans where one is still to be made, and 3 rounds at most" in capsys.readouterr().out
+    assert (session(desk).rounds, session(desk).quick) == (3, True)
+
+
+def test_a_session_keeps_its_options_where_the_later_call_has_none(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes", "--quick", "--rounds", "5") == 4
+    assert go(Commands([NOTHING]), monkeypatch, "--yes") == 0
+    assert (session(desk).rounds, session(desk).quick) == (5, True)
+
+
+def test_a_closed_session_takes_more_rounds_and_never_fewer_than_it_has(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([OPEN, OPEN]), monkeypatch, "--yes") == 0
+    folder = str(session(desk).folder)
+    assert go(Commands([]), monkeypatch, "--yes", "--session", folder, "--rounds", "1") == 2
+    assert "--rounds 1: the session" in capsys.readouterr().err
+    assert session(desk).closed
+    more = Commands([SETTLED])
+    assert go(more, monkeypatch, "--yes", "--session", folder, "--rounds", "3") == 0
+    assert more.verbs == ["plan", "record", "diagnose", "validate"]
+    assert more.lines[-1][1].endswith("diagnosis-3/arm")
+    assert guided.last_diagnosis(session(desk)).name == "diagnosis-3"
+
+
 def test_a_killed_session_goes_on(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(count: int, verb: str) -> int:
         if verb == "identify":
