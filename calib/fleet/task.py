@@ -21,7 +21,7 @@ from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, ArmStatus, Job, base_row, refusal
 from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
-from calib.gate.commands import require
+from calib.gate.commands import by_import, require
 from calib.identification.base_fit import survey
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Identification, identify
@@ -69,7 +69,7 @@ def work(job: Job) -> Answer:
             return _answer(job, opened, Path(scratch), begin)
     except CalibError as error:
         status = next((s for kind, s in ANSWERS if isinstance(error, kind)), ArmStatus.FAILED)
-        return refusal(job, status, str(error), tuple(bad))
+        return refusal(job, status, by_import(str(error), job.arm.name), tuple(bad))
     except Exception as error:  # one arm's defect must not take the other arms' results
         return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {error}", tuple(bad))
 
@@ -107,7 +107,11 @@ def _pieces(job: Job, recording: Recorded, folder: Path) -> Pieces:
     folder.mkdir()
     path = _here(recording.address, folder / "copy.mcap")
     pieces = open_pieces(path, job.arm.joint_names, folder / "unpacked", job.accept_partial)
-    require(job.arm, [pieces[k] for k in survey(pieces)])
+    try:
+        require(job.arm, [pieces[k] for k in survey(pieces)])
+    except BadLog as error:
+        name = str(path) if path.parent != folder else recording.address.rsplit("/", 1)[-1]
+        raise BadLog(by_import(str(error), job.arm.name, name)) from error
     return pieces
 
 

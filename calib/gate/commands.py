@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -17,6 +19,8 @@ from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
 from sim.resources import config_folders
 
+_OPTIONS = re.compile(r"--assume \S+?(?: --assume \S+?)*(?=[.;,]?(?:\s|$))")
+_IMPORT = "calib import "
 LEAST_MOTION = 5.0  # s of motion in a recording, for a diagnosis
 
 
@@ -73,6 +77,16 @@ def _message(refusal: str, log: Log | None = None) -> str:
     name = "these recordings" if log is None else str(log.path or "log")
     own = "" if log is None else f"{name_of(log)}: "  # checks of readings alone begin with it
     return f"{name}: {refusal.removeprefix(own)}. To use it unchanged: --assume {AS_RECORDED}"
+
+
+def by_import(sentence: str, arm: str, file: str = "LOG") -> str:
+    """A sentence of the gate for a command without `--assume`: its advice is what `calib import` does with the recording `file`.
+
+    A sentence that advises no `--assume`, or has this advice already, stays as it is.
+    """
+    command = f"{_IMPORT}{shlex.quote(file)} --arm {arm}"
+    found = sentence if _IMPORT in sentence else _OPTIONS.sub(lambda words: f"`{command} {words.group()}`", sentence)
+    return sentence if found == sentence else f"{found}; what it writes belongs in the place of the recording"
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from logs.convert import write_log
+from logs.log import Log
 from sim.arm import Arm
 from tests.calib.conftest import fourier_motion, recorded, varied
 
@@ -31,6 +32,11 @@ def write_recording(
         q = log.q.copy()
         q[:, 4] = q[0, 4]
         log = replace(log, q=q)
+    return write_words(file, arm, log, motion, day)
+
+
+def write_words(file: Path, arm: Arm, log: Log, motion: str, day: float) -> Path:
+    """The log as a finished recording that says whose it is."""
     words = {
         "arm": arm.name, "arm_sha256": arm.sha256, "cell": file.parent.name, "serial": f"S-{file.parent.name}", "motion": motion,
         "end_reason": "completed", "wall_clock_start_ns": str(round((START + day * DAY) * 1e9)),
