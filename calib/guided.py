@@ -6,12 +6,11 @@ remembered, so a session that was left, stopped or killed goes on where it was.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from calib.guided_answer import answer, undecided
 from calib.guided_session import FILE, GuidedSession, GuidedStep
 from sim.errors import ConfigError
 
@@ -183,27 +182,6 @@ def last_diagnosis(session: GuidedSession) -> Path:
     return _place(session, next(name for name in reversed(names) if session.finished(name)))
 
 
-def answer(folder: Path) -> dict[str, Any]:
-    """The content of diagnosis.json."""
-    file = folder / "diagnosis.json"
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read ({error}); the session cannot go on, begin a new one") from error
-    if not isinstance(found, dict) or not isinstance(found.get("effects"), list):
-        raise ConfigError(f"{file}: not a diagnosis; the session cannot go on, begin a new one")
-    return found
-
-
-def undecided(found: dict[str, Any]) -> list[str]:
-    """`a and b` for the effects that the recordings could not distinguish."""
-    return [
-        f"{_words(effect)} and {_words(rival)}"
-        for effect in found["effects"]
-        for rival in effect.get("indistinguishable_from") or []
-    ]
-
-
 def ending(session: GuidedSession) -> list[str]:
     """What the session found, what it could not decide, and what to do with it."""
     last = last_diagnosis(session)
@@ -229,7 +207,3 @@ def best_arm(session: GuidedSession) -> Path:
     if found.get("verdict") == "effects_found" and found.get("arm_out"):
         return last / str(found["arm_out"])
     return _place(session, "identify") / "arm"
-
-
-def _words(effect: dict[str, Any]) -> str:
-    return f"{str(effect['effect']).replace('_', ' ')}" + (f" at {effect['joint']}" if effect.get("joint") else "")

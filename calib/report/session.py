@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from calib import guided
 from calib.claims import capital
+from calib.guided_answer import answer
 from calib.guided_session import GuidedSession
 from calib.report import diagnosis, explorer
 from calib.report.page import Page, Verdict
@@ -55,8 +56,8 @@ def write(session: GuidedSession) -> Path:
 def _style(session: GuidedSession) -> Verdict:
     """The mark of the last diagnosis."""
     try:
-        return diagnosis.style(guided.answer(guided.last_diagnosis(session)))
-    except (KeyError, TypeError, ValueError, IndexError):  # a file that somebody changed
+        return diagnosis.style(answer(guided.last_diagnosis(session)))
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):  # a file that somebody changed
         return "open"
 
 
@@ -64,7 +65,7 @@ def _next(session: GuidedSession, verdict: Verdict) -> list[str]:
     """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
     if not session.closed:
         return [f"Continue it: calib go {session.cell}"]
-    nothing = guided.answer(guided.last_diagnosis(session)).get("verdict") == "no_missing_effect"
+    nothing = answer(guided.last_diagnosis(session)).get("verdict") == "no_missing_effect"
     rest = [diagnosis.LOOK_AGAIN] if nothing and verdict == "open" else []
     rest += [f"{capital(s)}." for s in guided.ending(session)[1:]]
     return [*rest, f"Use it elsewhere: calib export {guided.best_arm(session)}"]

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from calib import guided
+from calib.guided_answer import answer
 from calib.main import main
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import newest
@@ -189,7 +190,7 @@ def test_the_mock_arm_from_check_to_an_arm_to_use(desk: Path) -> None:
     found = session(desk)
     assert found.closed
     assert [d.name for d in found.done] == ROUND
-    assert guided.answer(guided.last_diagnosis(found))["effects"] == []
+    assert answer(guided.last_diagnosis(found))["effects"] == []
 
 
 @pytest.mark.parametrize(("ratio", "mark"), [(1.2, "✓"), (1.8, "?"), ("changed", "?")])
