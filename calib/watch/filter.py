@@ -83,6 +83,7 @@ class TorqueFilter:
         torque = np.array(arm.sensors.torque_noise) if any(arm.sensors.torque_noise) else 0.005 * np.where(np.isfinite(arm.tau_max), arm.tau_max, 1.0)  # fmt: skip
         friction = coulomb + viscous * cruise
         friction = np.where(friction > 0, friction, 10 * torque)
+        self.states_dry = coulomb > 0  # (n,): of the other joints `dry` is a guess at its size, and no claim
         self.dry = np.where(coulomb > 0, coulomb, 0.3 * friction)
         self.wet = np.where(viscous > 0, viscous, 0.3 * friction / cruise)
         self.payload, self.coulomb, self.viscous, self.unknown = (

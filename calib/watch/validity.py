@@ -80,9 +80,12 @@ class ValidityWatch:
             return []
         j = int(np.flatnonzero(known)[np.argmax(np.where(loaded, share, 0.0))])
         most = float(np.sqrt(left[np.flatnonzero(known) == j][0]))
+        against = (
+            f"{most / self._filter.dry[j]:.0%} of its dry friction" if self._filter.states_dry[j] else "for which the model states no coulomb_friction"
+        )  # fmt: skip
         detail = (
             f"a load of {mass:.3g} kg would be needed to explain them" if impossible or heavy
-            else f"{most:.2g} N m stay unexplained at {self._arm.joint_names[j]}, {most / self._filter.dry[j]:.0%} of its dry friction"
+            else f"{most:.2g} N m stay unexplained at {self._arm.joint_names[j]}, {against}"
         )  # fmt: skip
         text = (
             f"these readings do not fit {self._arm.name}: {detail}; another arm, another mounting, or a model that never was this "

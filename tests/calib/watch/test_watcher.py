@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -133,7 +134,16 @@ def test_a_torque_that_one_joint_holds_all_the_time_is_no_load(servo6: Arm) -> N
     other = with_effect(other, ArmEffect("torque_offset", "wrist_1_joint", {"offset": -1.2}))
     events = watched(Watcher(servo6, 200.0), states(servo6, work(servo6, 20.0, seed=1), 1, truth=other))
     assert kinds(events) == [Kind.WRONG_ARM]
-    assert "stay unexplained at wrist_1_joint" in events[0].message
+    assert re.search(r"stay unexplained at wrist_1_joint, \d+% of its dry friction; another arm", events[0].message)
+
+
+def test_an_arm_that_states_no_dry_friction_is_told_of_none(servo6: Arm) -> None:
+    bare = replace(servo6, effects=tuple(e for e in servo6.effects if e.effect != "coulomb_friction"))
+    truth = with_effect(servo6, ArmEffect("torque_offset", "wrist_1_joint", {"offset": -3.0}))
+    events = watched(Watcher(bare, 200.0), states(servo6, work(servo6, 20.0, seed=1), 1, truth=truth))
+    assert kinds(events) == [Kind.WRONG_ARM]
+    assert "stay unexplained at wrist_1_joint, for which the model states no coulomb_friction; another arm" in events[0].message
+    assert "of its dry friction" not in events[0].message
 
 
 @pytest.mark.slow
