@@ -104,6 +104,11 @@ class TrendTable:
             version = self._version()
             if version in (0, 1):
                 version = self._made(version)
+        except sqlite3.OperationalError as error:  # locked, read-only, or of this version only by its number
+            raise ConfigError(
+                f"{path}: cannot be opened as a table of watches of version {VERSION} ({error}), nothing in it was changed; make it writable, "
+                "or name another file with --database"
+            ) from error
         except sqlite3.Error as error:
             raise ConfigError(f"{path}: not a table of watches ({error}); name another file with --database") from error
         if version != VERSION:

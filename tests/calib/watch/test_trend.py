@@ -148,8 +148,8 @@ def test_a_migration_that_fails_leaves_version_1_as_it_was(
 ) -> None:
     file, old = first_version
     with monkeypatch.context() as patched:
-        patched.setattr(trend_table, "_FROM_1", trend_table._FROM_1 + "alter table nothing add column x text;")
-        with pytest.raises(ConfigError, match="--database"):
+        patched.setattr(trend_table, "_FROM_1", trend_table._FROM_1 + "alter table missing add column x text;")
+        with pytest.raises(ConfigError, match=r"no such table: missing\), nothing in it was changed; make it writable"):
             TrendTable(file)
     with closing(sqlite3.connect(file)) as db:
         assert db.execute("pragma user_version").fetchone() == (1,)
