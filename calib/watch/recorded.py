@@ -12,10 +12,8 @@ from logs.log import Log
 from sim.errors import BadLog
 
 START = "wall_clock_start_ns"
-EARLIEST, LATEST = (
-    946_684_800 * 10**9,
-    4_102_444_800 * 10**9,
-)  # ns, 2000 and 2100: what is outside counts from a start, not from 1970
+# ns, 2000 and 2100: what is outside counts from a start, not from 1970
+EARLIEST, LATEST = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 
 
 def instant_of(log: Log) -> datetime | None:
