@@ -10,7 +10,7 @@ from logs.log import Log
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import SimulatedClock
-from sim.errors import DeviceError
+from sim.errors import DeviceError, EndOfRecording
 from sim.joint_state import JointState, Status
 from sim.strict import StrictTable, validated
 
@@ -22,7 +22,7 @@ class ReplayOptions(StrictTable):
 
 
 class ReplayDriver(Driver):
-    """A log as a device on a simulated clock; `send` is refused, the end of the log is a DeviceError."""
+    """A log as a device on a simulated clock; `send` is refused, the end of the log is an EndOfRecording."""
 
     def __init__(self, log: Log, arm: Arm) -> None:
         if set(arm.joint_names) != set(log.joint_names):
@@ -55,12 +55,12 @@ class ReplayDriver(Driver):
         return self.connect()
 
     def read(self) -> JointState:
-        """The next recorded sample; DeviceError after the last."""
+        """The next recorded sample; EndOfRecording, a DeviceError, after the last."""
         k = self._next
-        if k is None or k >= len(self.log):
-            raise DeviceError(
-                f"replay: {Status.DISCONNECTED.value if k is None else 'the log has ended'}; nothing more to read"
-            )
+        if k is None:
+            raise DeviceError(f"replay: {Status.DISCONNECTED.value}; connect first")
+        if k >= len(self.log):
+            raise EndOfRecording("replay: the log has ended; nothing more to read")
         self._next = k + 1
         self.clock.sleep_until(float(self._t_host[k]))
         columns = (x[k, self._order] for x in (self.log.q, self.log.dq, self.log.tau, self.log.current, self.log.temperature))

@@ -41,3 +41,7 @@ class DeviceError(CalibError):
     """The device, its controller or the connection to it does not do what was requested."""
 
     exit_code = 4
+
+
+class EndOfRecording(DeviceError):
+    """A device that plays a recording has given its last sample."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -23,7 +23,7 @@ from logs import read_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
-from sim.errors import BadLog, ConfigError
+from sim.errors import BadLog, ConfigError, EndOfRecording
 from sim.finite import is_finite
 from sim.joint_state import JointState
 
@@ -94,8 +94,9 @@ def open_source(
             return None if table is None else Declared(table.mass, (table.com[0], table.com[1], table.com[2]), "the cell file")
 
         def states() -> Iterator[JointState]:
-            while True:
-                yield driver.read()
+            with suppress(EndOfRecording):
+                while True:
+                    yield driver.read()
 
         yield Source(
             cell.name, model, driver.rate, states(), declared_now, None if info.gravity is None else np.array(info.gravity), live=True, gated=not assume,

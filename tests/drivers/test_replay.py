@@ -10,7 +10,7 @@ import pytest
 from drivers.replay import ReplayDriver
 from logs import read_log
 from sim.arm import load_arm
-from sim.errors import DeviceError
+from sim.errors import DeviceError, EndOfRecording
 
 SAMPLES = Path(__file__).resolve().parent.parent.parent / "logs" / "samples"
 
@@ -21,7 +21,7 @@ def test_every_sample_once_on_a_running_clock(arm: str, file: str) -> None:
     log = read_log(SAMPLES / file, model.joint_names)
     with ReplayDriver(log, model) as driver:
         states = [driver.read() for _ in range(len(log))]
-        with pytest.raises(DeviceError, match="has ended"):
+        with pytest.raises(EndOfRecording, match="has ended"):
             driver.read()
         with pytest.raises(DeviceError, match="cannot be commanded"):
             driver.send(log.q[0], log.dq[0], 0 * log.q[0])

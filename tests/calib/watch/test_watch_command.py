@@ -88,6 +88,18 @@ def test_json_lines_are_for_other_programs(
     assert lines[-1]["schema"] == "watch/1"
 
 
+def test_a_cell_that_plays_a_recording_ends_with_it(watched: tuple[Path, Path, int], tmp_path: Path) -> None:
+    folder, out, _ = watched
+    cell = tmp_path / "played.toml"
+    cell.write_text(
+        f'schema = "cell/1"\nname = "played"\narm = "servo6"\ndriver = "replay"\n[options]\nlog = "{folder / "shift.mcap"}"\n'
+    )
+    assert main(["watch", str(cell), "--out", str(tmp_path / "out"), "--database", str(tmp_path / "trend.sqlite")]) == 0
+    played, of_log = (json.loads((place / "watch.json").read_text()) for place in (tmp_path / "out", out))
+    assert played["fault"] is None
+    assert played["samples"] == of_log["samples"]
+
+
 def test_trend_needs_runs_and_a_replay_counts_once(
     watched: tuple[Path, Path, int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
