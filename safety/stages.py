@@ -35,9 +35,22 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
     """SafetyStop unless what was seen at one speed lets expect that the next stays inside its limits.
 
     Following error grows with speed, so it is scaled by the ratio of speeds; room rad is what is proved beside the path at the next
-    speed. A torque residual is a wrong model at any speed.
+    speed. A torque residual is a wrong model at any speed. What does not speak of every joint, of a speed below `faster` and of a room
+    shows nothing.
     """
-    error = real_array(result.following_error, "following error") * faster / result.speed
+    seen, residual = real_array(result.following_error, "following error"), real_array(result.residual, "residual")
+    for what, values in (("following error", seen), ("residual", residual)):
+        if values.shape != (arm.n,):
+            raise SafetyStop(
+                f"stage at {result.speed:.0%} of the speed: {what} of {values.size} joints was seen, {arm.name} has {arm.n}, and the next stage "
+                "needs each of them; drive this stage again"
+            )
+    if not (0.0 < result.speed < faster and room >= 0.0):
+        raise SafetyStop(
+            f"stage at {result.speed:.0%} of the speed with {room:g} rad of room: neither says what {faster:.0%} will be like; a stage is "
+            "slower than the next and its room is a number; drive this stage again"
+        )
+    error = seen * faster / result.speed
     limit = min(cell.table.motion.following_error_max, room)
     if not (error <= limit).all():
         j = int(np.argmax(error))
@@ -46,7 +59,7 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
             f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion or one further from itself and from "
             f"the obstacles, or raise motion.following_error_max in {cell.path.name} if the arm really follows so badly"
         )
-    residual, most = real_array(result.residual, "residual"), RESIDUAL_SHARE * RESIDUAL
+    most = RESIDUAL_SHARE * RESIDUAL
     if not (residual <= most).all():
         j = int(np.argmax(residual))
         raise SafetyStop(

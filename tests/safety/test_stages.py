@@ -48,6 +48,25 @@ def test_a_torque_residual_is_a_wrong_model_at_any_speed(arm: Arm, cell: Cell, s
             gate(result, 1.0, arm, cell, 0.1)
 
 
+@pytest.mark.parametrize("seen", [(), (0.0,) * 5, (0.0,) * 7, ((0.0,) * 6,)], ids=["none", "five", "seven", "a row of rows"])
+@pytest.mark.parametrize("which", ["following error", "residual"])
+def test_a_stage_that_does_not_speak_of_every_joint_shows_nothing(
+    arm: Arm, cell: Cell, seen: tuple[float, ...], which: str
+) -> None:
+    result = StageResult(0.1, seen, ZERO) if which == "following error" else StageResult(0.1, ZERO, seen)
+    with pytest.raises(SafetyStop, match=f"{which} of [0-9] joints was seen, .* has 6"):
+        gate(result, 0.25, arm, cell, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("speed", "room"),
+    [(0.0, 0.1), (-0.1, 0.1), (0.25, 0.1), (np.nan, 0.1), (np.inf, 0.1), (0.1, np.nan), (0.1, -0.01)],
+)
+def test_a_stage_without_a_slower_speed_or_without_room_shows_nothing(arm: Arm, cell: Cell, speed: float, room: float) -> None:
+    with pytest.raises(SafetyStop, match="drive this stage again"):
+        gate(StageResult(speed, ZERO, ZERO), 0.25, arm, cell, room)
+
+
 @pytest.fixture
 def plan(tmp_path: Path, arm: Arm, cell: Cell, motion: Trajectory) -> Plan:
     return write_plan(tmp_path / "plan", arm, [Motion("friction", "friction", motion)], cell)
