@@ -52,12 +52,18 @@ def _plain(x: Any) -> Any:
 
 
 def verify(file: Path) -> list[dict[str, Any]]:
-    """Every entry of an unbroken trail, oldest first; SafetyStop names the first line that does not fit, [] where there is no file."""
+    """Every entry of an unbroken trail, oldest first; SafetyStop names the first line that does not fit, [] where there is no file.
+
+    A line that is being written is waited for: half of it is no sign of a change.
+    """
     if not file.exists():
         return []
+    with open(file, "rb") as stream:
+        fcntl.flock(stream, fcntl.LOCK_SH)
+        content = stream.read()
     entries: list[dict[str, Any]] = []
     previous = FIRST
-    for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
+    for number, line in enumerate(content.split(b"\n")[:-1], start=1):
         entry = _entry(file, number, line)
         if entry["previous"] != previous or entry["number"] != number:
             raise SafetyStop(
@@ -65,7 +71,7 @@ def verify(file: Path) -> list[dict[str, Any]]:
             )
         previous = entry["sha256"]
         entries.append(entry)
-    if not file.read_bytes().endswith(b"\n") and file.stat().st_size:
+    if content and not content.endswith(b"\n"):
         raise SafetyStop(f"{file}: its last line is not complete; the trail was changed or cut, keep it and begin a new one")
     return entries
 

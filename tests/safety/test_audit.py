@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
+import threading
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,6 +106,21 @@ def test_writers_at_the_same_time_make_one_chain(tmp_path: Path) -> None:
     assert len(entries) == 60
     for who in range(3):
         assert [e["facts"]["k"] for e in entries if e["facts"]["who"] == who] == list(range(20))
+
+
+def test_a_line_that_is_being_written_is_waited_for(trail: Path) -> None:
+    whole = trail.read_bytes()
+    half = len(whole) - 40
+    trail.write_bytes(whole[:half])
+    read: list[list[dict[str, Any]]] = []
+    with trail.open("ab") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        reader = threading.Thread(target=lambda: read.append(verify(trail)), daemon=True)
+        reader.start()
+        reader.join(0.05)  # one that waits for nobody has answered by then
+        stream.write(whole[half:])
+    reader.join(10.0)
+    assert [len(entries) for entries in read] == [3]
 
 
 def test_a_stop_for_a_number_that_is_none_is_in_the_trail(tmp_path: Path) -> None:
