@@ -53,7 +53,8 @@ class LinkCount:
 class Receiver:
     """An RTDE client that only listens. After `connect`, a thread takes frames off the socket until `close`.
 
-    A failure (closed socket, broken stream, time going backwards, a frozen clock) is kept and raised by every later `next`.
+    A failure (closed socket, broken stream, time going backwards, a frozen clock, or whatever else ends the thread) is kept and raised
+    by every later `next`.
     `tap(from_device, frame)` gets every frame in both directions, text messages of the controller excepted.
     """
 
@@ -187,6 +188,10 @@ class Receiver:
             failure = (
                 f"{error}; the connection is not used any more: look for a second program that uses it, then connect again"
             )
+        except Exception as error:  # no thread may end without its reason: a reader would wait, and never learn why
+            failure = (
+                f"a frame could not be taken ({type(error).__name__}: {error}); connect again, and report it if it comes again"
+            )
         with self._arrived:
             self._failure = "the connection is closed" if self._closing else failure
             self._arrived.notify_all()
@@ -223,8 +228,9 @@ class Receiver:
             if self._row > REPEATS_MAX:
                 raise BrokenStream(f"the controller's clock stands still at {t:.3f} s")
             return False
-        if not periods > 0:
-            raise BrokenStream(f"the controller's clock went back from {self._last:.3f} s to {t:.3f} s")
+        if not 0 < periods < math.inf:
+            way = "went back" if t < self._last else "jumped"
+            raise BrokenStream(f"the controller's clock {way} from {self._last:.10g} s to {t:.10g} s")
         self.count.lost += max(0, round(periods) - 1)
         self._last, self._row = t, 0
         return True

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from drivers.ur_rtde.driver import UrDriver
+from drivers.ur_rtde.receiver import Receiver
 from sim.emulated.ur.robot import STOPPED
+from sim.emulated.ur.variables import OUTPUT_VARIABLES, Output
 from sim.errors import DeviceError
 from sim.joint_state import Status
 from tests.drivers.ur_rtde.conftest import LONG, ZERO, Pair, stream
@@ -51,6 +56,43 @@ def test_it_says_what_the_controller_believes_to_carry(pair: Pair) -> None:
     for _ in range(250):
         driver.read()
     assert driver.declared_payload() == (1.5, (0.0, 0.01, 0.05))
+
+
+def _exhaust(read: Callable[[], object]) -> None:
+    """Read what waits, and whatever follows."""
+    end = time.monotonic() + 5.0
+    while time.monotonic() < end:
+        read()
+
+
+@pytest.mark.parametrize("far", [1e308, sys.float_info.max])
+def test_a_time_stamp_beyond_any_clock_is_a_kept_failure(pair: Pair, monkeypatch: pytest.MonkeyPatch, far: float) -> None:
+    _, driver = pair()
+    driver.listen()
+    driver.read()
+    monkeypatch.setitem(OUTPUT_VARIABLES, "timestamp", Output("DOUBLE", lambda robot: far))
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"clock jumped from .* s to 1.*e\+308 s"):
+            _exhaust(driver.read)
+
+
+def test_whatever_ends_the_receiving_is_a_kept_failure(pair: Pair) -> None:
+    emulator, _ = pair()
+    begun = threading.Event()
+
+    def tap(from_device: bool, frame: bytes) -> None:
+        if begun.is_set():
+            raise RuntimeError("a disk is full")
+
+    receiver = Receiver(emulator.host, tap)
+    receiver.connect()
+    try:
+        begun.set()
+        for _ in range(2):
+            with pytest.raises(DeviceError, match=r"could not be taken \(RuntimeError: a disk is full\)"):
+                _exhaust(lambda: receiver.next(time.monotonic() + 1.0))
+    finally:
+        receiver.close()
 
 
 def test_a_listener_halts_an_arm_that_another_moves(pair: Pair) -> None:
