@@ -43,7 +43,7 @@ class CubeMars(Drive):
     def refresh(self) -> list[can.Message]:
         return [self.disable()]
 
-    def decode(self, message: can.Message) -> DriveReading | None:
+    def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         data, sign = bytes(message.data), self.direction
         q, dq, tau = frames.mit_state(data)
         full = message.dlc == 8

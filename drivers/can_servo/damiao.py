@@ -60,7 +60,7 @@ class Damiao(Drive):
             return [self.disable()]  # answered like any order, and off is what the drive is
         return [self._frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
-    def decode(self, message: can.Message) -> DriveReading | None:
+    def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         data = bytes(message.data)
         state, (q, dq, tau), sign = data[0] >> 4, frames.mit_state(data), self.direction
         if state not in (0, 1) and state not in ERRORS:

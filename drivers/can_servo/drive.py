@@ -14,6 +14,7 @@ from drivers.can_servo.scaling import Field
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
 from sim.errors import DeviceError
 
+BEATS_MAX = 3  # periods of its heartbeat, after which a drive has none
 T = TypeVar("T")
 
 
@@ -68,7 +69,7 @@ class SelfDescription:
 
 
 class Drive(ABC):
-    """Encodes commands and decodes answers of one drive; knows nothing of time or of other drives.
+    """Encodes commands and decodes answers of one drive; has no clock and knows nothing of other drives.
 
     Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes` marks a protocol whose drives send unasked;
     hand_turn rad on the drive's side shows that somebody turns the joint by hand.
@@ -154,8 +155,11 @@ class Drive(ABC):
         """Frames that ask for a reading and change nothing; sent only while the drive is off. Empty for a drive that pushes."""
 
     @abstractmethod
-    def decode(self, message: can.Message) -> DriveReading | None:
-        """The reading in a frame of this drive; None for another kind of frame, or one of the wrong length or content."""
+    def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
+        """The reading in a frame of this drive that came at `now` s; None for another kind of frame, or one of wrong length or content.
+
+        What a heartbeat tells counts for BEATS_MAX of its periods, and not at all without `now`.
+        """
 
     @abstractmethod
     def identify(self, ask: Ask) -> Identity:
@@ -203,6 +207,10 @@ class Drive(ABC):
     @abstractmethod
     def zero(self) -> can.Message:
         """Make the present angle the drive's zero."""
+
+    def says(self, reading: DriveReading, on: bool) -> bool:
+        """Whether the drive counts as on, or as off: one with a heartbeat must say so, any other must not say the contrary."""
+        return reading.on is on if self.beats else reading.on is not (not on)
 
     def stated_ranges(self) -> RangeTable:
         """The cell file's ranges, for a drive that cannot report them."""

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, DriveReading, Senders
+from drivers.can_servo.drive import BEATS_MAX, Drive, DriveReading, Senders
 from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
@@ -73,7 +73,7 @@ class Joints:
             self._stranger(message)
             return
         drive = self.drives[j]
-        reading = drive.decode(message)
+        reading = drive.decode(message, self.clock.now())
         if reading is None:
             if not drive.pushes:
                 self._reject(j, message)
@@ -114,7 +114,8 @@ class Joints:
             )
 
     def require_health(self, on: bool, temperature_max: float) -> None:
-        """DeviceError for a drive that reports an error, is hotter than temperature_max degC, or is off where `on` is expected."""
+        """DeviceError for a drive that reports an error, is hotter than temperature_max degC, or is off, or does
+        not say that it is on, where `on` is expected."""
         for drive, reading in zip(self.drives, self.readings, strict=True):
             if reading is None:
                 raise DeviceError(f"{drive.name}: it has never answered")
@@ -126,6 +127,11 @@ class Joints:
                 raise DeviceError(
                     f"{drive.name}: the drive has switched itself off or restarted; its position may have a new zero: check it, "
                     "then connect again"
+                )
+            if on and not drive.says(reading, True):
+                raise DeviceError(
+                    f"{drive.name}: no heartbeat of it for more than {BEATS_MAX / drive.beats:g} s, so neither an error nor that it has switched itself off "
+                    "would show; set heartbeat_msg_rate_ms to 100 on it, and look at its cable"
                 )
             if math.isnan(reading.q):
                 raise DeviceError(

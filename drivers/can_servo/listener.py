@@ -23,7 +23,7 @@ class Listener:
     """`read` gives one state for each round of answers, in which every joint has sent once.
 
     A joint that sends again before all have sent means that an answer was lost: the round is given up and a new one begins, so that
-    a state never mixes two rounds. Answers of drives that are switched off are passed over: they carry no torque, and replies to
+    a state never mixes two rounds. Answers of drives that are switched off, or whose heartbeat is missing, are passed over: they carry no torque, and replies to
     questions about registers look like them.
     """
 
@@ -53,8 +53,8 @@ class Listener:
         j = self._sender(message)
         if j is None:
             return False
-        reading = self.drives[j].decode(message)
-        if reading is None or reading.on is False:
+        reading = self.drives[j].decode(message, self.clock.now())
+        if reading is None or not self.drives[j].says(reading, True):
             return False
         if j in self._round:
             self.lost += 1

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import can
 
 from drivers.can_servo import frames
-from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, SelfDescription, answer_or_none, data_frame
+from drivers.can_servo.drive import BEATS_MAX, Ask, Drive, DriveReading, Identity, SelfDescription, answer_or_none, data_frame
 from sim.can_wiring import RangeTable
 from sim.errors import DeviceError
 
@@ -28,12 +28,17 @@ ERRORS = {
 
 
 class ODrive(Drive):
-    """Estimates and torques come on their own (encoder_msg_rate_ms, torques_msg_rate_ms); a reading is complete with both."""
+    """Estimates and torques come on their own (encoder_msg_rate_ms, torques_msg_rate_ms); a reading is complete with both.
+
+    Whether it is on stands in its heartbeat; one older than BEATS_MAX of its periods counts as missing.
+    """
 
     protocol = "odrive"
     pushes = True
     hand_turn = 1.2  # before a gear, which nobody has stated yet
     cycle = ((False, 8), (False, 8), (False, 8), (False, 8))
+    # heartbeat_msg_rate_ms (heartbeat_rate_ms until 0.5) is 100 unless configured: odriverobotics/ODrive docs/can-protocol.rst, "Cyclic
+    # Messages" (commit 160aef2a)
     beats = 10.0
 
     def __init__(self, servo: object, options: object) -> None:
@@ -41,6 +46,7 @@ class ODrive(Drive):
         self.set_ranges(self._spans())
         self._torque = self._temperature = math.nan
         self._on: bool | None = None
+        self._beat = -math.inf
         self._error = ""
 
     @property
@@ -84,12 +90,12 @@ class ODrive(Drive):
     def refresh(self) -> list[can.Message]:
         return []
 
-    def decode(self, message: can.Message) -> DriveReading | None:
+    def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         command, data = message.arbitration_id & 0x1F, bytes(message.data)
         sign, gear = self.direction, self.servo.gear
         if command == HEARTBEAT:
             bits, state, _, _ = frames.heartbeat(data)
-            self._on = state == CLOSED_LOOP
+            self._on, self._beat = state == CLOSED_LOOP, now
             self._error = ", ".join(name for bit, name in ERRORS.items() if bits >> bit & 1) or (
                 f"error bits {bits:#x}" if bits else ""
             )
@@ -102,7 +108,8 @@ class ODrive(Drive):
             tau, self._torque = self._torque, math.nan
             q, dq = self.joint_side(turns * TURN / gear), sign * speed * TURN / gear
             if math.isfinite(q) and math.isfinite(dq):
-                return DriveReading(q, dq, tau, self._temperature, on=self._on, error=self._error)
+                on = self._on if now - self._beat <= BEATS_MAX / self.beats else None
+                return DriveReading(q, dq, tau, self._temperature, on=on, error=self._error)
         return None
 
     def identify(self, ask: Ask) -> Identity:

@@ -63,7 +63,7 @@ class RobStride(Drive):
     def refresh(self) -> list[can.Message]:
         return [self.disable()]
 
-    def decode(self, message: can.Message) -> DriveReading | None:
+    def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         identifier, sign = message.arbitration_id, self.direction
         if identifier >> 24 != FEEDBACK:
             return None

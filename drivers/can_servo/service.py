@@ -99,9 +99,9 @@ class Service:
         after = self._reading(drive)
         if order == "clear" and after.error:
             raise DeviceError(f"{drive.name}: the error came back: {after.error}; its cause is still there")
-        if order == "off" and after.on:
+        if order == "off" and not drive.says(after, False):
             raise DeviceError(
-                f"{drive.name}: it still says that it is on; use the emergency stop, then look at its supply and cable"
+                f"{drive.name}: it does not say that it is off; use the emergency stop, then look at its supply and cable"
             )
         if order == "zero" and not abs(after.q - drive.joint_side(0.0)) <= ZERO_REACHED:
             raise DeviceError(
@@ -122,7 +122,7 @@ class Service:
 
     def _reading(self, drive: Drive) -> DriveReading:
         def reading(message: can.Message) -> DriveReading | None:
-            return drive.decode(message) if drive.key_of(message) == drive.key else None
+            return drive.decode(message, self.clock.now()) if drive.key_of(message) == drive.key else None
 
         if drive.pushes:
             end, found = self.clock.now() + 0.3, None

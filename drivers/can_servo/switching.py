@@ -43,8 +43,7 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
                 f"{drive.name}: it does not switch on: {reading.error}; find the cause, then clear it with `calib servo`"
             )
         # a drive with a heartbeat says whether it is on: without one, neither that nor its errors would ever show
-        says = reading is not None and (reading.on is True if drive.beats else reading.on is not False)
-        if says and not joints.missing():
+        if reading is not None and drive.says(reading, True) and not joints.missing():
             return
         if clock.now() > end:
             raise DeviceError(
@@ -66,9 +65,12 @@ def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
                 joints.take(message)
         except DeviceError:
             continue  # a fault is no reason to stop switching off; a dead link ends the loop
-        if all(r is not None and r.on is not True and fresh for r, fresh in zip(joints.readings, joints.fresh, strict=True)):
+        if all(
+            r is not None and d.says(r, False) and fresh
+            for d, r, fresh in zip(drives, joints.readings, joints.fresh, strict=True)
+        ):
             return
-    still_on = [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or r.on]
+    still_on = [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or not d.says(r, False)]
     if still_on:
         raise DeviceError(
             f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "

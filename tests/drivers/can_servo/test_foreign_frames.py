@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,8 @@ import pytest
 
 from drivers.can_servo.bring_up import PROTOCOLS
 from drivers.can_servo.damiao import Damiao
-from drivers.can_servo.odrive import TEMPERATURE, ODrive
+from drivers.can_servo.drive import DriveReading
+from drivers.can_servo.odrive import CLOSED_LOOP, ESTIMATES, HEARTBEAT, TEMPERATURE, TORQUES, ODrive
 from drivers.can_servo.service import Service
 from drivers.can_servo.stream import Stream
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
@@ -88,6 +90,22 @@ def test_a_drive_that_answers_the_order_off_alone_is_not_asked_on_an_arm_without
     assert asked == []
     with pytest.raises(DeviceError, match=r"nobody is there"):
         service.look("j", supported=True)
+
+
+@pytest.mark.parametrize(("late", "on"), [(0.0, True), (0.29, True), (0.31, None), (math.nan, None), (math.inf, None)])
+def test_what_a_heartbeat_tells_counts_for_three_of_its_periods(late: float, on: bool | None) -> None:
+    one = drive("odrive")
+
+    def heard(command: int, data: bytes, now: float) -> DriveReading | None:
+        return one.decode(can.Message(arbitration_id=1 << 5 | command, is_extended_id=False, data=data), now)
+
+    heard(HEARTBEAT, bytes((0, 0, 0, 0, CLOSED_LOOP, 0, 0, 0)), 5.0)
+    heard(TORQUES, bytes(8), 5.0)
+    reading = heard(ESTIMATES, bytes(8), 5.0 + late)
+    assert reading is not None
+    assert reading.on is on
+    assert one.says(reading, True) is bool(on)
+    assert not one.says(reading, False)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from drivers.can_servo.bring_up import make_drives
 from drivers.can_servo.driver import CanServo
 from drivers.can_servo.link import CROWDED, Link
 from drivers.can_servo.listener import Listener
+from drivers.can_servo.odrive import HEARTBEAT
 from sim.cell import Cell
 from sim.clock import SimulatedClock
 from sim.emulated.can.stepped import SteppedBus
@@ -116,6 +117,14 @@ def test_a_lost_answer_costs_its_round_and_mixes_no_two(bench, listener) -> None
     rounds = {s.tau.tobytes() for s in states} | {s.q.tobytes() for s in states}
     assert all(s.q.tobytes() in rounds for s in received[5:])
     assert np.max(np.diff([s.t_device for s in received[5:]])) > 1.5 / made.driver.rate
+
+
+def test_a_drive_without_heartbeat_is_not_taken_for_one_that_is_on(bench, listener) -> None:
+    made = bench("odrive")
+    frames, _ = frames_of(made, 60)
+    ear = listener(made, [m for m in frames if m.arbitration_id != made.driver.drives[2].servo.node << 5 | HEARTBEAT])
+    with pytest.raises(DeviceError, match=r"not all drives have answered"):
+        ear.read()
 
 
 def test_silence_names_who_answered(bench, listener) -> None:
