@@ -8,6 +8,8 @@ from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.timing import unwrapped
 
+INTERPOLATED = "readings on {} have instants of their own; they were interpolated on the device clock"
+
 
 def time_order(stamp: np.ndarray, log: np.ndarray) -> np.ndarray | None:
     """The order of the log times, as other readers give messages out; None where the file's is to be kept.
@@ -50,25 +52,43 @@ def held(
     parts = [topic.joined(k) for k in range(fields)]
     if len(own) == len(stamp) and np.array_equal(own, stamp):
         return parts
-    at = unwrapped((own - stamp[0]) * 1e-9, damage)
-    if np.any(np.diff(at) < 0):
-        order = np.argsort(at, kind="stable")
-        at, parts = at[order], [part[order] for part in parts]
-        damage.note(f"messages on {topic.topic} are not in the order of their stamps; they were read in that order")
-    place = np.searchsorted(at, t, side="right") - 1
+    at, order = reading_times(own, int(stamp[0]), topic.topic, damage)
     out = []
     for k, part in enumerate(parts):
-        if not part.strides[0]:
-            out.append(np.broadcast_to(np.float64(np.nan), (len(stamp), n)))
-            continue
-        value = part[np.maximum(place, 0)]
-        value[place < 0] = np.nan
-        if k in between:
-            value += _share(at, place, t)[:, None] * (part[np.minimum(place + 1, len(part) - 1)] - value)
-            if np.any(at[np.maximum(place, 0)] != t):
-                damage.note(f"readings on {topic.topic} have instants of their own; they were interpolated on the device clock")
-        out.append(value)
+        if part.strides[0] and k in between and beside(at, t):
+            damage.note(INTERPOLATED.format(topic.topic))
+        out.append(at_samples(at, part, order, t, k in between))
     return out
+
+
+def reading_times(own: np.ndarray, first: int, name: str, damage: Damage) -> tuple[np.ndarray, np.ndarray | None]:
+    """Instants of readings stamped `own` ns, s after the stamp `first`, increasing; and which reading each is, None where in their order."""
+    at = unwrapped((own - first) * 1e-9, damage)
+    if not np.any(np.diff(at) < 0):
+        return at, None
+    order = np.argsort(at, kind="stable")
+    damage.note(f"messages on {name} are not in the order of their stamps; they were read in that order")
+    return at[order], order
+
+
+def beside(at: np.ndarray, t: np.ndarray) -> bool:
+    """Whether the readings at instants `at` have instants of their own, beside those of the samples `t`."""
+    return bool(np.any(at[np.maximum(np.searchsorted(at, t, side="right") - 1, 0)] != t))
+
+
+def at_samples(at: np.ndarray, part: np.ndarray, order: np.ndarray | None, t: np.ndarray, between: bool) -> np.ndarray:
+    """(N, n) the readings `part` on the samples t, as `held` describes it; at and order as `reading_times` gives them."""
+    if not part.strides[0]:
+        return np.broadcast_to(np.float64(np.nan), (len(t), part.shape[1]))
+    place = np.searchsorted(at, t, side="right") - 1
+    now, after = np.maximum(place, 0), np.minimum(place + 1, len(part) - 1)
+    if order is not None:
+        now, after = order[now], order[after]
+    value = np.array(part[now])
+    value[place < 0] = np.nan
+    if between:
+        value += _share(at, place, t)[:, None] * (part[after] - value)
+    return value
 
 
 def _share(at: np.ndarray, place: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from logs.assembly import assembled
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.log import Log, State
-from logs.mcap_log import FIELDS, assembled, take
+from logs.mcap_log import FIELDS, take
 from logs.mcap_records import MESSAGE, Batch, Channel
 from logs.schemas import SCHEMAS
 from sim.errors import BadLog

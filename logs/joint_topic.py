@@ -27,6 +27,8 @@ class JointTopic:
     sequence: list[np.ndarray] = field(default_factory=list)
     values: list[list[np.ndarray]] = field(default_factory=list)
     others: int = 0
+    taken: int = 0  # messages, those given up by `clear` too
+    last_host: int | None = None
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
     _loose: int = 0
 
@@ -115,6 +117,7 @@ class JointTopic:
             stamp, host, sequence = stamp[sound], host[sound], sequence[sound]
             values = [None if part is None else part[sound] for part in values]
         nothing = np.broadcast_to(np.float64(np.nan), (len(stamp), len(self.wanted or ())))
+        self.taken, self.last_host = self.taken + len(stamp), int(host[-1])
         self.stamp.append(stamp)
         self.host.append(host)
         self.sequence.append(sequence)

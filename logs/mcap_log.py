@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from logs.align import held, report_losses, time_order
+from logs.assembly import assembled
 from logs.cdr import CdrError, log_message
 from logs.damage import Damage
 from logs.finish import killed_sentence
 from logs.joint_topic import JointTopic
-from logs.log import Event, Log, State
+from logs.log import Log, State
 from logs.mcap_records import MESSAGE, Batch, Channel
 from logs.mcap_stream import McapStream
-from logs.plausible import UNIT, bad_samples, first_fault
 from logs.recover import is_recording
-from logs.schemas import COMMANDS, DIAGNOSTICS, EVENTS, FAILURE, NO_HOST_CLOCK, RECORDING, SCHEMAS, STATES, device_offset
-from logs.timing import checked_times
+from logs.schemas import EVENTS, FAILURE, RECORDING, SCHEMAS, STATES
 from sim.errors import EmptyLog
 
 MAX_EVENTS = 100_000
@@ -26,8 +26,26 @@ STATE_WORDS = ("clean", "open", "aborted", "killed")
 FIELDS = {"sensor_msgs/msg/JointState": 3, "calib_msgs/msg/JointDiagnostics": 2}
 
 
+@dataclass(frozen=True)
+class Scanned:
+    """What one pass over a recording gives: messages by topic, events, metadata records, and how the recording ended."""
+
+    topics: dict[str, JointTopic]
+    events: list[tuple[int, int, str, str]]
+    metadata: dict[str, dict[str, str]]
+    state: State
+
+
 def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Damage) -> Log:
     """One log of the joint messages in `paths` (the parts of a split recording, in order)."""
+    scan = scanned(paths, joint_names, damage)
+    return assembled(scan.topics, scan.events, scan.metadata, scan.state, joint_names, damage)
+
+
+def scanned(
+    paths: list[Path], joint_names: tuple[str, ...] | None, damage: Damage, after: Callable[[dict[str, JointTopic]], None] | None = None
+) -> Scanned:  # fmt: skip
+    """All messages of `paths`; `after` is called with the topics after each batch, and may take from them what memory is not to keep."""
     topics: dict[str, JointTopic] = {}
     events: list[tuple[int, int, str, str]] = []
     metadata: dict[str, dict[str, str]] = {}
@@ -39,6 +57,8 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
                 stream = McapStream(file, path.stat().st_size, damage)
                 for batch in stream.batches():
                     take(batch, stream.channels, topics, events, joint_names, damage)
+                    if after is not None:
+                        after(topics)
         except OSError as error:
             raise damage.refuse("file", f"cannot be read ({error.strerror})", "give a readable recording") from error
         metadata |= stream.metadata
@@ -47,17 +67,16 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
         if stream.journal:
             killed = dead
     topic = topics.get(STATES)
-    check_count(metadata.get(RECORDING, {}), sum(map(len, topic.stamp)) + topic.others if topic else 0, damage)
+    check_count(metadata.get(RECORDING, {}), topic.taken + topic.others if topic else 0, damage)
     known = metadata.get(RECORDING, {}).get("state") in STATE_WORDS
     if known and not topics and (ended or killed) and not damage.count:
         why = metadata[RECORDING].get("end_reason") or "its program was killed"
         raise EmptyLog(f"{damage.path}: holds no sample: the motion had not begun ({why}); record it again")
-    last = int(topic.host[-1][-1]) if topic and topic.host else None
-    killed_text = killed_sentence(sum(map(len, topic.stamp)) if topic else 0, last)
+    killed_text = killed_sentence(topic.taken if topic else 0, topic.last_host if topic else None)
     state = recording_state(metadata, ended, killed, damage, killed_text)
     if unsealed:
         damage.note(f"the last {unsealed} bytes are an incomplete sample and are left out")
-    return assembled(topics, events, metadata, state, joint_names, damage)
+    return Scanned(topics, events, metadata, state)
 
 
 def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
@@ -160,85 +179,3 @@ def _fields(definition: str) -> list[str]:
     lines = (" ".join(line.split("#", 1)[0].split()) for line in top.splitlines())
     return [line.replace("std_msgs/msg/Header", "std_msgs/Header").replace("builtin_interfaces/msg/", "builtin_interfaces/")
             for line in lines if line]  # fmt: skip
-
-
-def _chosen(topics: dict[str, JointTopic], name: str, damage: Damage) -> JointTopic | None:
-    """The topic `name`, or the only one that ends in it under a namespace."""
-    if name in topics:
-        return topics[name]
-    under = [topic for topic in topics if topic.endswith(name)]
-    if len(under) > 1:
-        raise damage.refuse("topics", f"several end in {name}: {', '.join(sorted(under))}", "keep one arm in a recording")
-    return topics[under[0]] if under else None
-
-
-def assembled(
-    topics: dict[str, JointTopic], events: list[tuple[int, int, str, str]], metadata: dict[str, dict[str, str]], state: State,
-    joint_names: tuple[str, ...] | None, damage: Damage,
-) -> Log:  # fmt: skip
-    states = _chosen(topics, STATES, damage)
-    if states is None or not states.stamp or not states.wanted:
-        wanted = f" with the joints {', '.join(joint_names)}" if joint_names else ""
-        raise damage.refuse(
-            "topics", f"no message on {STATES}{wanted}", "record joint states, or name the joints as the log does"
-        )
-    names = states.wanted
-    if states.others:
-        damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
-    stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
-    sequence = np.concatenate(states.sequence)
-    states.stamp = []
-    for topic in topics.values():
-        topic.host, topic.sequence = [], []
-    order = time_order(stamp, host)
-    if order is not None:
-        stamp, host, sequence = stamp[order], host[order], sequence[order]
-        damage.note(f"messages on {states.topic} do not stand in the order of their log times; they were read in that order")
-    report_losses(stamp, sequence, states, damage)
-    t, t_host, host_origin = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9, int(host[0])
-    del host
-    if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
-        t_host = np.full(len(t), np.nan)
-    q, dq, tau = (
-        values if order is None or not values.strides[0] else values[order] for values in map(states.joined, range(3))
-    )
-    t, clock = checked_times(t, t_host, damage)
-    n = len(names)
-    q_cmd, dq_cmd, tau_cmd = held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
-    current, temperature = held(_named(topics, DIAGNOSTICS, names, damage), stamp, t, n, 2, damage, between=(0,))
-    measured = {"q": q, "dq": dq, "tau": tau, "current": current, "temperature": temperature}
-    arrays = {"t": t, "t_host": t_host, **measured, "q_cmd": q_cmd, "dq_cmd": dq_cmd, "tau_cmd": tau_cmd}
-    fault = first_fault(t, measured)
-    if fault is not None:
-        damage.report(
-            f"sample {fault.sample} at {t[fault.sample]:.4f} s, {fault.channel} of {names[fault.joint]}",
-            f"{fault.value:.6g} {UNIT[fault.channel]} is not a reading of an arm (rule: {fault.rule})",
-        )
-        bad = bad_samples(t, measured)
-        if bad.all():
-            raise damage.refuse("samples", "no sound sample", "record it again")
-        damage.note(f"{int(bad.sum())} of {len(t)} samples left out because a value in them is not a reading of an arm")
-        arrays = {key: value[~bad] for key, value in arrays.items()}
-    words = {key: value for name, record in metadata.items() if name == RECORDING for key, value in record.items()}
-    words |= {f"{name}.{key}": value for name, record in metadata.items() if name != RECORDING for key, value in record.items()}
-    lines = tuple(Event((at - int(stamp[0])) * 1e-9, level, name, text) for at, level, name, text in events)
-    return Log(
-        names, **arrays, metadata=words, events=lines, findings=damage.all_findings(), path=damage.path, state=state, clock=clock,
-        t_origin=int(stamp[0]) - (device_offset(metadata) or 0), t_host_origin=host_origin,
-    )  # fmt: skip
-
-
-def _named(topics: dict[str, JointTopic], name: str, joints: tuple[str, ...], damage: Damage) -> JointTopic | None:
-    """The topic, its columns in the order of `joints`."""
-    topic = _chosen(topics, name, damage)
-    if topic is None or not topic.stamp or not topic.wanted:
-        return None
-    missing = [joint for joint in joints if joint not in topic.wanted]
-    if missing:
-        damage.note(f"{topic.topic} does not name {', '.join(missing)}; it is not used")
-        return None
-    if topic.wanted != joints:
-        columns = [topic.wanted.index(joint) for joint in joints]
-        topic.values = [[part[:, columns] for part in piece] for piece in topic.values]
-        topic.wanted = joints
-    return topic

@@ -13,13 +13,15 @@ from typing import overload
 
 import numpy as np
 
+from logs.bags import is_sqlite_bag
 from logs.log import Log
 from logs.mcap_records import MAGIC
 from logs.read import read_log
 from logs.recover import recovered
-from logs.spool import LATTICE_SECONDS, Spool, spool
+from logs.spool import Spool, spool
 
 PIECE_SECONDS = 120.0
+LATTICE_SECONDS = 10.0
 PIECE_SAMPLES = 500  # at least: seconds of which there are fewer samples are no seconds
 IN_MEMORY_BYTES = 32 << 20  # a file up to this size is read at once
 
@@ -51,12 +53,10 @@ class Pieces(Sequence[Log]):
         return out
 
     def _cut(self, source: Log | Spool) -> None:
-        if isinstance(source, Spool):
-            marks, samples, duration = np.array(source.marks), source.samples, source.duration
-        else:
-            samples, duration = len(source), float(source.t[-1] - source.t[0])
-            lattice = source.t[0] + LATTICE_SECONDS * np.arange(int(duration / LATTICE_SECONDS) + 1)
-            marks = np.searchsorted(source.t, lattice - 0.5e-9)
+        t = source.t
+        samples, duration = len(t), float(t[-1] - t[0])
+        lattice = t[0] + LATTICE_SECONDS * np.arange(int(duration / LATTICE_SECONDS) + 1)
+        marks = np.searchsorted(t, lattice - 0.5e-9)
         count = max(1, min(round(duration / PIECE_SECONDS), samples // PIECE_SAMPLES))
         chosen = np.unique(np.round(np.arange(count) * len(marks) / count).astype(int))
         edges = np.unique([*marks[chosen], samples])
@@ -104,18 +104,21 @@ def open_pieces(
 ) -> Pieces:  # fmt: skip
     """The pieces of the recording at `path`, joints in this order; a large MCAP file is unpacked into `folder` first.
 
-    Only positions, torques and currents of a large file are kept. `change` reads the whole recording another way, and all of it is then
+    Its samples are those that `read_log` gives; only positions, torques and currents of a large file are kept, and its host
+    clock is not compared. `change` reads the whole recording another way, and all of it is then
     held in memory. BadLog as `read_log` raises it.
     """
     if path.is_file():
         recovered(path)
     size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size if path.exists() else 0
-    if change is not None or size <= IN_MEMORY_BYTES or not (path.is_dir() or _is_mcap(path)):
+    if change is not None or size <= IN_MEMORY_BYTES or not _is_mcap(path):
         log = read_log(path, joint_names, accept_partial=accept_partial)
         return Pieces(log if change is None else change(log))
     return Pieces(spool(path, tuple(joint_names), folder, accept_partial))
 
 
 def _is_mcap(path: Path) -> bool:
+    if path.is_dir():
+        return not is_sqlite_bag(path)
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
