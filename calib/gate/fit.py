@@ -19,7 +19,7 @@ from calib.gate.signals import Signals
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 
-SLOW = 0.02  # rad/s: about zero speed dry friction is not of one size
+SLOW = 0.02  # rad/s, m/s of a slide: about zero speed dry friction is not of one size
 LEAST_ROWS = 40
 MOVING = 0.04  # of a joint's fastest; below, its load may be anything within its dry friction
 CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
@@ -144,10 +144,14 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
 
 
 def moving(s: Signals) -> np.ndarray:
-    """(R, n) rows in which each joint moves."""
+    """(R, n) rows in which each joint moves; none of a joint that is hardly faster than SLOW.
+
+    Of such a joint, a slow slide or an axis that nearly stands, the rows beyond half of SLOW are its peaks alone: its friction and load do
+    not change there, and whatever way of reading fits their noise would gain.
+    """
     speed = np.abs(s.dq)
     fastest = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(s.n)
-    moves: np.ndarray = speed > np.maximum(MOVING * fastest, 0.5 * SLOW)
+    moves: np.ndarray = (speed > np.maximum(MOVING * fastest, 0.5 * SLOW)) & (fastest > SLOW)
     return moves
 
 
