@@ -12,6 +12,7 @@ from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import acts_at
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.pairs import with_rival_pairs
 from calib.diagnosis.selection import SearchResult
 from calib.diagnosis.unexplained import Odd, unexplained
 from calib.diagnosis.written_arm import as_written
@@ -102,7 +103,7 @@ def _settled(
     while True:
         assessed = assess(fitted, found.best, apart)
         if not any(a.vetoed or a.doubtful for a in assessed):
-            assessed = with_rivals(fitted, found.best, assessed)
+            assessed = with_rival_pairs(fitted, found.best, with_rivals(fitted, found.best, assessed))
         refused = [a for a in assessed if a.vetoed or a.doubtful]
         if not refused:
             return [replace(a, rest=None) for a in assessed], vetoed

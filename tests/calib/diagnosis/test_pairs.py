@@ -1,14 +1,17 @@
-"""A spring and a ripple that one ripple of another period fits better than either of them."""
+"""A spring and a ripple that one ripple of another period fits better than either of them; two pairs that fit alike."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from calib.diagnosis import selection
+from calib.diagnosis.acceptance import assess
 from calib.diagnosis.fit import fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.pairs import paired
+from calib.diagnosis.pairs import paired, with_rival_pairs
 from calib.diagnosis.prices import cost
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
@@ -46,3 +49,28 @@ def test_what_leaves_no_structure_stays(ur10e: Arm) -> None:
     before = found.best
     paired(measurements, found)
     assert found.best is before
+
+
+def rivals_of(arm: Arm, truth: tuple[ArmEffect, ...], named: tuple[ArmEffect, ...]) -> list[tuple[tuple[str, str | None], ...]]:
+    """The rivals of two names in recordings of an arm with `truth`."""
+    true = arm
+    for item in truth:
+        true = with_effect(true, item)
+    measurements = warmed([measured(recording(arm, seed, truth=true), arm) for seed in (1, 2)])
+    baseline = selection.started(measurements, Hypothesis.nominal(arm))
+    best = fit(measurements, baseline.hypothesis.with_effects(named), noise=baseline.solved.noise, like=baseline.models)
+    return [a.rivals for a in with_rival_pairs(measurements, best, assess(measurements, best, ()))]
+
+
+def test_a_pair_that_fits_as_well_stands_beside_the_names(ur10e: Arm) -> None:
+    """Nearly all torque of the last wrist is friction and reflected inertia: more of both is a gain with less viscous friction."""
+    stated = replace(ur10e, prior=ur10e.prior.model_copy(update={"coulomb": 0.04, "viscous": 0.04, "rotor": 0.1}))
+    wrist = "wrist_3_joint"
+    truth = (ArmEffect("coulomb_friction", wrist, {"coulomb": 3.15}), ArmEffect("rotor_inertia", wrist, {"inertia": 0.73}))
+    names = (ArmEffect("torque_gain", wrist, {"gain": 1.4}), ArmEffect("viscous_friction", wrist, {"viscous": 1.2}))
+    assert rivals_of(stated, truth, names) == [(("coulomb_friction", wrist),), (("rotor_inertia", wrist),)]
+
+
+def test_a_pair_that_nothing_imitates_has_no_rivals(ur10e: Arm) -> None:
+    named = (ArmEffect("coulomb_friction", JOINT, {"coulomb": 15.0}), ArmEffect("torque_offset", JOINT, {"offset": 5.0}))
+    assert rivals_of(ur10e, named, named) == [(), ()]
