@@ -13,6 +13,7 @@ import os
 import platform
 import re
 import subprocess
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -79,7 +80,12 @@ def _checked(row: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError(f"results row {dict(row)!r}: needs `what` as text and `value` as text or a number")
     if re.search(r"\bnan\b", str(kept["value"]), re.IGNORECASE):
         raise ValueError(f"results row {kept['what']!r}: its value is NaN; say in words why there is none")
-    return kept
+    return {key: _without_places(value) if isinstance(value, str) else value for key, value in kept.items()}
+
+
+def _without_places(text: str) -> str:
+    """Without the folders of one run on one machine."""
+    return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", text)
 
 
 def digest(path: str) -> str:

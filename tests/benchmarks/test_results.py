@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from importlib import import_module
 from pathlib import Path
 
@@ -28,6 +29,12 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         results, "digest", lambda path: "other" if path == "benchmarks" else results.read(tmp_path)["demo"].measures[path]
     )
     assert results.read(tmp_path)["demo"].outdated() == ["benchmarks"]
+
+
+def test_a_row_holds_no_folder_of_one_run(tmp_path: Path) -> None:
+    place = Path(tempfile.gettempdir()) / "calib-a1b2" / "plant" / "8.mcap"
+    results.write("demo", [ROW | {"note": f"convert {place}"}], command="make demo", measures=("benchmarks",), folder=tmp_path)
+    assert results.read(tmp_path)["demo"].rows[0]["note"] == "convert plant/8.mcap"
 
 
 def test_code_that_is_gone_outdates_it_and_is_not_measured(tmp_path: Path) -> None:
