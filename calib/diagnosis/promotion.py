@@ -133,11 +133,16 @@ def promoted(
             for way in fit_for:
                 if not motion.rises(way.change):
                     return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
-            if fit_for:
+            # where the motion refuses them, another way may be refused for the torque of some effects only
+            seen = [k for k, bad in enumerate(worse) if bad.any() and not (fit_for and motion.rises(ways[k].change))]
+            harmful = []
+            if seen:
+                k = seen[0]
+                harmful = harmful_effects(own, f, ways[k], worse[k], [bare if x else plain for x in than_bare[k]], on)
+            if fit_for and len(harmful) in (0, len(own)):
                 without, with_it = motion.worst(fit_for[0].change)
                 refused += [Refusal(e, "", without, with_it, on, AS_IT_WAS) for e in own]
                 break
-            harmful = harmful_effects(own, f, ways[0], worse[0], [bare if x else plain for x in than_bare[0]], on)
         refused += harmful
         gone = [r.effect for r in harmful]
         rest = tuple(e for e in f.accepted if e not in gone)

@@ -1,0 +1,42 @@
+"""An effect whose corrected arm moves worse is left out alone, where the others without it move nearer."""
+
+from __future__ import annotations
+
+import pytest
+
+from calib.diagnosis import promotion as promotion_of
+from calib.diagnosis.corrected import ArmChange
+from calib.diagnosis.fit import fit
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.promotion import promoted
+from calib.diagnosis.selection import started
+from calib.diagnosis.simulated_motion import SimulatedMotion
+from sim.arm import Arm, ArmEffect
+from tests.calib.diagnosis.conftest import at, recording
+
+HIDDEN = at(2, lambda q, dq: 12.0 * (q - 0.4))
+SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.4})
+# nearly Coulomb friction at the speeds of the recordings: only a refit of that makes it bearable
+STRIBECK = ArmEffect("stribeck_friction", "wrist_3_joint", {"stiction_excess": 1.5, "stribeck_velocity": 1.0})
+
+
+def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    those = warmed([measured(recording(ur10e, seed, HIDDEN), ur10e) for seed in (1, 2)])
+    baseline = started(those, Hypothesis.nominal(ur10e))
+    hypothesis = baseline.hypothesis.with_effects((SPRING, STRIBECK))
+    both = fit(those, hypothesis, 0, baseline.solved.noise, baseline.models)  # of the sizes that are given
+    refits: list[bool] = []
+
+    def rises(self: SimulatedMotion, change: ArmChange) -> bool:
+        """The motion refuses every refit."""
+        refits.append(bool(change.inertials) or any(e.effect == "coulomb_friction" for e in change.effects))
+        return refits[-1]
+
+    monkeypatch.setattr(SimulatedMotion, "rises", rises)
+    monkeypatch.setattr(promotion_of, "as_written", lambda measurements, f: f)
+    promotion = promoted(those, both, baseline, warmed([measured(recording(ur10e, 3, HIDDEN), ur10e)]))
+    assert any(refits)
+    assert [r.effect.effect for r in promotion.refused] == ["stribeck_friction"]
+    assert promotion.change is not None
+    assert [e.effect for e in promotion.change.effects] == ["joint_spring"]
