@@ -7,7 +7,7 @@ effect finds neither from the other. Only joints with structure or with two name
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from calib.diagnosis.acceptance import APART, MOST_RIVALS, Assessed
@@ -15,7 +15,7 @@ from calib.diagnosis.admissible import admissible
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.prices import cost
-from calib.diagnosis.scoring import Bank, scored
+from calib.diagnosis.scoring import Bank, Scored, scored
 from calib.diagnosis.selection import SearchResult, add, best_next, grown, without
 from calib.diagnosis.unexplained import rests
 from calib.measurement.preprocessing import Measurement
@@ -44,7 +44,7 @@ def paired(measurements: Sequence[Measurement], found: SearchResult) -> None:
 def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:
     """The same; two names at one joint have the effects of another pair there as rivals, where that pair fits as well.
 
-    Its effects stand beside the names in the order of what each brings.
+    Beside the name that brings more stands the effect that alone promises most of what both bring.
     """
     out, bank = list(assessed), Bank()
     for joint in dict.fromkeys(a.effect.joint for a in assessed if a.effect.joint is not None):
@@ -52,45 +52,52 @@ def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: S
         if len(names) != 2:
             continue
         own = {(assessed[i].effect.effect, joint) for i in names}
-        fits = [(g, _effects(g, joint)) for g in _fits(measurements, best, names, joint, bank, own)]
-        pairs = [(g, there) for g, there in fits if len(there) == 2 and not own & {(effect, joint) for effect in there}]
-        other, there = min(pairs, key=lambda pair: cost(pair[0]), default=(None, ()))
+        rest = _without(measurements, best, names)
+        least = PROMISE_OF_BOTH * (rest.objective - best.objective)
+        firsts = [s for s in _at(rest, joint, bank)[:FIRSTS] if s.key not in own and s.gain > least]
+        others = [
+            g
+            for g in _fits(measurements, rest, firsts, joint, bank)
+            if len(there := _names(g, joint)) == 2 and not own & {*there}
+        ]
+        other = min(others, key=cost, default=None)
         if other is None or not cost(other) < cost(best) + APART:
             continue
         strongest = sorted(names, key=lambda i: -assessed[i].lost)
-        for i, effect in zip(strongest, there, strict=True):
-            key = (effect, joint)
+        for i, key in zip(strongest, _names(other, joint), strict=True):
             if key not in out[i].rivals and len(out[i].rivals) < MOST_RIVALS:
                 out[i] = replace(out[i], rivals=(*out[i].rivals, key))
     return out
 
 
-def _effects(f: Fit, joint: str) -> list[str]:
-    return [e.effect for e in f.accepted if e.joint == joint]
-
-
 def _best_pair(measurements: Sequence[Measurement], f: Fit, names: Sequence[int], joint: str, bank: Bank) -> Fit | None:
     """The best fit with one or two effects at that joint in the place of its names."""
-    return min(_fits(measurements, f, names, joint, bank, set()), key=cost, default=None)
+    rest = _without(measurements, f, names)
+    here = _at(rest, joint, bank)
+    firsts = [s for s in here[:FIRSTS] if s.gain > PROMISE * here[0].gain]
+    return min(_fits(measurements, rest, firsts, joint, bank), key=cost, default=None)
 
 
-def _fits(
-    measurements: Sequence[Measurement], f: Fit, names: Sequence[int], joint: str, bank: Bank, own: Collection[Key]
-) -> list[Fit]:
-    """Fits with one or two effects at that joint in the place of its names: from each of those that promise most, and the best beside it.
-
-    own: what is not tried first, as the names are among them; then only what promises most of what the names bring is.
-    """
-    bare = f
-    for i in reversed(names):
-        bare = without(measurements, bare, i)
-    here = [s for s in scored(bare, {(e.effect, e.joint) for e in bare.accepted}, bank) if s.key[1] == joint]
-    most = max((s.gain for s in here), default=0.0)
-    least = PROMISE_OF_BOTH * (bare.objective - f.objective) if own else PROMISE * most
+def _fits(measurements: Sequence[Measurement], rest: Fit, firsts: Sequence[Scored], joint: str, bank: Bank) -> list[Fit]:
+    """Fits with each of `firsts`, and with the best effect at that joint beside it."""
     tried = []
-    for first in [s for s in here[:FIRSTS] if s.key not in own and s.gain > least]:
-        one = add(measurements, bare, first)
-        beside = [s for s in scored(one, {(e.effect, e.joint) for e in one.accepted}, bank) if s.key[1] == joint]
-        two = best_next(measurements, one, beside)
+    for first in firsts:
+        one = add(measurements, rest, first)
+        two = best_next(measurements, one, _at(one, joint, bank))
         tried += [g for g in (one, two) if g is not None and admissible(g)]
     return tried
+
+
+def _without(measurements: Sequence[Measurement], f: Fit, names: Sequence[int]) -> Fit:
+    for i in reversed(names):
+        f = without(measurements, f, i)
+    return f
+
+
+def _at(f: Fit, joint: str, bank: Bank) -> list[Scored]:
+    """What may be added to a fit at one joint, what promises most first."""
+    return [s for s in scored(f, {(e.effect, e.joint) for e in f.accepted}, bank) if s.key[1] == joint]
+
+
+def _names(f: Fit, joint: str) -> list[Key]:
+    return [(e.effect, e.joint) for e in f.accepted if e.joint == joint]
