@@ -172,7 +172,7 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     rivals = {(r["effect"], r["joint"]) for e in diagnosis["effects"] for r in e.get("indistinguishable_from") or ()}
     if key not in found and key in rivals:
-        sentence = "what was hidden is among those that these recordings do not decide between; `calib plan --discriminate` plans what does"
+        sentence = "these recordings cannot distinguish what was hidden from what was identified; `calib plan --discriminate` plans a motion that can"
     elif key not in found:
         sentence = "what was hidden was not found; the report says what speaks for each candidate"
     elif others:

@@ -35,20 +35,20 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
     """SafetyStop unless what was seen at one speed lets expect that the next stays inside its limits.
 
     Following error grows with speed, so it is scaled by the ratio of speeds; room rad is what is proved beside the path at the next
-    speed. A torque residual is a wrong model at any speed. What does not speak of every joint, of a speed below `faster` and of a room
-    shows nothing.
+    speed. A torque residual is a wrong model at any speed. Refused as well: a result that misses a joint, a speed that is not below
+    `faster`, a room that is no number.
     """
     seen, residual = real_array(result.following_error, "following error"), real_array(result.residual, "residual")
     for what, values in (("following error", seen), ("residual", residual)):
         if values.shape != (arm.n,):
             raise SafetyStop(
-                f"stage at {result.speed:.0%} of the speed: {what} of {values.size} joints was seen, {arm.name} has {arm.n}, and the next stage "
-                "needs each of them; drive this stage again"
+                f"stage at {result.speed:.0%} of the speed: {what} was measured for {values.size} joints, {arm.name} has {arm.n}; the next "
+                "stage needs all of them: repeat this stage"
             )
     if not (0.0 < result.speed < faster and room >= 0.0):
         raise SafetyStop(
-            f"stage at {result.speed:.0%} of the speed with {room:g} rad of room: neither says what {faster:.0%} will be like; a stage is "
-            "slower than the next and its room is a number; drive this stage again"
+            f"stage at {result.speed:.0%} of the speed, room {room:g} rad: the next stage, {faster:.0%}, cannot be predicted from it; a stage must "
+            "be slower than the next, its room zero or more: repeat this stage"
         )
     error = seen * faster / result.speed
     limit = min(cell.table.motion.following_error_max, room)

@@ -86,7 +86,7 @@ def by_import(sentence: str, arm: str, file: str = "LOG") -> str:
     """
     command = f"{_IMPORT}{shlex.quote(file)} --arm {arm}"
     found = sentence if _IMPORT in sentence else _OPTIONS.sub(lambda words: f"`{command} {words.group()}`", sentence)
-    return sentence if found == sentence else f"{found}; what it writes belongs in the place of the recording"
+    return sentence if found == sentence else f"{found}; then replace the recording by the file that it writes"
 
 
 @cache

@@ -130,8 +130,8 @@ class Joints:
                 )
             if on and not drive.says(reading, True):
                 raise DeviceError(
-                    f"{drive.name}: no heartbeat of it for more than {BEATS_MAX / drive.beats:g} s, so neither an error nor that it has switched itself off "
-                    "would show; set heartbeat_msg_rate_ms to 100 on it, and look at its cable"
+                    f"{drive.name}: no heartbeat for more than {BEATS_MAX / drive.beats:g} s, so a fault, or that it has switched itself off, would not "
+                    "be noticed; set heartbeat_msg_rate_ms to 100 on it, and check its cable"
                 )
             if math.isnan(reading.q):
                 raise DeviceError(

@@ -88,7 +88,7 @@ def test_another_joint_is_another_effect() -> None:
     wrong_answer["effects"][0]["indistinguishable_from"] = [{"effect": hidden.effect, "joint": hidden.joint}]
     undecided = demo.reveal(hidden, wrong_answer)
     assert not undecided.right
-    assert "do not decide between" in undecided.sentence
+    assert "cannot distinguish what was hidden" in undecided.sentence
     assert not demo.reveal(hidden, diagnosis()).right
 
 

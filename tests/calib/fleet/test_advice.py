@@ -31,7 +31,7 @@ def test_a_row_advises_what_can_be_done(tmp_path: Path, ur5e: Arm) -> None:
     sentence = found.row["sentence"]
     begin = f"calib import '{file}' --arm ur5e --assume"
     assert (
-        f"convert it with `{begin} sign:tau:shoulder_lift_joint`. To use it unchanged: `{begin} as-recorded`; what it"
+        f"convert it with `{begin} sign:tau:shoulder_lift_joint`. To use it unchanged: `{begin} as-recorded`; then replace"
         in sentence
     )
     assert sentence.count("--assume") == sentence.count("calib import")

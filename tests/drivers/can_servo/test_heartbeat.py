@@ -19,7 +19,7 @@ def test_an_old_heartbeat_is_none(bench):
     b.stream(40)
     without_heartbeat(b, 3)
     begin = b.clock.now()
-    with pytest.raises(DeviceError, match=r"wrist_1_joint.*no heartbeat of it for more than 0\.3 s"):
+    with pytest.raises(DeviceError, match=r"wrist_1_joint.*no heartbeat for more than 0\.3 s"):
         b.stream(100)
     assert 0.2 < b.clock.now() - begin < 0.31
     b.bus.servos[3].on = False  # nor does it count as off
