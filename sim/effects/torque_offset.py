@@ -18,6 +18,7 @@ class TorqueOffset(Effect):
     reference = "by definition"
     experiment = "static holds and slow motion in both directions"
     stage = Stage.SENSOR
+    exact = True
     parameters = (Parameter("offset", "N*m", "reading at no torque", grid=(0.5,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

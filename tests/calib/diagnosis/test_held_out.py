@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.acceptance import APART, least_apart
+from calib.diagnosis.acceptance import APART, APART_FRICTION, least_apart
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.nuisance import BEYOND, nuisance_names, within_prior
 from calib.diagnosis.structure import LEAST, LEAST_APART, Structure
@@ -40,16 +40,16 @@ def test_structure_needs_less_on_one_side_where_the_other_shows_it_clearly(fitte
 
 
 @pytest.mark.parametrize(
-    ("effect", "joint", "rival", "apart"),
+    ("effect", "joint", "rival", "strong", "weak"),
     [
-        ("torque_offset", "elbow_joint", ("asymmetric_friction", "elbow_joint"), 20.0),
-        ("asymmetric_friction", "elbow_joint", ("torque_offset", "elbow_joint"), 20.0),
-        ("asymmetric_friction", "elbow_joint", ("torque_offset", "wrist_1_joint"), APART),
-        ("payload", None, ("link_inertia", "wrist_2_joint"), APART),
+        ("torque_offset", "elbow_joint", ("asymmetric_friction", "elbow_joint"), 20.0, APART_FRICTION),
+        ("asymmetric_friction", "elbow_joint", ("torque_offset", "elbow_joint"), 20.0, APART_FRICTION),
+        ("asymmetric_friction", "elbow_joint", ("torque_offset", "wrist_1_joint"), APART, APART),
+        ("payload", None, ("link_inertia", "wrist_2_joint"), APART, APART),
     ],
 )
 def test_strong_evidence_tells_masses_apart_and_friction_only_by_a_share(
-    effect: str, joint: str | None, rival: Key, apart: float
+    effect: str, joint: str | None, rival: Key, strong: float, weak: float
 ) -> None:
-    assert least_apart(ArmEffect(effect, joint, {}), rival, 1000.0) == pytest.approx(apart)
-    assert least_apart(ArmEffect(effect, joint, {}), rival, 100.0) == APART
+    assert least_apart(ArmEffect(effect, joint, {}), rival, 1000.0) == pytest.approx(strong)
+    assert least_apart(ArmEffect(effect, joint, {}), rival, 100.0) == weak
