@@ -76,7 +76,7 @@ def _switched(arm: Arm, found: Diagnosis) -> list[tuple[str, str | None, bool, A
         if change is not None and (key := (item.effect, item.joint)) in keys:
             rest = tuple(e for e in change.effects if (e.effect, e.joint) != key)
             out.append((*key, True, replace(change, effects=rest).of(arm)))
-    for step in found.found.ladder[0] if found.found and found.found.ladder else ():
+    for step in found.steps[0] if found.steps else ():
         if step.key not in keys and step.key[0] != CONTACT and len(out) < MOST_SWITCHED:
             out.append((*step.key, False, with_effect(arm, step.effect)))
     return out
@@ -94,10 +94,9 @@ def _with_and_without(check: LogCheck, arms: Sequence[tuple[str, str | None, boo
 def _candidates(found: Diagnosis) -> list[tuple[str, str | None, float]]:
     """Effect, joint and score of the best candidates at the first step, and of every effect that was accepted later."""
     best: dict[tuple[str, str | None], float] = {}
-    ladder = found.found.ladder if found.found else []
-    for step in ladder[:1]:
+    for step in found.steps[:1]:
         best |= {s.key: s.gain for s in step[:MOST_CANDIDATES]}
-    for step in ladder[1:]:
+    for step in found.steps[1:]:
         accepted = {(e.effect, e.joint) for e in found.accepted}
         best |= {s.key: max(s.gain, best.get(s.key, 0.0)) for s in step if s.key in accepted}
     return sorted(((effect, joint, gain) for (effect, joint), gain in best.items()), key=lambda c: -c[2])

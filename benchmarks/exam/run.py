@@ -99,7 +99,7 @@ def run_calib(exam: Exam, log: Path, *words: object) -> int:
 def report(rows: list[Row], exam: Exam) -> None:
     """Print the confusion matrix and the figures; write exam.json."""
     truths, answers, counts = confusion(rows)
-    width = max(map(len, answers))
+    width = max(map(len, answers), default=0)
     print(f"\nrows: what was hidden; columns: the first name given\n{'':{width + 4}s}", end="")
     print("".join(f"{k + 1:4d}" for k in range(len(answers))))
     for truth in truths:

@@ -41,12 +41,10 @@ def command(
 
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
-    from calib import evidence
     from calib.claims.diagnosis_sentences import quantity
     from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
-    from calib.report import diagnosis as page
     from sim.arm import load_arm
     from sim.required import require_identified
 
@@ -62,9 +60,12 @@ def command(
         if baseline:
             found = diagnose_changes(subject, list(logs), apart, healthy, progress=lambda text: advance(0, text))
         else:
-            found, _ = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))
+            found = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))[0].without_fits()
         found.write(folder, subject)
         answer = found.answer
+        from calib import evidence  # with it come libraries that draw, into the memory that the fits have left
+        from calib.report import diagnosis as page
+
         advance(0, "comparing before and after")
         shown = evidence.of_diagnosis(
             subject,

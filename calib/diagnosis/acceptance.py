@@ -9,18 +9,14 @@ import numpy as np
 from scipy.special import chdtri
 
 from calib.diagnosis.candidates import Key, acts_at
-from calib.diagnosis.fit import Fit, loss_of
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.model import LogModel
-from calib.diagnosis.nuisance import POSITIVE, within_prior
+from calib.diagnosis.nuisance import POSITIVE
 from calib.diagnosis.prices import cost, price
-from calib.diagnosis.rows import ResidualRows
 from calib.diagnosis.scoring import Bank, beside
 from calib.diagnosis.selection import add, joints_of, without
-from calib.diagnosis.significance import WORSE, excess, positive
-from calib.measurement.observed import together
 from calib.measurement.preprocessing import Measurement
-from calib.regression.robust import huber
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
@@ -142,10 +138,15 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
         held_out = without_it.loss - with_all.loss
         one_sided, imitator = _one_sided(item, rest, best), _imitator(item, rest, lost)
         out.append(Assessed(item, lost, (), held_out, worse, nothing, one_sided=one_sided, imitator=imitator, rest=rest))
-    at = [acts_at(item, best.hypothesis.arm.joint_names) for item in best.accepted]
-    loose = [k for k, item in enumerate(best.accepted) if not effect_named(item.effect).exact]
-    strongest = [max((out[k].lost for k in loose if k != i and at[i] & at[k]), default=0.0) for i in range(len(out))]
-    return [replace(a, first=x) for a, x in zip(out, strongest, strict=True)]
+    firsts = strongest_beside(best.accepted, [a.lost for a in out], best.hypothesis.arm.joint_names)
+    return [replace(a, first=x) for a, x in zip(out, firsts, strict=True)]
+
+
+def strongest_beside(accepted: Sequence[ArmEffect], lost: Sequence[float], joint_names: Sequence[str]) -> list[float]:
+    """Per effect `first` of `Assessed`: what the strongest other one brings that shares a joint with it and may have another form."""
+    at = [acts_at(item, joint_names) for item in accepted]
+    loose = [k for k, item in enumerate(accepted) if not effect_named(item.effect).exact]
+    return [max((lost[k] for k in loose if k != i and at[i] & at[k]), default=0.0) for i in range(len(accepted))]
 
 
 def with_rivals(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:
@@ -205,45 +206,3 @@ def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
     return bool(sizes) and all(
         abs(item.parameters[p.name] - p.zero) < NOTHING * std[p.name] for p in sizes if p.zero is not None
     )
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m.
-
-    What was observed beside the torque was fitted with these logs too; it counts here for what they show of it.
-    """
-
-    loss: float
-    errors: list[np.ndarray]
-    models: Sequence[LogModel] = ()
-
-    @staticmethod
-    def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
-        """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
-        noise, loss, theta = f.solved.noise, 0.0, within_prior(f.models[0].names, f.solved.theta)
-        errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
-        pairs = zip(apart, like or (None,) * len(apart), strict=True)
-        models = [LogModel(m, f.hypothesis, like=lender) for m, lender in pairs]
-        for model in models:
-            rows = ResidualRows([model])
-            for j, of_joint in enumerate(errors):
-                of_joint.append(rows.r[j] - rows.x[j] @ theta)
-                loss += huber(rows.whiten(noise, j, of_joint[-1]))
-        there = together([m.followed for m in apart])
-        loss += loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)
-        return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
-
-    def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
-        """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""
-        series = [excess(self.errors[j], before.errors[j], 1.0 + WORSE) for j in joints if len(before.errors[j])]
-        if not series or not positive(series):
-            return 0.0
-        ratio = np.mean(
-            [
-                np.mean(self.errors[j] ** 2) / max(np.mean(before.errors[j] ** 2), 1e-300)
-                for j in joints
-                if len(before.errors[j])
-            ]
-        )
-        return float(np.sqrt(ratio)) - 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.parameters import nominal_values
+from calib.diagnosis.scoring import Scored
 from calib.diagnosis.selection import SearchResult
 from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect
@@ -24,16 +25,24 @@ from sim.effects import driven_by, effect_named
 
 @dataclass
 class Diagnosis:
-    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which show in no fit of torques."""
+    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which show in no fit of torques.
+
+    found: the search with its fits, which hold arrays of the recordings; steps: the candidates that came near at every step of it.
+    """
 
     answer: dict[str, Any]
     accepted: tuple[ArmEffect, ...]
     found: SearchResult | None
     correction: ArmChange | None = None
     limits: tuple[ArmEffect, ...] = ()
+    steps: Sequence[Sequence[Scored]] = ()
 
     def __post_init__(self) -> None:
         self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
+
+    def without_fits(self) -> Diagnosis:
+        """The same without the memory that its fits need."""
+        return replace(self, found=None)
 
     def write(self, folder: Path, arm: Arm) -> None:
         """diagnosis.json, and the corrected arm unless every correction was refused; a contact is an event and does not belong to the arm."""

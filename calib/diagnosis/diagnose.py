@@ -75,7 +75,7 @@ def diagnose(
         "laws": [x.entry() for x in promotion.laws],
         "calibration": [x.entry() for x in calibration(found.baseline)],
     }
-    return Diagnosis(result, names.effects, found, change, limits)
+    return Diagnosis(result, names.effects, found, change, limits, found.ladder)
 
 
 def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Limit]) -> list[dict[str, Any]]:

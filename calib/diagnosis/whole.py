@@ -191,7 +191,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     of_all = gaps({"after": change.of(start)}, shown)
     answer["gap"] = answer["gap"] | of_all | {"sliding": answer["gap"]["sliding"] | of_all["sliding"]}
     contacts = tuple(e for e in found.accepted if e.effect == CONTACT)
-    return Diagnosis(answer, (*point.hypothesis.accepted, *contacts), found.found, change, found.limits)
+    return replace(found, answer=answer, accepted=(*point.hypothesis.accepted, *contacts), correction=change)
 
 
 def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]

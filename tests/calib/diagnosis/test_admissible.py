@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.acceptance import Assessed, HeldOut, assess
+from calib.diagnosis.acceptance import Assessed, assess
 from calib.diagnosis.admissible import admissible
 from calib.diagnosis.fit import Fit, fit
+from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import _beyond_ordinary

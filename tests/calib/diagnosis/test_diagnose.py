@@ -11,7 +11,7 @@ import pytest
 
 from calib import evidence
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, LEAST, LEAST_STATED, SECOND, SECOND_ALONE, Assessed
+from calib.diagnosis.acceptance import APART, LEAST, LEAST_STATED, SECOND, SECOND_ALONE, Assessed, strongest_beside
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -190,6 +190,13 @@ def test_weak_evidence_is_no_name() -> None:
     assert assessed(least - 1.0).doubtful
     assert not assessed(least + 1.0).doubtful
     assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
+
+
+def test_an_effect_beside_one_with_an_exact_law_is_not_measured_by_it() -> None:
+    """A constant offset leaves nothing that a second effect could owe to its form; friction does."""
+    pairs = [("torque_offset", "a"), ("viscous_friction", "a"), ("encoder_offset", "a"), ("stribeck_friction", "b")]
+    accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
+    assert strongest_beside(accepted, [900.0, 50.0, 30.0, 80.0], ("a", "b")) == [50.0, 0.0, 50.0, 0.0]
 
 
 def test_friction_and_rotors_need_less_beyond_their_price() -> None:

@@ -1,0 +1,59 @@
+"""What a fit predicts of recordings that were kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.fit import Fit, loss_of
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.nuisance import within_prior
+from calib.diagnosis.rows import ResidualRows
+from calib.diagnosis.significance import WORSE, excess, positive
+from calib.measurement.observed import together
+from calib.measurement.preprocessing import Measurement
+from calib.regression.robust import huber
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m.
+
+    What was observed beside the torque was fitted with these logs too; it counts here for what they show of it.
+    """
+
+    loss: float
+    errors: list[np.ndarray]
+    models: Sequence[LogModel] = ()
+
+    @staticmethod
+    def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
+        """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
+        noise, loss, theta = f.solved.noise, 0.0, within_prior(f.models[0].names, f.solved.theta)
+        errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
+        pairs = zip(apart, like or (None,) * len(apart), strict=True)
+        models = [LogModel(m, f.hypothesis, like=lender) for m, lender in pairs]
+        for model in models:
+            rows = ResidualRows([model])
+            for j, of_joint in enumerate(errors):
+                of_joint.append(rows.r[j] - rows.x[j] @ theta)
+                loss += huber(rows.whiten(noise, j, of_joint[-1]))
+        there = together([m.followed for m in apart])
+        loss += loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)
+        return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
+
+    def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
+        """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""
+        series = [excess(self.errors[j], before.errors[j], 1.0 + WORSE) for j in joints if len(before.errors[j])]
+        if not series or not positive(series):
+            return 0.0
+        ratio = np.mean(
+            [
+                np.mean(self.errors[j] ** 2) / max(np.mean(before.errors[j] ** 2), 1e-300)
+                for j in joints
+                if len(before.errors[j])
+            ]
+        )
+        return float(np.sqrt(ratio)) - 1.0
