@@ -158,7 +158,7 @@ class Drive(ABC):
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         """The reading in a frame of this drive that came at `now` s; None for another kind of frame, or one of wrong length or content.
 
-        What a heartbeat tells counts for BEATS_MAX of its periods, and not at all without `now`.
+        What a heartbeat or a temperature message tells counts for BEATS_MAX of its periods, and not at all without `now`.
         """
 
     @abstractmethod

@@ -40,6 +40,7 @@ class Joints:
         self._rejected = [0] * len(drives)
         self._strangers: deque[tuple[float, int]] = deque()
         self._ignore = set(ignore)
+        self._thermometer = [False] * len(drives)
         self.rejected = 0
 
     def expect(self, joints: Iterable[int]) -> None:
@@ -91,6 +92,7 @@ class Joints:
                     )
                 return
         self.readings[j], self.fresh[j] = reading, True
+        self._thermometer[j] |= not math.isnan(reading.temperature)
 
     def collect(self, until: float) -> None:
         """Sort in what comes until every joint has answered, or the instant `until`."""
@@ -114,9 +116,9 @@ class Joints:
             )
 
     def require_health(self, on: bool, temperature_max: float) -> None:
-        """DeviceError for a drive that reports an error, is hotter than temperature_max degC, or is off, or does
-        not say that it is on, where `on` is expected."""
-        for drive, reading in zip(self.drives, self.readings, strict=True):
+        """DeviceError for a drive that reports an error, is hotter than temperature_max degC or no longer reports
+        how hot it is, or is off, or does not say that it is on, where `on` is expected."""
+        for drive, reading, thermometer in zip(self.drives, self.readings, self._thermometer, strict=True):
             if reading is None:
                 raise DeviceError(f"{drive.name}: it has never answered")
             if reading.error:
@@ -142,6 +144,11 @@ class Joints:
                 raise DeviceError(
                     f"{drive.name}: {reading.temperature:.0f} degC exceeds temperature_max = {temperature_max:g} degC; let it cool down, "
                     "or plan slower motions"
+                )
+            if thermometer and math.isnan(reading.temperature):
+                raise DeviceError(
+                    f"{drive.name}: it no longer reports its temperature, so that it is too hot would not be noticed; look at its sensor, and set "
+                    "temperature_msg_rate_ms of an ODrive to 1000 or less"
                 )
 
     def away_from(self, pose: np.ndarray, tolerance: float) -> str:

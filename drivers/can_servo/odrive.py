@@ -18,6 +18,8 @@ VERSION, HEARTBEAT, RX_SDO, TX_SDO, ADDRESS, STATE, ESTIMATES, INPUT_POSITION, T
 IDLE, CLOSED_LOOP = 1, 8
 TURN = 2 * math.pi
 FEEDFORWARD_STEP = 0.001
+# s; temperature_msg_rate_ms may be any, and cannot be read without the firmware's own endpoint numbers: docs/first-day-can.md asks for this or less
+TEMPERATURE_PERIOD = 1.0
 ERRORS = {
     0: "initialising", 1: "system level", 2: "timing error", 3: "missing estimate", 4: "bad configuration", 5: "driver fault",
     6: "missing input", 8: "bus over-voltage", 9: "bus under-voltage", 10: "bus over-current", 11: "bus over-regeneration",
@@ -30,7 +32,7 @@ ERRORS = {
 class ODrive(Drive):
     """Estimates and torques come on their own (encoder_msg_rate_ms, torques_msg_rate_ms); a reading is complete with both.
 
-    Whether it is on stands in its heartbeat; one older than BEATS_MAX of its periods counts as missing.
+    Whether it is on stands in its heartbeat, its temperature in a message of its own; one older than BEATS_MAX of its periods counts as missing.
     """
 
     protocol = "odrive"
@@ -46,7 +48,7 @@ class ODrive(Drive):
         self.set_ranges(self._spans())
         self._torque = self._temperature = math.nan
         self._on: bool | None = None
-        self._beat = -math.inf
+        self._beat = self._warmed = -math.inf
         self._error = ""
 
     @property
@@ -103,13 +105,15 @@ class ODrive(Drive):
             self._torque = sign * frames.two_floats(data)[1] * gear
         elif command == TEMPERATURE:
             self._temperature = max((x for x in frames.two_floats(data) if not math.isnan(x)), default=math.nan)
+            self._warmed = now
         elif command == ESTIMATES and self._torque == self._torque:
             turns, speed = frames.two_floats(data)
             tau, self._torque = self._torque, math.nan
             q, dq = self.joint_side(turns * TURN / gear), sign * speed * TURN / gear
             if math.isfinite(q) and math.isfinite(dq):
                 on = self._on if now - self._beat <= BEATS_MAX / self.beats else None
-                return DriveReading(q, dq, tau, self._temperature, on=on, error=self._error)
+                warm = self._temperature if now - self._warmed <= BEATS_MAX * TEMPERATURE_PERIOD else math.nan
+                return DriveReading(q, dq, tau, warm, on=on, error=self._error)
         return None
 
     def identify(self, ask: Ask) -> Identity:

@@ -92,17 +92,18 @@ def test_a_drive_that_answers_the_order_off_alone_is_not_asked_on_an_arm_without
         service.look("j", supported=True)
 
 
+def after(one: ODrive, command: int, data: bytes, late: float) -> DriveReading:
+    """The reading `late` s after a message."""
+    for number, content, now in ((command, data, 5.0), (TORQUES, bytes(8), 5.0), (ESTIMATES, bytes(8), 5.0 + late)):
+        reading = one.decode(can.Message(arbitration_id=1 << 5 | number, is_extended_id=False, data=content), now)
+    assert reading is not None
+    return reading
+
+
 @pytest.mark.parametrize(("late", "on"), [(0.0, True), (0.29, True), (0.31, None), (math.nan, None), (math.inf, None)])
 def test_what_a_heartbeat_tells_counts_for_three_of_its_periods(late: float, on: bool | None) -> None:
     one = drive("odrive")
-
-    def heard(command: int, data: bytes, now: float) -> DriveReading | None:
-        return one.decode(can.Message(arbitration_id=1 << 5 | command, is_extended_id=False, data=data), now)
-
-    heard(HEARTBEAT, bytes((0, 0, 0, 0, CLOSED_LOOP, 0, 0, 0)), 5.0)
-    heard(TORQUES, bytes(8), 5.0)
-    reading = heard(ESTIMATES, bytes(8), 5.0 + late)
-    assert reading is not None
+    reading = after(one, HEARTBEAT, bytes((0, 0, 0, 0, CLOSED_LOOP, 0, 0, 0)), late)
     assert reading.on is on
     assert one.says(reading, True) is bool(on)
     assert not one.says(reading, False)
@@ -112,8 +113,9 @@ def test_what_a_heartbeat_tells_counts_for_three_of_its_periods(late: float, on:
     ("pair", "hottest"), [((float("nan"), 95.0), 95.0), ((95.0, float("nan")), 95.0), ((40.0, 30.0), 40.0)]
 )
 def test_a_temperature_that_is_not_reported_hides_no_other(pair: tuple[float, float], hottest: float) -> None:
-    one = drive("odrive")
-    assert isinstance(one, ODrive)
-    data = np.array(pair, dtype="<f4").tobytes()
-    one.decode(can.Message(arbitration_id=1 << 5 | TEMPERATURE, is_extended_id=False, data=data))
-    assert one._temperature == hottest
+    assert after(drive("odrive"), TEMPERATURE, np.array(pair, dtype="<f4").tobytes(), 0.0).temperature == hottest
+
+
+@pytest.mark.parametrize(("late", "reported"), [(2.9, True), (3.1, False), (math.nan, False)])
+def test_a_temperature_counts_for_three_seconds(late: float, reported: bool) -> None:
+    assert math.isnan(after(drive("odrive"), TEMPERATURE, bytes(8), late).temperature) is not reported

@@ -1,23 +1,24 @@
-"""A drive whose heartbeat has ended counts neither as on nor as off."""
+"""What a drive no longer reports beside its readings is missing: with its heartbeat whether it is on, with its temperature how hot it is."""
 
 from __future__ import annotations
 
 import pytest
 
+from drivers.can_servo.odrive import HEARTBEAT, TEMPERATURE
 from sim.errors import DeviceError
 
 
-def without_heartbeat(b, joint):
-    """The emulated ODrive sends no more heartbeats; everything else goes on."""
+def without(b, joint, command):
+    """The emulated ODrive sends this message no more; everything else goes on."""
     servo, sent = b.bus.servos[joint], b.bus.servos[joint].spontaneous
-    servo.spontaneous = lambda now: [m for m in sent(now) if m.arbitration_id & 0x1F != 1]
+    servo.spontaneous = lambda now: [m for m in sent(now) if m.arbitration_id & 0x1F != command]
 
 
 def test_an_old_heartbeat_is_none(bench):
     b = bench("odrive")
     b.driver.connect()
     b.stream(40)
-    without_heartbeat(b, 3)
+    without(b, 3, HEARTBEAT)
     begin = b.clock.now()
     with pytest.raises(DeviceError, match=r"wrist_1_joint.*no heartbeat for more than 0\.3 s"):
         b.stream(100)
@@ -25,3 +26,21 @@ def test_an_old_heartbeat_is_none(bench):
     b.bus.servos[3].on = False  # nor does it count as off
     with pytest.raises(DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not say so"):
         b.driver.release()
+
+
+def test_a_temperature_that_no_longer_comes_is_a_fault(bench):
+    b = bench("odrive")
+    b.driver.connect()
+    b.stream(10)
+    without(b, 3, TEMPERATURE)
+    begin = b.clock.now()
+    with pytest.raises(DeviceError, match=r"wrist_1_joint \(node 4\): it no longer reports its temperature"):
+        b.stream(1000)
+    assert 2.9 < b.clock.now() - begin < 3.1
+
+
+def test_a_drive_that_never_reported_a_temperature_goes_on(bench):
+    b = bench("odrive")
+    without(b, 3, TEMPERATURE)
+    b.driver.connect()
+    b.stream(400)
