@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from calib.file_lock import is_locked
+from calib.terminal import console
 from sim.errors import ConfigError
 from sim.files import is_name, read_toml
 from sim.resources import nearest
@@ -94,10 +95,10 @@ def _remains(folder: Path) -> str:
 
 
 def list_runs(root: Path = RUNS) -> list[Run]:
-    """The runs under `root`, newest first; ConfigError where one of them cannot be read, and so may be the newest."""
+    """The runs under `root` that can be read, newest first; what is wrong with the others goes to standard error."""
     runs, faults = runs_and_faults(root)
-    if faults:
-        raise faults[0]
+    for fault in faults:
+        console.warn(" ".join(str(fault).split()))
     return runs
 
 

@@ -12,6 +12,7 @@ from calib.guided_answer import answer
 from calib.main import main
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import newest
+from calib.run_folder import new_run
 from calib.terminal import options
 from sim.errors import ConfigError
 from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
@@ -202,6 +203,16 @@ def test_the_page_of_a_session_marks_its_answer_as_the_diagnosis_does(
     page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
     assert f">{mark}<" in page
     assert ("record the motion again" in page) is (mark == "?")
+
+
+def test_a_session_is_found_again_beside_a_broken_run(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = new_run("ur10e", "go")
+    (broken / "run.toml").write_text("")
+    assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
+    assert go(Commands([SETTLED]), monkeypatch, "--yes") == 0
+    assert "Continues the session" in capsys.readouterr().out
 
 
 def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:

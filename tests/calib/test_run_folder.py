@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.past_runs import latest, list_runs, read_run
+from calib.past_runs import latest, list_runs, newest, read_run
 from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run, require_free
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
@@ -157,11 +157,18 @@ def test_out_may_hold_the_callers_own_record_of_the_call(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     "text", ["not = = toml", 'schema = "run/1"', "end = 3\nverb = 'a'\narm = 'b'\nstarted = ''\narguments = []\ndirectory = ''"]
 )
-def test_a_damaged_run_file_is_named(text: str) -> None:
-    folder = new_run("ur10e", "plan")
+def test_a_damaged_run_file_is_named_and_the_latest_is_that_of_the_others(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound, folder = new_run("ur10e", "plan"), new_run("ur10e", "plan")
+    end_run(sound, 0, "x")
     (folder / "run.toml").write_text(text)
+    for find in (lambda: list_runs()[0], lambda: latest("plan"), lambda: newest("plan"), lambda: read_run("latest")):
+        assert find().folder == sound
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"calib: {folder}/run.toml: not a run's file")
     with pytest.raises(ConfigError, match=r"run\.toml: not a run's file"):
-        list_runs()
+        read_run(folder)
 
 
 def test_latest_is_the_newest_run_that_did_not_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
