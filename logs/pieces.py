@@ -104,9 +104,8 @@ def open_pieces(
 ) -> Pieces:  # fmt: skip
     """The pieces of the recording at `path`, joints in this order; a large MCAP file is unpacked into `folder` first.
 
-    Its samples are those that `read_log` gives; only positions, torques and currents of a large file are kept, and its host
-    clock is not compared. `change` reads the whole recording another way, and all of it is then
-    held in memory. BadLog as `read_log` raises it.
+    Its samples are those that `read_log` gives; the host clock of a large file is not compared. `change` reads the whole recording
+    another way, and all of it is then held in memory. BadLog as `read_log` raises it.
     """
     if path.is_file():
         recovered(path)

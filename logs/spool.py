@@ -25,13 +25,14 @@ from logs.timing import checked_times
 from sim.errors import DeviceError
 
 ROWS = 1 << 16  # in memory at once
-KEPT = ("q", "tau", "current")
+MEASURED, COMMANDED = ("q", "dq", "tau", "current", "temperature"), ("q_cmd", "dq_cmd", "tau_cmd")
+KEPT = (*MEASURED, *COMMANDED)
 COUNTS = ("stamp", "host", "sequence")
 
 
 @dataclass
 class Spool:
-    """N samples on disk: instants (N,) s from `origin` ns on the device clock, and rows of q, tau and current, float64."""
+    """N samples on disk: instants (N,) s from `origin` ns on the device clock, and rows of each of KEPT that was recorded, float64."""
 
     path: Path
     folder: Path
@@ -48,13 +49,11 @@ class Spool:
         return np.memmap(self.folder / "t", np.float64, "r")
 
     def log(self, lo: int, hi: int) -> Log:
-        """Samples lo to hi; NaN for what is not kept."""
-        nothing = np.broadcast_to(np.float64(np.nan), (hi - lo, len(self.joint_names)))
-        q, tau, current = (self._read(name, lo, hi) for name in KEPT)
+        """Samples lo to hi; NaN for what was not recorded, and for the host clock."""
+        q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd = (self._read(name, lo, hi) for name in KEPT)
         return Log(
-            self.joint_names, t=np.array(self.t[lo:hi]), t_host=np.full(hi - lo, np.nan), dq=nothing, temperature=nothing,
-            q=q, tau=tau, current=current,
-            q_cmd=nothing, dq_cmd=nothing, tau_cmd=nothing, metadata=self.metadata,
+            self.joint_names, t=np.array(self.t[lo:hi]), t_host=np.full(hi - lo, np.nan), q=q, dq=dq, tau=tau, current=current,
+            temperature=temperature, q_cmd=q_cmd, dq_cmd=dq_cmd, tau_cmd=tau_cmd, metadata=self.metadata,
             findings=self.findings if lo == 0 else (), path=self.path, state=self.state, t_origin=self.origin,
         )  # fmt: skip
 
@@ -66,7 +65,7 @@ class Spool:
 
 
 def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial: bool = False) -> Spool:
-    """Unpack the positions, torques and currents of an MCAP file, or of the parts of a rosbag2 folder, into `folder`.
+    """Unpack all readings and commands of an MCAP file, or of the parts of a rosbag2 folder, into `folder`.
 
     The samples, and BadLog, are those of `logs.read_log`; DeviceError where `folder` cannot be written. Memory grows by some tens of bytes a
     sample: instants and orders are looked at as a whole, values never.
@@ -95,7 +94,7 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
         @_writing(folder)
         def keep(topics: dict[str, JointTopic]) -> None:
             for topic in topics.values():
-                if topic.stamp and topic.topic.endswith((STATES, DIAGNOSTICS)):
+                if topic.stamp and topic.topic.endswith((STATES, COMMANDS, DIAGNOSTICS)):
                     if topic.topic not in stored:
                         stored[topic.topic] = _Stored(folder / f"topic{len(stored)}", topic.fields, n, files)
                     stored[topic.topic].add(topic)
@@ -108,17 +107,23 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
     order = in_order(stamp, own.counts("host"), own.counts("sequence"), states, damage)
     stamp = stamp if order is None else stamp[order]
     t, _ = checked_times((stamp - stamp[0]) * 1e-9, np.broadcast_to(np.nan, len(stamp)), damage)
-    q, dq, tau = (_rearranged(own.folder / f"ordered{k}", own.field(k), order) for k in range(3))
-    chosen(scan.topics, COMMANDS, damage)  # several are refused, although none is kept
-    readings = chosen(scan.topics, DIAGNOSTICS, damage)
-    current, temperature = _on_samples(stored.get(readings.topic) if readings else None, readings, stamp, t, folder, n, damage)
-    measured = {"q": q, "dq": dq, "tau": tau, "current": current, "temperature": temperature}
-    bad = left_out(t, names, measured, damage)
+    values = [_rearranged(own.folder / f"ordered{k}", own.field(k), order) for k in range(3)]
+    beside_samples: list[np.ndarray] = []
+    for name, fields, between in ((COMMANDS, 3, ()), (DIAGNOSTICS, 2, (0,))):
+        topic = chosen(scan.topics, name, damage)
+        on_disk = stored.get(topic.topic) if topic else None
+        if topic is None or on_disk is None:
+            beside_samples += [np.broadcast_to(np.float64(np.nan), (len(t), n))] * fields
+        else:
+            beside_samples += _on_samples(on_disk, topic, stamp, t, damage, between)
+    arrays = dict(zip((*COMMANDED, "current", "temperature"), beside_samples, strict=True))
+    arrays |= dict(zip(("q", "dq", "tau"), values, strict=True))
+    bad = left_out(t, names, {name: arrays[name] for name in MEASURED}, damage)
     rows = None if bad is None else np.flatnonzero(~bad)
     t = t if rows is None else t[rows]
     t.tofile(folder / "t")
     for name in KEPT:
-        _write(folder / name, measured[name], rows)
+        _write(folder / name, arrays[name], rows)
     for one in stored.values():
         one.remove()
     return Spool(
@@ -171,27 +176,25 @@ class _Stored:
 
 
 def _on_samples(
-    stored: _Stored | None, topic: JointTopic | None, stamp: np.ndarray, t: np.ndarray, folder: Path, n: int, damage: Damage
-) -> list[np.ndarray]:  # fmt: skip
-    """Currents and temperatures on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
-    if stored is None or topic is None:
-        return [np.broadcast_to(np.float64(np.nan), (len(t), n))] * 2
-    own, parts = np.array(stored.counts("stamp")), [stored.field(k) for k in range(2)]
+    stored: _Stored, topic: JointTopic, stamp: np.ndarray, t: np.ndarray, damage: Damage, between: tuple[int, ...]
+) -> list[np.ndarray]:
+    """The fields of a topic on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
+    own, parts = np.array(stored.counts("stamp")), [stored.field(k) for k in range(stored.fields)]
     if len(own) == len(stamp) and np.array_equal(own, stamp):
         return parts
     at, order = reading_times(own, int(stamp[0]), topic.topic, damage)
-    if parts[0].strides[0] and beside(at, t):
-        damage.note(INTERPOLATED.format(topic.topic))
     out = []
     for k, part in enumerate(parts):
         if not part.strides[0]:
-            out.append(np.broadcast_to(np.float64(np.nan), (len(t), n)))
+            out.append(np.broadcast_to(np.float64(np.nan), (len(t), stored.n)))
             continue
+        if k in between and beside(at, t):
+            damage.note(INTERPOLATED.format(topic.topic))
         file = stored.folder / f"held{k}"
         with file.open("wb") as out_file:
             for lo in range(0, len(t), ROWS):
-                out_file.write(at_samples(at, part, order, t[lo : lo + ROWS], k == 0).data)
-        out.append(np.memmap(file, np.float64, "r", shape=(len(t), n)))
+                out_file.write(at_samples(at, part, order, t[lo : lo + ROWS], k in between).data)
+        out.append(np.memmap(file, np.float64, "r", shape=(len(t), stored.n)))
     return out
 
 
