@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,36 @@ ANSWERS: tuple[tuple[type[CalibError], ArmStatus], ...] = (
 
 
 @dataclass
+class Copies:
+    """The recordings as files on this computer, copied into `folder` where they lie elsewhere; `given` holds the copies' addresses."""
+
+    folder: Path
+    given: dict[str, str] = field(default_factory=dict)
+
+    def file(self, address: str, k: str) -> Path:
+        """The recording at an address; its copy has its name, in a new folder `k`."""
+        (self.folder / k).mkdir()
+        system, path = fsspec.core.url_to_fs(address)
+        if "file" in np.atleast_1d(system.protocol):
+            return Path(path)
+        copy = self.folder / k / address.rsplit("/", 1)[-1][-60:]  # a longer name than a file may have
+        try:
+            with system.open(path, "rb") as source, copy.open("wb") as target:
+                shutil.copyfileobj(source, target, 1 << 22)
+        except OSError as error:
+            raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
+        self.given[str(copy)] = address
+        return copy
+
+    def sentence(self, error: Exception) -> str:
+        """What is wrong, with the addresses in the place of the copies."""
+        text = str(error)
+        for copy, address in self.given.items():
+            text = text.replace(copy, address)
+        return text
+
+
+@dataclass
 class Opened:
     """The recordings of the newest session that could be read, the older ones, and those that could not be, with the reason."""
 
@@ -62,16 +92,17 @@ def work(job: Job) -> Answer:
     if program_version() != job.program:
         reason = f"the worker runs arm-calib {program_version()}, the command {job.program}; install the same on both"
         return refusal(job, ArmStatus.OTHER_PROGRAM, reason)
-    try:
-        with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
-            opened = _open(job, Path(scratch))
+    with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
+        copies = Copies(Path(scratch))
+        try:
+            opened = _open(job, copies)
             bad = opened.bad
-            return _answer(job, opened, Path(scratch), begin)
-    except CalibError as error:
-        status = next((s for kind, s in ANSWERS if isinstance(error, kind)), ArmStatus.FAILED)
-        return refusal(job, status, by_import(str(error), job.arm.name), tuple(bad))
-    except Exception as error:  # one arm's defect must not take the other arms' results
-        return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {error}", tuple(bad))
+            return _answer(job, opened, copies, begin)
+        except CalibError as error:
+            status = next((s for kind, s in ANSWERS if isinstance(error, kind)), ArmStatus.FAILED)
+            return refusal(job, status, by_import(copies.sentence(error), job.arm.name), tuple(bad))
+        except Exception as error:  # one arm's defect must not take the other arms' results
+            return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {copies.sentence(error)}", tuple(bad))
 
 
 def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
@@ -83,15 +114,15 @@ def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
     return [r for r in recordings if not r.started or datetime.fromisoformat(r.started) >= first]
 
 
-def _open(job: Job, scratch: Path) -> Opened:
+def _open(job: Job, copies: Copies) -> Opened:
     newest = session(job.recordings, job.session_days)
     now: list[tuple[Recorded, Pieces]] = []
     bad: list[str] = []
     for k, recording in enumerate(newest):
         try:
-            now.append((recording, _pieces(job, recording, scratch / str(k))))
+            now.append((recording, _pieces(job, recording, copies, str(k))))
         except CalibError as error:
-            bad.append(str(error))
+            bad.append(copies.sentence(error))
     if not now:
         raise BadLog("; ".join(bad) or f"{job.arm_id}: there is no recording")
     apart = Pieces.joined(p for r, p in now if r.motion.startswith(APART))
@@ -103,33 +134,19 @@ def _open(job: Job, scratch: Path) -> Opened:
     return Opened(fitted, apart, [r for r in job.recordings if r not in newest], bad)
 
 
-def _pieces(job: Job, recording: Recorded, folder: Path) -> Pieces:
-    folder.mkdir()
-    path = _here(recording.address, folder / "copy.mcap")
-    pieces = open_pieces(path, job.arm.joint_names, folder / "unpacked", job.accept_partial)
+def _pieces(job: Job, recording: Recorded, copies: Copies, k: str) -> Pieces:
+    path = copies.file(recording.address, k)
+    pieces = open_pieces(path, job.arm.joint_names, copies.folder / k / "unpacked", job.accept_partial)
     try:
         require(job.arm, [pieces[k] for k in survey(pieces)])
     except BadLog as error:
-        name = str(path) if path.parent != folder else recording.address.rsplit("/", 1)[-1]
+        name = path.name if str(path) in copies.given else str(path)
         raise BadLog(by_import(str(error), job.arm.name, name)) from error
     return pieces
 
 
-def _here(address: str, copy: Path) -> Path:
-    """The recording as a file on this computer; a copy where it lies elsewhere."""
-    system, path = fsspec.core.url_to_fs(address)
-    try:
-        if "file" in np.atleast_1d(system.protocol):
-            return Path(path)
-        with system.open(path, "rb") as source, copy.open("wb") as target:
-            shutil.copyfileobj(source, target, 1 << 22)
-        return copy
-    except OSError as error:
-        raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
-
-
-def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
-    arm, out = job.arm, scratch / "out"
+def _answer(job: Job, opened: Opened, copies: Copies, begin: float) -> Answer:
+    arm, out = job.arm, copies.folder / "out"
     out.mkdir()
     kept = Kept(Path(job.kept)) if job.kept else None
     # what is held out of a long session is as short as a piece of it
@@ -148,8 +165,8 @@ def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
             (out / "diagnosis").mkdir()
             named.write(out / "diagnosis", arm)
         except CalibError as error:
-            trouble = str(error)
-    past = _histories(job, opened, named, scratch) if named else []
+            trouble = copies.sentence(error)
+    past = _histories(job, opened, named, copies) if named else []
     row = base_row(job) | _identified(found, opened) | _validated(checked, bool(held)) | _diagnosed(named, whole, past, trouble)
     row |= {"status": ArmStatus.DONE.name.lower(), "sentence": found.result.outcome, "bad_logs": opened.bad}
     row["cpu_seconds"] = time.process_time() - begin
@@ -157,18 +174,17 @@ def _answer(job: Job, opened: Opened, scratch: Path, begin: float) -> Answer:
     return Answer(job.arm_id, ArmStatus.DONE, row, files, found.model.names, found.solution.theta, found.solution.covariance)
 
 
-def _histories(job: Job, opened: Opened, named: Diagnosis, scratch: Path) -> list[History]:
+def _histories(job: Job, opened: Opened, named: Diagnosis, copies: Copies) -> list[History]:
     """The named effects in the longest piece of each older recording, oldest first, and of the newest session."""
 
     def longest() -> Iterator[tuple[str, Log]]:
         for k, recording in enumerate(opened.older):
-            folder = scratch / f"older-{k}"
             try:
-                pieces = _pieces(job, recording, folder)
+                pieces = _pieces(job, recording, copies, f"older-{k}")
                 yield recording.started, pieces[int(np.argmax(pieces.seconds))]
             except CalibError as error:
-                opened.bad.append(str(error))
-            shutil.rmtree(folder)
+                opened.bad.append(copies.sentence(error))
+            shutil.rmtree(copies.folder / f"older-{k}")
         newest = [r.started for r in job.recordings if r not in opened.older and r.started]
         yield min(newest, default=""), opened.fitted[int(np.argmax(opened.fitted.seconds))]
 

@@ -46,11 +46,12 @@ def write_words(file: Path, arm: Arm, log: Log, motion: str, day: float) -> Path
     return file
 
 
-def spoil(file: Path) -> None:
+def spoil(file: Path) -> Path:
     """Turn one bit in the middle of a file."""
     data = bytearray(file.read_bytes())
     data[len(data) // 3] ^= 0xFF
     file.write_bytes(bytes(data))
+    return file
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from sim.effects import with_effect
 from sim.errors import ConfigError
 from sim.joint_state import JointState
 from tests.calib.conftest import fourier_motion, recorded, varied
-from tests.calib.fleet.conftest import write_recording
+from tests.calib.fleet.conftest import spoil, write_recording
 
 HERE = Settings(workers=0, diagnose=False)
 
@@ -116,6 +116,25 @@ def test_recordings_are_read_from_any_address(tmp_path: Path, ur5e: Arm) -> None
         memory.rm("/plant-x", recursive=True)
     assert [row["status"] for row in found.rows] == ["done"]
     assert found.rows[0]["logs"] == ["memory:///plant-x/cell-0/a.mcap"]
+    stated = json.loads((tmp_path / "out" / "arms" / found.rows[0]["arm"] / "result.json").read_text(encoding="utf-8"))
+    assert stated["training"]["logs"] == ["a.mcap"]
+
+
+def test_a_row_names_a_recording_as_it_was_given(tmp_path: Path, ur5e: Arm) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    memory = fsspec.filesystem("memory")
+    damaged = spoil(write_recording(tmp_path / "cell-0" / "a.mcap", ur5e, ur5e, 1))
+    of_another = write_recording(tmp_path / "cell-1" / "b.mcap", replace(ur5e, name="ur10e"), ur5e, 1)
+    for file in (damaged, of_another):
+        memory.pipe(f"/plant-y/{file.relative_to(tmp_path)}", file.read_bytes())
+    try:
+        rows = run_fleet(inventory("memory://plant-y"), tmp_path / "out", HERE).rows
+    finally:
+        memory.rm("/plant-y", recursive=True)
+    assert [row["status"] for row in rows] == ["bad_logs", "bad_logs"]
+    for row in rows:
+        assert row["sentence"].startswith(f"{row['logs'][0]}: ")
+        assert "calib-fleet" not in row["sentence"]
 
 
 def test_the_newest_session_says_what_the_arm_is(tmp_path: Path, ur5e: Arm) -> None:
