@@ -16,11 +16,13 @@ NOT_RATED = (
 
 # Where a tunnel to a real controller usually ends on this computer; an emulated one stands at 127.0.0.2 and the like
 TUNNEL_ENDS = tuple(map(ipaddress.ip_address, ("127.0.0.1", "::1")))
+# A tunnel to a serial adapter ends at a pseudo-terminal as an emulated adapter does: the link to an emulated one has a name that begins so
+EMULATED = "emulated"
 
 
 def without_arm(cell: Cell) -> bool:
     """Whether only software can stand behind a cell: the mock, a controller on a loopback address but TUNNEL_ENDS, a CAN bus in memory or on a
-    pseudo-terminal."""
+    pseudo-terminal that a link named EMULATED leads to."""
     options = cell.table.options
     if cell.table.driver == "mock":
         return True
@@ -34,7 +36,10 @@ def without_arm(cell: Cell) -> bool:
     if options.get("interface") == "virtual":
         return True
     channel = options.get("channel")
-    return isinstance(channel, str) and Path(channel).resolve().is_relative_to("/dev/pts")
+    if not isinstance(channel, str):
+        return False
+    link = Path(channel)
+    return link.name.startswith(EMULATED) and link.resolve().is_relative_to("/dev/pts")
 
 
 def question(cell: Cell, arm_name: str, how: str = "through large angles") -> str:

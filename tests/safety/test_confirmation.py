@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -32,7 +33,7 @@ def cell_with(cell: Cell, driver: str, **options: object) -> Cell:
         ("ur_rtde", {}, False),
         ("can_servo", {"interface": "virtual", "channel": "x"}, True),
         ("can_servo", {"interface": "socketcan", "channel": "can0"}, False),
-        ("can_servo", {"interface": "slcan", "channel": "/dev/pts/7"}, True),
+        ("can_servo", {"interface": "slcan", "channel": "/dev/pts/7"}, False),
         ("can_servo", {"interface": "slcan", "channel": "/dev/ttyACM0"}, False),
         ("can_servo", {"interface": "slcan", "channel": "/dev/pts/../ttyACM0"}, False),
         ("can_servo", {"channel": 3}, False),
@@ -46,6 +47,21 @@ def test_yes_without_a_person_is_only_for_cells_without_an_arm(cell: Cell, drive
     else:
         with pytest.raises(SafetyStop, match="a person has to confirm"):
             check_yes(given)
+
+
+@pytest.mark.parametrize(
+    ("name", "leads_to", "none"),
+    [
+        ("emulated-arm.tty", "/dev/pts/7", True),
+        ("can0", "/dev/pts/7", False),  # as of socat, whose other end may be an adapter elsewhere
+        ("emulated-arm.tty", "/dev/ttyACM0", False),
+    ],
+)
+def test_a_pseudo_terminal_is_without_an_arm_where_its_link_is_of_an_emulator(
+    cell: Cell, tmp_path: Path, name: str, leads_to: str, none: bool
+) -> None:
+    (tmp_path / name).symlink_to(leads_to)
+    assert without_arm(cell_with(cell, "can_servo", interface="slcan", channel=str(tmp_path / name))) is none
 
 
 def test_the_question_says_what_this_is_not(cell: Cell) -> None:
