@@ -78,12 +78,12 @@ def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[i
     strangers: dict[int, int] = {}
     sender = Senders(drives)
     while (message := link.receive(end)) is not None:
-        if message.arbitration_id in ignore:
-            continue
         if any(drive.is_command(message) for drive in drives):
             raise DeviceError(
                 f"{link.where}: identifier {message.arbitration_id:#x}: another host commands these drives; end the other program first"
             )
+        if message.arbitration_id in ignore:
+            continue
         j = sender(message)
         if j is None or not drives[j].pushes:
             strangers[message.arbitration_id] = strangers.get(message.arbitration_id, 0) + 1

@@ -48,7 +48,11 @@ class Damiao(Drive):
         return message.arbitration_id, message.data[0] & 0xF
 
     def is_command(self, message: can.Message) -> bool:
-        return not message.is_extended_id and message.arbitration_id in (self.servo.node, REGISTERS)
+        if message.is_extended_id or message.arbitration_id != REGISTERS:
+            return not message.is_extended_id and message.arbitration_id == self.servo.node
+        return (
+            int.from_bytes(message.data[:2], "little") == self.servo.node
+        )  # all drives share the identifier of register requests
 
     def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
         raw_q, raw_dq, raw_tau = self.raw_target(q, dq, tau)

@@ -170,12 +170,12 @@ class Joints:
             )
 
     def _stranger(self, message: can.Message) -> None:
-        if message.arbitration_id in self._ignore:
-            return
         if any(drive.is_command(message) for drive in self.drives):
             raise DeviceError(
                 f"identifier {message.arbitration_id:#x}: another host commands these drives; end the other program, then start again"
             )
+        if message.arbitration_id in self._ignore:
+            return
         now = self.clock.now()
         window = 10 * self.period
         self._strangers.append((now, message.arbitration_id))

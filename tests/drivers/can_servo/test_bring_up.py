@@ -115,6 +115,18 @@ def test_nodes_that_belong_there_can_be_listed(bench):
     b.stream(20)
 
 
+def test_a_second_host_is_a_fault_where_its_identifier_is_listed(bench):
+    node = bench().driver.options.servos[0].node
+    early, late = (bench(options={"ignore": [node]}) for _ in range(2))
+    early.bus.inject("second-host")
+    with pytest.raises(DeviceError, match="another host"):
+        early.driver.connect()
+    late.driver.connect()
+    late.bus.inject("second-host")
+    with pytest.raises(DeviceError, match="another host"):
+        late.stream(20)
+
+
 def test_frame_lengths_are_those_of_the_standard():
     assert frame_bits(False, 8) == (111, 135)
     assert frame_bits(True, 8) == (131, 160)

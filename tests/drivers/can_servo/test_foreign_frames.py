@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from drivers.can_servo.bring_up import PROTOCOLS
-from drivers.can_servo.damiao import Damiao
+from drivers.can_servo.damiao import READ, REGISTERS, Damiao
 from drivers.can_servo.drive import DriveReading
+from drivers.can_servo.frames import register
 from drivers.can_servo.odrive import CLOSED_LOOP, ESTIMATES, HEARTBEAT, TEMPERATURE, TORQUES, ODrive
 from drivers.can_servo.service import Service
 from drivers.can_servo.stream import Stream
@@ -90,6 +91,12 @@ def test_a_drive_that_answers_the_order_off_alone_is_not_asked_on_an_arm_without
     assert asked == []
     with pytest.raises(DeviceError, match=r"nobody is there"):
         service.look("j", supported=True)
+
+
+@pytest.mark.parametrize(("node", "own"), [(1, True), (2, False), (0x101, False)])
+def test_a_register_request_commands_the_drive_that_it_names(node: int, own: bool) -> None:
+    request = can.Message(arbitration_id=REGISTERS, is_extended_id=False, data=register(node, READ, 8))
+    assert drive("damiao").is_command(request) is own
 
 
 def after(one: ODrive, command: int, data: bytes, late: float) -> DriveReading:
