@@ -18,6 +18,7 @@ PORT = 30004
 CONNECT_TIMEOUT = 3.0  # s for each answer during the handshake
 LAG_WINDOW = 10.0  # s over which the smallest transport delay is kept; 200 ppm of clock drift is 2 ms over it
 REPEATS_MAX = 3
+CLOCK_MAX = 2.0**31  # s since the controller was started, as far as a recording's stamps reach
 KEPT_MAX = 10_000  # frames that wait for a reader; beyond it the oldest go, which by then are too old to be read anyway
 
 REQUIRED = (
@@ -218,20 +219,22 @@ class Receiver:
             if not all(map(math.isfinite, numbers)):
                 raise BrokenStream(f"{name} = {numbers} is not finite")
         t = values["timestamp"][0]
+        if not 0 <= t < CLOCK_MAX:
+            raise BrokenStream(
+                f"timestamp = {t:.10g} s is no time since a controller was started (rule: 0 to {CLOCK_MAX:.0f} s)"
+            )
         if self._last is None:
             self._last = t
             return True
-        periods = (t - self._last) * self.rate
         if t == self._last:
             self._row += 1
             self.count.repeated += 1
             if self._row > REPEATS_MAX:
                 raise BrokenStream(f"the controller's clock stands still at {t:.3f} s")
             return False
-        if not 0 < periods < math.inf:
-            way = "went back" if t < self._last else "jumped"
-            raise BrokenStream(f"the controller's clock {way} from {self._last:.10g} s to {t:.10g} s")
-        self.count.lost += max(0, round(periods) - 1)
+        if t < self._last:
+            raise BrokenStream(f"the controller's clock went back from {self._last:.10g} s to {t:.10g} s")
+        self.count.lost += max(0, round((t - self._last) * self.rate) - 1)
         self._last, self._row = t, 0
         return True
 
