@@ -19,6 +19,7 @@ from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Gat
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque
 from calib.gate.mounting import is_mounting, mounting_torque
+from calib.gate.saturation import saturated
 from calib.gate.search import GainStep, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
@@ -159,7 +160,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
     other = _other(arm, s, fit, sizes, family) if known else None
-    out.append(_columns(arm, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
+    out.append(_columns(arm, before, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))
     return out
 
@@ -176,18 +177,19 @@ def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray,
     return out, from_current, constant is not None or not from_current.any()
 
 
-def _columns(arm: Arm, found: Sequence[GainStep], ties: Sequence[GainStep], gains: np.ndarray) -> GateCheck:
+def _columns(arm: Arm, s: Signals, found: Sequence[GainStep], ties: Sequence[GainStep], gains: np.ndarray) -> GateCheck:
     """gains (n,): logarithm of every joint's residual as recorded over that of the corrected reading."""
     if not found:
         return GateCheck("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
     shown = [*found, *ties]
-    causes = tuple(Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown)
+    causes = [Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown]
+    causes += saturated(arm, s, found[0].correction.joints, max(cause.gain for cause in causes))  # named second
     detail = "the torque (or current) does not match the motion"
     if np.isfinite(gains).any():
         joint = int(np.nanargmax(gains))
         detail += f"; read another way, the residual of {names[joint]} is {1 - math.exp(-gains[joint]):.0%} smaller"
-    return GateCheck("torque", False, detail, causes, names)
+    return GateCheck("torque", False, detail, tuple(causes), names)
 
 
 def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> GateCheck:
