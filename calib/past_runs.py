@@ -115,4 +115,6 @@ def runs_and_faults(root: Path = RUNS) -> tuple[list[Run], list[ConfigError]]:
 
 
 def _folders(root: Path) -> list[Path]:
+    if root.exists() and not root.is_dir():
+        raise ConfigError(f"{root}: is not a folder; run folders are below one, give it with --runs")
     return sorted(f.parent for f in root.glob(f"*/{FILE}"))

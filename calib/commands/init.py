@@ -29,7 +29,7 @@ def command(
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the cell; my-ARM if not given.")] = None,
     as_json: options.Json = False,
-    configs: options.Configs = None,
+    configs: options.NewConfigs = None,
 ) -> None:
     """Find robots on the network, CAN adapters, and model files in this folder; write the first cell file.
 

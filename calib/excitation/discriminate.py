@@ -48,7 +48,9 @@ def pairs_of(run: Path, arm: Arm) -> list[Pair]:
             )
             for e in answer["effects"]
         ]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror}); give the run folder of `calib diagnose`") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ConfigError(f"{file}: not a diagnosis ({error!r}); give the run folder of `calib diagnose`") from error
     found = [(effect, rival) for effect, rivals in named for rival in rivals]
     for effect, (name, joint) in found:

@@ -156,7 +156,9 @@ def require(path: Path) -> None:
     folder = path.parent
     if not folder.is_dir():
         raise ConfigError(f"{path}: there is no folder {folder}; {GIVE}")
-    there = sorted(str(p) for p in folder.iterdir() if p.suffix in {*SUFFIXES, path.suffix} - {""})
+    if path.is_symlink():
+        raise ConfigError(f"{path}: is a link to {path.readlink()}, which is not there; {GIVE}")
+    there = sorted(str(p) for p in folder.iterdir() if p.suffix in {*SUFFIXES, path.suffix} - {""} and p.exists())
     near = did_you_mean(str(path), there)
     listed = ", ".join(there[:MOST_NAMES]) + (", ..." if len(there) > MOST_NAMES else "")
     beside = f"; there are {listed}" if there and not near else ""

@@ -39,6 +39,16 @@ Assume = Annotated[
 ]
 Configs = Annotated[
     Path | None,
+    typer.Option(
+        "--configs",
+        metavar="DIR",
+        exists=True,
+        file_okay=False,
+        help="Folder with one's own arms/ and cells/; ./configs if not given.",
+    ),
+]
+NewConfigs = Annotated[
+    Path | None,
     typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
 ]
 

@@ -141,3 +141,25 @@ def test_a_gap_is_reported_and_nothing_reaches_across(
     path = written(table()[:301] + table()[321:])
     assert main(["validate", "ur10e", str(path), "--no-forward", "--out", "found"]) == 0
     assert "1 gaps of more than 2.5 sample periods" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["plan", "ur10e", "--configs", "nowhere"], "'--configs': dir 'nowhere' does not exist"),
+        (["plan", "ur10e", "--configs", "file"], "'--configs': dir 'file' is a file"),
+        (["plan", "ur10e", "--discriminate", "folder"], "folder/diagnosis.json: cannot be read (No such file or directory)"),
+        (["runs", "--runs", "file"], "file: is not a folder"),
+        (["identify", "ur10e", "link.mcap"], "link.mcap: is a link to gone.mcap, which is not there"),
+        (["identify", "ur10e", "lonk.mcap"], "there is no recording 'lonk.mcap'; give the path"),
+    ],
+)
+def test_a_path_that_leads_nowhere_is_named(
+    arguments: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    of_bytes("file", b"")
+    Path("link.mcap").symlink_to("gone.mcap")
+    assert main(arguments) == 2
+    assert sentence in capsys.readouterr().err.splitlines()[-1]

@@ -72,5 +72,5 @@ def test_a_diagnosis_without_rivals_or_of_another_arm_is_refused(ur5e: Arm, tmp_
         pairs_of(diagnosis(tmp_path / "a", OFFSET), ur5e)
     with pytest.raises(ConfigError, match="joint"):
         pairs_of(diagnosis(tmp_path / "b", OFFSET, ("joint_spring", "elbo_joint")), ur5e)
-    with pytest.raises(ConfigError, match="not a diagnosis"):
+    with pytest.raises(ConfigError, match="cannot be read"):
         pairs_of(tmp_path / "nowhere", ur5e)
