@@ -87,7 +87,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     given = wanted if wanted is not None else None if cell.table.home is None else np.array(cell.table.home)
     if given is not None:
         if given.shape != (arm.n,) or not np.all((arm.q_min <= given) & (given <= arm.q_max)):
-            raise AnswerIsNo(
+            raise ConfigError(
                 f"home {np.round(given, 3).tolist()} rad: {arm.name} has {arm.n} joints within {np.round(arm.q_min, 2).tolist()} to "
                 f"{np.round(arm.q_max, 2).tolist()} rad; give a posture inside them with --home"
             )

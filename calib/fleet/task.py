@@ -110,8 +110,8 @@ def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
     dated = [r for r in recordings if r.started]
     if not dated:
         return list(recordings)
-    first = datetime.fromisoformat(max(r.started for r in dated)) - timedelta(days=days)
-    return [r for r in recordings if not r.started or datetime.fromisoformat(r.started) >= first]
+    last = datetime.fromisoformat(max(r.started for r in dated))
+    return [r for r in recordings if not r.started or (last - datetime.fromisoformat(r.started)) / timedelta(days=1) <= days]
 
 
 def _open(job: Job, copies: Copies) -> Opened:

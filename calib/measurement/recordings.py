@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -69,7 +70,7 @@ def _arm_of(run: Run) -> Path | None:
 def is_log(word: str) -> bool:
     """Whether `word` is the path of a recording, and not the name of an arm or a cell."""
     path = Path(word)
-    return path.suffix in SUFFIXES and path.is_file()
+    return path.suffix in SUFFIXES and os.path.isfile(path)  # as Path.is_file, but False for a name that no file can have
 
 
 def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
@@ -151,12 +152,12 @@ def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
 
 def require(path: Path) -> None:
     """ConfigError with what may be given, and the recordings beside it, where there is no such file."""
-    if path.exists():
+    if os.path.exists(path):
         return
     folder = path.parent
     if not folder.is_dir():
         raise ConfigError(f"{path}: there is no folder {folder}; {GIVE}")
-    if path.is_symlink():
+    if os.path.islink(path):
         raise ConfigError(f"{path}: is a link to {path.readlink()}, which is not there; {GIVE}")
     there = sorted(str(p) for p in folder.iterdir() if p.suffix in {*SUFFIXES, path.suffix} - {""} and p.exists())
     near = did_you_mean(str(path), there)

@@ -152,6 +152,9 @@ def test_a_gap_is_reported_and_nothing_reaches_across(
         (["runs", "--runs", "file"], "file: is not a folder"),
         (["identify", "ur10e", "link.mcap"], "link.mcap: is a link to gone.mcap, which is not there"),
         (["identify", "ur10e", "lonk.mcap"], "there is no recording 'lonk.mcap'; give the path"),
+        (["identify", "ur10e", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
+        (["identify", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
+        (["plan", "ur10e", "--home", "1e9,0,0,0,0,0"], "give a posture inside them with --home"),
     ],
 )
 def test_a_path_that_leads_nowhere_is_named(
