@@ -107,9 +107,9 @@ def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
     random = random_states(nominal)
     motion = [random[f"random_{k}"] for k in ("q", "dq", "ddq")]
     rows = [
-        _row("stacked regressor, 10,000 samples, 6 joints", best(lambda: model.body.regressor(*motion)) * 1e3, "ms", "<= 10"),
+        _row("stacked regressor, 10,000 samples, 6 joints", best(lambda: model.body.regressor(*motion)) * 1e3, "ms", "<= 6"),
         _row("Pinocchio in a loop: stacked regressor, 10,000 samples", best(lambda: _looped(model, *motion), 3) * 1e3, "ms"),
-        _row("arrays to base parameters with std", best(lambda: ordinary(model, *motion, random["random_tau"])) * 1e3, "ms", "<= 100"),
+        _row("arrays to base parameters with std", best(lambda: ordinary(model, *motion, random["random_tau"])) * 1e3, "ms", "<= 40"),
     ]  # fmt: skip
     for tool in cases[0]["seconds"]:
         used = [case["seconds"][tool] for case in cases]
