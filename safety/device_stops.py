@@ -23,8 +23,7 @@ COASTING = 2
 class DeviceStops(Merged):
     """The device's stop from every instant: row k holds those that begin between samples k and k + 1.
 
-    By any deceleration from `share` of the device's own, which is what the torque must suffice for, to its own; `softest` holds the
-    stops by the share alone.
+    By any deceleration from `share` of the device's own, which is what the torque must suffice for, to its own.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class DeviceStops(Merged):
             raise SafetyStop(f"latency of this computer is {latency} s; it must be measured, finite and not negative")
         self._sent, self._arm, self._proportional = sent, arm, stop.proportional
         self._slow, self._fast = share * stop.deceleration, hardest * stop.deceleration
-        self.softest = self if share == hardest else DeviceStops(sent, arm, stop, latency, share, share)
+        self._softer = None if share == hardest else DeviceStops(sent, arm, stop, latency, share, share)
         self._coast = stop.reaction + latency
         h = np.diff(sent.t)[:, None]
         self._q = hull(np.stack((sent.q[:-1], sent.q[1:])), arm.ddq_max * h**2 / 8)
@@ -55,6 +54,11 @@ class DeviceStops(Merged):
         first = self._coasting(every, coasting[None, :-1], coasting[None, 1:])
         then = self._slowing(every, braking[:, :-1], braking[:, 1:])
         self._merge(*(np.concatenate((a, b), axis=1) for a, b in zip(first, then, strict=True)))
+
+    @property
+    def softest(self) -> DeviceStops:
+        """The stops by the share alone. Not an attribute that is itself: megabytes that refer to themselves stay until they are looked for."""
+        return self if self._softer is None else self._softer
 
     def _coasting(self, rows: slice, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, ...]:
         (q_lo, q_hi), (v_lo, v_hi) = ((x[rows] for x in pair) for pair in (self._q, self._dq))

@@ -108,17 +108,18 @@ class PathSheet(Merged):
 
 
 class OwnStops(Merged):
-    """Our stop from every sample, by p_max (n,) rad/s^2 at the most: row k begins at sample k, column m is its m-th share of time.
-
-    `softest` is the same: it is the stop that is driven.
-    """
+    """Our stop from every sample, by p_max (n,) rad/s^2 at the most: row k begins at sample k, column m is its m-th share of time."""
 
     def __init__(self, sent: Trajectory, arm: Arm, p_max: np.ndarray) -> None:
         self._sent, self._arm = sent, arm
         self.profile = stop_profile(sent.dq, sent.ddq, p_max, arm.jerk_max)
         self.duration = self.profile.duration.max(axis=1)
-        self.softest = self
         self._merge(*self._bounds(slice(None), np.linspace(0, 1, STAGES + 1)))
+
+    @property
+    def softest(self) -> OwnStops:
+        """Itself, for it is the stop that is driven. Not an attribute: megabytes that refer to themselves stay until they are looked for."""
+        return self
 
     def _bounds(self, rows: slice, share: np.ndarray) -> tuple[np.ndarray, ...]:
         """Bounds (R, P, n) of q, dq, ddq between successive shares (P + 1,) of each stop's time."""

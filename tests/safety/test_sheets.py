@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -132,3 +135,26 @@ def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allow
         else:
             with pytest.raises(SafetyStop, match=f"j3: {message}"):
                 make(tight).check_limits()
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda motion, arm: OwnStops(motion, arm, arm.ddq_max),
+        lambda motion, arm: DeviceStops(motion, arm, DeviceStop(0.02, 4.0), 0.0),
+    ],
+    ids=["own", "device"],
+)
+def test_what_nobody_holds_is_gone_without_a_collection(
+    arm: Arm, fast: Trajectory, made: Callable[[Trajectory, Arm], OwnStops | DeviceStops]
+) -> None:
+    """The boxes of one long motion are megabytes, those of a plan hundreds, and a control loop runs without the collector."""
+    gc.disable()
+    try:
+        stops = made(fast, arm)
+        assert stops.softest is stops
+        gone = weakref.ref(stops)
+        del stops
+        assert gone() is None
+    finally:
+        gc.enable()
