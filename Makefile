@@ -14,8 +14,8 @@ demo: $(VENV)/ready  ## the whole story on the mock arm
 	$(BIN)/calib demo
 
 test: $(VENV)/ready  ## the tests that CI runs, in two processes; the drivers', which keep real time and mostly wait, after the others, in three
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore=tests/drivers
-	$(BIN)/python -m pytest -n 3 --dist loadfile tests/drivers
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore=tests/drivers
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder tests/drivers
 
 test-docs: $(VENV)/ready  ## every command block of README and docs, in the order of a reader
 	$(BIN)/python -m pytest -m slow tests/test_docs.py
