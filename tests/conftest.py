@@ -20,7 +20,7 @@ for name in ONE_THREAD:
 
 
 # in two processes these would otherwise be begun last, and one would wait for the other
-BEGUN_FIRST = (
+LONG = (
     "can_servo/test_monitor_process.py",
     "can_servo/test_recorded.py",
     "diagnosis/test_diagnose.py",
@@ -30,11 +30,13 @@ BEGUN_FIRST = (
     "tests/test_installed_wheel.py",
     "tests/test_style.py",
 )
+# one test of these takes hundreds of megabytes: while its process holds nothing of other files yet
+LARGE = ("calib/test_claims.py", "safety/test_execution.py", "safety/test_tube.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take long and have few tests come first; `make test` has xdist keep this order."""
-    items.sort(key=lambda item: not item.path.as_posix().endswith(BEGUN_FIRST))
+    """The files above come first; `make test` has xdist keep this order."""
+    items.sort(key=lambda item: not item.path.as_posix().endswith(LARGE + LONG))
 
 
 def pytest_collection_finish() -> None:
