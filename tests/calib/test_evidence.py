@@ -23,7 +23,7 @@ def found(verdict: str = "effects_found") -> Any:
     return SimpleNamespace(
         answer={"verdict": verdict},
         accepted=(SPRING,),
-        found=SimpleNamespace(ladder=steps),
+        steps=steps,
         correction=ArmChange({}, (SPRING,)),
     )
 
