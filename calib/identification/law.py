@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.identification.friction_columns import SLIP, nearest_width, part_of, products_of
 from calib.identification.model import FRICTION, TorqueModel
 from calib.measurement.filtering import Decimator
 from calib.measurement.preprocessing import Measurement
@@ -14,8 +15,8 @@ from calib.regression.friction_fit import HELD, FrictionFit, Part, fit_friction,
 from calib.regression.normal_equations import Prior
 from sim.arm import Arm, ArmEffect
 from sim.arm_table import SpeedFrom
-from sim.effects.friction_law import FAMILIES, TERMS, WIDTHS, FrictionLaw
-from sim.prediction import by_stage, link_side, motor_side, torque_of_laws
+from sim.effects.friction_law import FAMILIES, TERMS
+from sim.prediction import torque_of_laws
 
 # how far a fit of rows is trusted by itself: how far beyond the torque that was measured a joint's friction may lie
 FREE = 3.0
@@ -26,7 +27,7 @@ BREAKAWAY = 3.0
 # 1/s: over 0.25 s, the shortest horizon of `calib validate`, a speed then grows by e
 FASTEST, POSTURES = 4.0, 20
 CLEARLY = 0.05  # share of the error by which one reading must be better
-SLIP, STRIBECK = (tuple(TERMS.index(name) for name in FAMILIES[family]) for family in ("slip", "stribeck"))
+STRIBECK = tuple(TERMS.index(name) for name in FAMILIES["stribeck"])
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,8 @@ def fitted_laws(
     count as much less as they are less sure. Where viscous friction comes out so negative that a simulation would run away, laws without
     it stand first if they predict nearly as well.
     """
-    parts = [_part(model, m, sigma=sigma) for m in measurements]
-    samples = [_part(model, m, filtered=False) for m in measurements]
+    parts = [part_of(model, m, sigma=sigma) for m in measurements]
+    samples = products_of(model, measurements)
     free = _with_laws(model, parts, samples, nominal.mean, _free(model, parts, nominal), [SLIP])
     dry = _without_driving(model, measurements, parts, samples, nominal, free)
     return [_laws(model, found) for found in (dry, free) if found is not None]
@@ -69,7 +70,7 @@ def _laws(model: TorqueModel, found: FrictionFit) -> Laws:
         if falling:
             terms["power_1"], theta[wet] = float(theta[wet]), 0.0
         if j in found.joints or falling or level < 0:
-            terms[FAMILIES["slip"][_nearest(model.slip_width[j])]] += float(theta[dry]) - max(level, 0.0)
+            terms[FAMILIES["slip"][nearest_width(model.slip_width[j])]] += float(theta[dry]) - max(level, 0.0)
             theta[dry] = max(level, 0.0)
             effects.append(ArmEffect("friction_law", arm.joint_names[j], terms))
     return Laws(tuple(effects), theta, found.covariance, found.plain, found.predicted)
@@ -78,7 +79,7 @@ def _laws(model: TorqueModel, found: FrictionFit) -> Laws:
 def _with_laws(
     model: TorqueModel,
     parts: Sequence[Part],
-    samples: Sequence[Part],
+    samples: Sequence[np.ndarray],
     mean: np.ndarray,
     precision: np.ndarray,
     sets: Sequence[Sequence[int]],
@@ -103,7 +104,7 @@ def _without_driving(
     model: TorqueModel,
     measurements: Sequence[Measurement],
     parts: Sequence[Part],
-    samples: Sequence[Part],
+    samples: Sequence[np.ndarray],
     nominal: Prior,
     found: FrictionFit,
 ) -> FrictionFit | None:
@@ -147,17 +148,15 @@ def growth(model: TorqueModel, measurements: Sequence[Measurement], theta: np.nd
 def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:
     """Whether dry friction after some way from a reversal is more than BREAKAWAY times what slides, and the error without a law."""
     steps = found.coefficients[j][list(SLIP)].copy()
-    steps[_nearest(model.slip_width[j])] += found.theta[model.friction_column("coulomb", j)]
+    steps[nearest_width(model.slip_width[j])] += found.theta[model.friction_column("coulomb", j)]
     built = np.cumsum(steps)
     return bool(np.abs(built).max() > BREAKAWAY * (abs(built[-1]) + found.plain[j]))
 
 
-def _squares(samples: Sequence[Part], found: FrictionFit) -> np.ndarray:
-    """(n,) sums of squares of the errors of a fit on samples."""
-    return np.array([
-        sum(float(np.sum((s.r[j] - s.x[j] @ found.theta - s.d[j] @ found.coefficients[j]) ** 2)) for s in samples)
-        for j in range(len(found.coefficients))
-    ])  # fmt: skip
+def _squares(samples: Sequence[np.ndarray], found: FrictionFit) -> np.ndarray:
+    """(n,) sums of squares of the errors of a fit on samples, from `products_of`."""
+    weights = [np.concatenate([found.theta, coefficients, [-1.0]]) for coefficients in found.coefficients]
+    return np.array([v @ s @ v for v, s in zip(weights, samples, strict=True)])
 
 
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
@@ -174,8 +173,8 @@ def smoothing(model: TorqueModel, measured: Mapping[float, Sequence[Measurement]
     least, most = min(measured), max(measured)
     error = {}
     for cutoff, few in measured.items():
-        parts = [_part(model, m) for m in few]
-        compared = [_part(model, replace(m, decimator=Decimator.of_cutoff(m.rate, least))) for m in few]
+        parts = [part_of(model, m) for m in few]
+        compared = [part_of(model, replace(m, decimator=Decimator.of_cutoff(m.rate, least))) for m in few]
         error[cutoff] = left_out_error(parts, compared, nominal.mean, _free(model, parts, nominal))
     best = min(error, key=lambda cutoff: _ratio(error[cutoff], error[most]))
     return best if _ratio(error[best], error[most]) < 1 - CLEARLY else most
@@ -188,7 +187,7 @@ def _ratio(a: np.ndarray, b: np.ndarray) -> float:
 
 def fitted_plain(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> np.ndarray:
     """(n,) N m: RMS error of parts left out, with Coulomb and viscous friction alone."""
-    parts = [_part(model, m) for m in measurements]
+    parts = [part_of(model, m) for m in measurements]
     return fit_friction(parts, nominal.mean, _free(model, parts, nominal), []).plain
 
 
@@ -208,31 +207,3 @@ def _free(model: TorqueModel, parts: Sequence[Part], nominal: Prior) -> np.ndarr
             precision[k, :] = precision[:, k] = 0.0
             precision[k, k] = (size / (FREE * max(float(torque), 1e-9))) ** 2 + 1e-12
     return precision
-
-
-def _nearest(width: float) -> int:
-    return int(np.argmin(np.abs(np.log(np.array(WIDTHS) / width))))
-
-
-def _part(model: TorqueModel, m: Measurement, filtered: bool = True, sigma: np.ndarray | None = None) -> Part:
-    """Rows between the first and the last motion, reversals and all; or the samples that they are made of."""
-    arm, law, tr = model.arm, FrictionLaw(), m.trajectory
-    nothing = by_stage((), arm)
-    state = link_side(arm, tr, nothing)
-    motor_side(state, nothing)
-    links = model.joint_columns(tr.q, tr.dq, tr.ddq)
-    x, d, r = [], [], []
-    for j in range(arm.n):
-        columns = law.terms(state, j)
-        own = np.zeros((len(tr.t), model.p))
-        own[:, model.used_by(j)] = links[j]
-        # dry friction as a prediction builds it up, between the samples too
-        own[:, model.friction_column("coulomb", j)] = columns[:, SLIP[_nearest(model.slip_width[j])]]
-        every = np.column_stack([own, columns, m.tau[:, j]])
-        rows = m.rows(every)[m.row_moving] if filtered else every[m.samples_moving]
-        if sigma is not None and m.doubt is not None:
-            rows = rows / np.sqrt(1 + m.row_doubt[m.row_moving, j] / sigma[j] ** 2)[:, None]
-        x.append(rows[:, : model.p])
-        d.append(rows[:, model.p : -1])
-        r.append(rows[:, -1])
-    return Part(x, d, r)
