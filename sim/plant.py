@@ -8,7 +8,6 @@ reports is quantised and noisy as `arm.sensors` says.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +20,7 @@ from sim.encoders import Encoders
 from sim.instant import apply_all, instant
 from sim.joint_state import JointState
 from sim.mjcf import SOFT_STEP, STEP, twists
-from sim.plant_model import plant_model, twist_gears
+from sim.plant_model import along, loaded, plant_model, twist_gears
 from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
 from sim.slip import slip_direction
@@ -87,41 +86,38 @@ class Plant:
         self.data.ctrl[:], self.data.qacc_warmstart[:] = before.ctrl, before.qacc_warmstart
         mujoco.mj_forward(self.model, self.data)
 
-    def reset(self, q: np.ndarray, dq: np.ndarray | None = None, came: np.ndarray | None = None) -> None:
-        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, at time zero.
+    def reset(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray | None = None,
+        came: np.ndarray | None = None,
+        at: float = 0.0,
+        warming: np.ndarray | None = None,
+    ) -> None:
+        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, at time `at` s.
 
         came (K, n) rad: the readings that led up to q; they load dry friction, and gravity loads soft gears. Without it both are unloaded.
+        warming (n,): share of the way from cold to warm, which then stays; without it joints were cold at time zero.
         """
         mujoco.mj_resetData(self.model, self.data)
+        self.data.time = at
+        self._warming = None if warming is None else warming[None]
         q = np.asarray(q, dtype=float)
         self.data.qpos[self._dof] = self._encoders.angle(q)
         if dq is not None:
             self.data.qvel[self._dof] = dq
         mujoco.mj_forward(self.model, self.data)
-        n = self.arm.n
         self._reported = self._loop.reset(q)
-        self._slip = np.zeros(n)
+        self._slip, self._noise, self._heat = np.zeros((3, self.arm.n))
         self._memory: dict[Hashable, np.ndarray] = {}
         if came is not None:
             twist_gears(self.model, self.data, self._bodies, self._dof, self._twist)
-            self._load_friction(came + (self.data.qpos[self._dof] - q))
+            angle = self.data.qpos[self._dof]
+            path = along(self._instant(), np.concatenate([came + (angle - q), angle[None]]), self._bodies)
+            self._slip[self._presliding] = loaded(path, self._stages, self._each_step, self._presliding, self._memory)
         self._slip_angle = self.data.qpos[self._dof].copy()
-        self._noise = np.zeros(n)
-        self._heat = np.zeros(n)
         self._history = TorqueHistory(self.time, self._reported)
         self._encoder_before: tuple[float, np.ndarray] = (self.time, self.encoder())
-
-    def _load_friction(self, way: np.ndarray) -> None:
-        """Move the memories of dry friction along a way of the motors, (K, n) rad, which ends where they are."""
-        way = np.concatenate([way, self.data.qpos[self._dof][None]])
-        along: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(self._instant()).items() if v is not None}
-        state = PathState(**along)
-        state.q_motor, state.load = way, self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
-        apply_all(state, self._stages[Stage.FRICTION])
-        for j in self._presliding:
-            self._slip[j] = slip_direction(way[:, j], state.width[:, j])[-1]
-        state.memory = self._memory
-        apply_all(state, self._each_step[Stage.MOTOR])
 
     @property
     def stable(self) -> bool:
@@ -130,7 +126,7 @@ class Plant:
 
     @property
     def time(self) -> float:
-        """Simulated time since `reset`, s."""
+        """Simulated time, s."""
         return float(self.data.time)
 
     def command(
@@ -216,7 +212,9 @@ class Plant:
 
     def _instant(self, torque: np.ndarray | None = None) -> PathState:
         """The torque path at this one instant, for effects that are applied each step."""
-        return instant(self.time, self._qpos[self._dof], self._qvel[self._dof], self._qacc[self._dof], torque)
+        state = instant(self.time, self._qpos[self._dof], self._qvel[self._dof], self._qacc[self._dof], torque)
+        state.warming = self._warming
+        return state
 
     def _apply_effects(self) -> None:
         if not self._every_step:

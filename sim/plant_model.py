@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
+from sim.effects import Stage
+from sim.effects.effect import Effect
+from sim.instant import apply_all
 from sim.mjcf import TWIST, plant_text, twists
 from sim.model import no_callback
 from sim.rigid_body import RigidBody
+from sim.slip import slip_direction
+from sim.torque_path import PathState
+
+Steps = Mapping[Stage, Sequence[tuple[Effect, int | None, ArmEffect]]]
 
 
 def plant_model(
@@ -39,3 +47,22 @@ def twist_gears(
         angle = -load[0, j] / stiffness if stiffness > 0 else low if load[0, j] > 0 else high
         data.qpos[gear], data.qpos[dof[j]] = angle, data.qpos[dof[j]] - angle
     mujoco.mj_forward(model, data)
+
+
+def along(one: PathState, way: np.ndarray, bodies: RigidBody) -> PathState:
+    """The path of one instant, with the motors moved along a way (K, n) rad to where they are, and the load of the links there."""
+    every: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(one).items() if v is not None}
+    state = PathState(**every)
+    state.q_motor, state.load = way, bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+    return state
+
+
+def loaded(
+    state: PathState, stages: Steps, each_step: Steps, presliding: Sequence[int], memory: dict[Hashable, np.ndarray]
+) -> list[float]:
+    """Move the memories of dry friction along a path; the slip in which joints `presliding` end."""
+    apply_all(state, stages[Stage.FRICTION])
+    slip = [float(slip_direction(state.q_motor[:, j], state.width[:, j])[-1]) for j in presliding]
+    state.memory = memory
+    apply_all(state, each_step[Stage.MOTOR])
+    return slip

@@ -133,6 +133,12 @@ def promoted(
             for way in fit_for:
                 if not motion.rises(way.change):
                     return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
+            if plain is not bare and motion.rises(plain.change):
+                plain, good = (
+                    bare,
+                    _as_good(bare.rms, bare.rms) / np.maximum(bare.rms, 1e-12),
+                )  # a refit that could not be written
+                continue
             # where the motion refuses them, another way may be refused for the torque of some effects only
             seen = [k for k, bad in enumerate(worse) if bad.any() and not (fit_for and motion.rises(ways[k].change))]
             harmful = []

@@ -95,7 +95,8 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
         for k in starts:
             stiffness = LOOP**2 * (np.diag(bodies.mass_matrix(tr.q[k])) + rotor) * horizon.closed
             damping = 2 * DAMPING / LOOP * stiffness
-            plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k])
+            warming = None if m.warming is None else m.warming[k]
+            plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k], float(tr.t[k] - tr.t[0]), warming)
             for i in range(k, k + steps):
                 # the torque of the middle of the step stands for the step
                 tau = 0.5 * (torque[i] + torque[i + 1])

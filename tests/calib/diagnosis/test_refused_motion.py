@@ -40,3 +40,18 @@ def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm
     assert [r.effect.effect for r in promotion.refused] == ["stribeck_friction"]
     assert promotion.change is not None
     assert [e.effect for e in promotion.change.effects] == ["joint_spring"]
+
+
+def test_an_effect_need_not_be_as_good_as_a_refit_that_moves_worse(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own arm predicts and moves better than the arm as it was; a refit would predict the elbow better still, and the motion refuses it."""
+    hidden = at(2, lambda q, dq: 8.0 * (q - 0.4) + 40.0 * dq)
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 8.0, "rest_angle": 0.4})
+    those = warmed([measured(recording(ur10e, seed, hidden), ur10e) for seed in (1, 2)])
+    baseline = started(those, Hypothesis.nominal(ur10e))
+    named = fit(those, baseline.hypothesis.with_effects((spring,)), 0, baseline.solved.noise, baseline.models)
+    monkeypatch.setattr(SimulatedMotion, "rises", lambda self, change: [e.effect for e in change.effects] != ["joint_spring"])
+    monkeypatch.setattr(promotion_of, "as_written", lambda measurements, f: f)
+    promotion = promoted(those, named, baseline, warmed([measured(recording(ur10e, 3, hidden), ur10e)]))
+    assert promotion.refused == ()
+    assert promotion.change is not None
+    assert [e.effect for e in promotion.change.effects] == ["joint_spring"]

@@ -13,6 +13,7 @@ from calib.validation.forward import HORIZONS, SHORT, forward_error
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
 from sim.plant import Plant
+from sim.prediction import predict
 from sim.rigid_body import RigidBody
 from tests.calib.conftest import fourier_motion, recorded
 
@@ -37,6 +38,22 @@ def test_a_late_reading_is_used_when_it_was_true(ur5e: Arm) -> None:
     m = prepare(late, ur5e)
     known = with_effect(ur5e, ArmEffect("time_delay", None, {"delay": 0.012}))
     assert forward_error(known, m).flange < 0.6 * forward_error(ur5e, m).flange
+
+
+@pytest.mark.parametrize("measured", [False, True], ids=["by time", "by temperature"])
+def test_a_window_begins_as_warm_as_the_joints_are(ur5e: Arm, measured: bool) -> None:
+    warming = ArmEffect("thermal_friction", "shoulder_lift_joint", {"relative_drop": 0.6, "time_constant": 3.0})
+    arm = with_effect(ur5e, warming)
+    log = recorded(arm, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2)
+    m = prepare(log, ur5e)
+    if measured:
+        share = np.full((len(log.t), ur5e.n), 0.8)  # of the way from cold to warm, all the time
+        m = replace(
+            prepare(replace(log, tau=log.tau - predict(arm, m.trajectory) + predict(arm, m.trajectory, share)), ur5e),
+            warming=share,
+        )
+    right, cold = (forward_error(x, m, FEW[0]) for x in (arm, ur5e))
+    assert right.flange < 0.5 * cold.flange
 
 
 def test_windows_hold_no_gap(ur5e: Arm) -> None:
