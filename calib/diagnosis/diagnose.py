@@ -14,7 +14,6 @@ from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
-from calib.diagnosis.limits import Limit, limits_reached
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.pairs import paired
@@ -26,6 +25,7 @@ from calib.diagnosis.selection import SearchResult, add, search
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written
 from calib.gate.commands import LEAST_MOTION, examined
+from calib.measurement.limits import Limit, limits_reached
 from calib.measurement.observed import clear
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log

@@ -19,7 +19,7 @@ from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Gat
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque
 from calib.gate.mounting import is_mounting, mounting_torque
-from calib.gate.saturation import saturated
+from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
@@ -116,7 +116,7 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
     """`_physics`; of the last KEPT questions the answer is known: identification, validation and diagnosis ask about the same recordings."""
     digest = hashlib.blake2b()
     for log in logs:
-        for values in (log.t, log.q, log.dq, log.tau, log.current):
+        for values in (log.t, log.q, log.dq, log.tau, log.current, log.q_cmd):
             digest.update(f"{values.shape}".encode() + np.ascontiguousarray(values).tobytes())
     key = id(arm), id(family), digest.digest()
     known = _kept.pop(key, None)
@@ -137,6 +137,11 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     s = signals(logs, load)
     if not len(s):
         return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]
+    below = below_limits(arm, logs, s) if known else s
+    if len(below) < LEAST_BELOW * len(s):
+        detail = "a drive is at its torque limit nearly all the time: signs and columns cannot be checked"
+        return [GateCheck("torque", True, detail)]
+    s = below
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
         t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another

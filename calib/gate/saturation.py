@@ -1,4 +1,7 @@
-"""A drive at its limit: its torque stays at its largest value, and the motion is then not that of the model, as if columns were exchanged."""
+"""A drive at its torque limit: its torque is no longer what the motion needs, as if columns were exchanged.
+
+Where the commands were recorded, they show it, and such rows say nothing about columns; elsewhere it is a cause beside the others.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,23 @@ import numpy as np
 
 from calib.gate.check import Cause
 from calib.gate.signals import Signals
+from calib.measurement.limits import TOP, limits_reached
+from logs.log import Log
 from sim.arm import Arm
 
 HIGHEST = 0.995  # quantile that stands for the largest: beyond it noise decides
 NEAR, BELOW = 0.96, 0.88  # of the largest: from where on a torque stands at it, and the values just below to compare with
+LEAST_BELOW = 0.2  # of the rows, without which nothing is known of signs and columns
 LEAST_SHARE, PILED = 0.03, 3.0  # of the rows near the largest; how many times those just below, which a motion passes as well
+
+
+def below_limits(arm: Arm, logs: Sequence[Log], s: Signals) -> Signals:
+    """The rows in which no drive is at a torque limit that was seen to be reached once or more (calib.measurement.limits)."""
+    keep = np.ones(len(s), dtype=bool)
+    for reached in limits_reached(arm, logs, times=1):
+        j = arm.joint_index(str(reached.effect.joint))
+        keep &= np.abs(s.load[:, j]) < TOP * reached.effect.parameters["limit"]
+    return s.rows(keep)
 
 
 def saturated(arm: Arm, s: Signals, joints: Sequence[int], gain: float) -> list[Cause]:

@@ -7,7 +7,7 @@ good enough for identification.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import savgol_coeffs
@@ -47,6 +47,11 @@ class Signals:
         k = np.minimum(at.astype(int), np.maximum(len(self.series) - 2, 0))
         share = (at - k)[:, None]
         return np.asarray(self.series[k] * (1 - share) + self.series[np.minimum(k + 1, len(self.series) - 1)] * share)
+
+    def rows(self, keep: np.ndarray) -> Signals:
+        """Those rows alone, (R,) True; the series stays whole."""
+        own = {name: getattr(self, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log", "place")}
+        return replace(self, **own, late=self.late[:, keep])
 
     @property
     def n(self) -> int:

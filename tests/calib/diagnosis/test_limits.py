@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.limits import Limit, limits_reached
 from calib.diagnosis.whole import diagnose_pieces
+from calib.measurement.limits import Limit, limits_reached
 from logs import Pieces
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm

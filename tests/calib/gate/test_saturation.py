@@ -1,4 +1,4 @@
-"""A drive at its limit can look like exchanged columns: it is named beside them, and exchanged columns alone are not taken for it."""
+"""A drive at its limit can look like exchanged columns: where commands show it, its rows are left out; elsewhere it is named beside them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ import pytest
 
 from benchmarks.wrong_data import BASES, base, changes, family
 from calib.gate import gate
+from calib.gate.saturation import below_limits
+from calib.gate.signals import signals
+from logs.log import Log
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
+from sim.plant import Plant
 
 SWAPPED, AT_LIMIT = "columns of shoulder_lift_joint and wrist_3_joint are swapped", "the drive of {} was at its torque limit"
 
@@ -34,3 +40,47 @@ def test_a_torque_that_stands_at_its_largest_value_is_named_beside_exchanged_col
     assert SWAPPED in found.causes[0].sentence
     assert found.causes[1].sentence.startswith(AT_LIMIT.format("wrist_3_joint"))
     assert found.causes[1].sentence in found.refusal
+
+
+def test_rows_at_a_limit_that_the_commands_show_are_left_out() -> None:
+    of, log = base("ur10e 3")
+    most = 0.6 * np.abs(log.tau[:, 1]).max()
+    over = np.abs(log.tau[:, 1]) > most
+    limited = replace(log, tau=log.tau.copy(), q_cmd=log.q + 1e-5 * np.sin(7.0 * log.t)[:, None])
+    limited.tau[:, 1] = np.clip(log.tau[:, 1], -most, most)
+    limited.q_cmd[:, 1] += 0.3 * over
+    s = signals([limited], [limited.tau])
+    below = below_limits(of, [limited], s)
+    assert len(below) == pytest.approx(len(s) * (1 - over.mean()), rel=0.2)
+    assert np.abs(below.load[:, 1]).max() < 0.92 * most
+    assert len(below_limits(of, [log], signals([log], [log.tau]))) == len(s)
+
+
+def test_a_drive_at_its_limit_is_not_taken_for_exchanged_columns() -> None:
+    """A joint that its drive cannot lift: without the commands its recording looks like one with exchanged columns."""
+    arm = load_arm("servo6")
+    log = lifted_by_too_little(arm)
+    found = gate(arm, [log])
+    assert found.refusal is None
+    assert any("at its torque limit nearly all the time" in check.detail for check in found.checks)
+    assert gate(arm, [replace(log, q_cmd=np.full_like(log.q, np.nan))]).refusal is not None
+
+
+def lifted_by_too_little(arm: Arm) -> Log:
+    """Each joint in turn moves, half a minute in all; the shoulder's drive gives 6 of the 7.3 N m that hold the arm."""
+    home, rate = np.array([0.0, -0.9, 1.0, -1.5, -1.5, 0.0]), 100
+    plant = Plant(with_effect(arm, ArmEffect("torque_saturation", "shoulder_lift_joint", {"limit": 6.0})), arm, seed=3)
+    plant.reset(home)
+    t = np.arange(0, 6.0 * arm.n, 1 / rate)
+    turn = (t[:, None] // 6.0 == np.arange(arm.n)) * np.pi / 3
+    q, dq = home + 0.5 * np.sin(turn * t[:, None]), 0.5 * turn * np.cos(turn * t[:, None])
+    states = []
+    for k in range(len(t)):
+        plant.command(q[k], dq[k], np.zeros(arm.n))
+        plant.advance(1 / rate)
+        states.append(plant.read())
+    read = {name: np.array([getattr(x, name) for x in states]) for name in ("q", "dq", "tau")}
+    none = np.full_like(q, np.nan)
+    return Log(
+        arm.joint_names, t=t, t_host=t, **read, current=none, temperature=none, q_cmd=q, dq_cmd=dq, tau_cmd=none, metadata={}
+    )

@@ -52,8 +52,8 @@ class Limit:
         return self.behind / (self.behind + USUALLY)
 
 
-def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
-    """The joints whose drive reached its limit in `logs`; none where the commanded motion was not recorded.
+def limits_reached(arm: Arm, logs: Sequence[Log], times: int = LEAST_TIMES) -> list[Limit]:
+    """The joints whose drive reached its limit in `logs` so many times; none where the commanded motion was not recorded.
 
     A level that any recording goes beyond is no limit. Nothing is fitted, so recordings that are held out count like the others.
     """
@@ -66,7 +66,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
         most = max(float(np.quantile(_smoothed(tau, _rate(log)), 0.998)) for log, tau in read)
         found = [stand for log, tau in commanded for stand in _stands(log, j, tau, most) if stand[0] > BEHIND]
         levels = np.array([level for _, level in found])
-        if len(found) >= LEAST_TIMES and levels.std() < SAME * np.median(levels):
+        if len(found) >= times and levels.std() < SAME * np.median(levels):
             item = ArmEffect("torque_saturation", joint, {"limit": float(np.median(levels))})
             out.append(Limit(item, float(levels.std()), max(behind for behind, _ in found), len(found)))
     return out
