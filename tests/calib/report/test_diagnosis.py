@@ -30,6 +30,14 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     assert words in diagnosis.sentence(examples.diagnosis(verdict)[0])
 
 
+def test_a_limit_explains_no_share_of_the_torque() -> None:
+    data = examples.diagnosis()[0]
+    data["effects"][0] |= {"gap_share": 0.0}
+    text = diagnosis.sentence(data)
+    assert "seen where the joint falls behind its command" in text
+    assert "of the torque residual" not in text
+
+
 def test_a_refused_correction_is_no_agreement() -> None:
     """Neither the verdict nor the next steps call a model right whose corrections were all refused."""
     data = examples.diagnosis("no_missing_effect")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
