@@ -137,11 +137,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     s = signals(logs, load)
     if not len(s):
         return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]
-    below = below_limits(arm, logs, s) if known else s
-    if len(below) < LEAST_BELOW * len(s):
-        detail = "a drive is at its torque limit nearly all the time: signs and columns cannot be checked"
-        return [GateCheck("torque", True, detail)]
-    s = below
+    below = below_limits(arm, logs, s) if known else np.ones(len(s), dtype=bool)
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
         t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another
@@ -157,7 +153,12 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
             *out,
             GateCheck("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
         ]
-    before = s
+    if below.mean() < LEAST_BELOW:
+        detail = (
+            "a drive is at its torque limit nearly all the time: signs and columns of torques or currents cannot be checked"
+        )
+        return [*out, GateCheck("torque", True, detail)]
+    before = s = s.rows(below)
     found, rivals, s = steps(arm, s, SHIFTS)
     if found and is_mounting(arm, before, found[0].gain):
         found, s = [], before
