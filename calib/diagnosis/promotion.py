@@ -134,10 +134,8 @@ def promoted(
                 if not motion.rises(way.change):
                     return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
             if plain is not bare and motion.rises(plain.change):
-                plain, good = (
-                    bare,
-                    _as_good(bare.rms, bare.rms) / np.maximum(bare.rms, 1e-12),
-                )  # a refit that could not be written
+                # a refit that could not be written either is nothing to be measured by
+                plain, good = bare, np.full(start.n, 1 + WORSE_THAN_LAW)
                 continue
             # where the motion refuses them, another way may be refused for the torque of some effects only
             seen = [k for k, bad in enumerate(worse) if bad.any() and not (fit_for and motion.rises(ways[k].change))]
