@@ -77,6 +77,9 @@ def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None
     _run(state, stages, Stage.FRICTION)
     for j in range(state.q.shape[1]):
         ahead = 0.0 if lead is None else float(lead[j])
+        if j in state.slips:
+            state.slip[:, j] = state.slips[j](state, j, ahead)
+            continue
         columns = (np.ascontiguousarray(x[:, j]) for x in (state.q_motor, state.dq_motor, state.width))
         state.slip[:, j] = slip_along(state.t, *columns, ahead)
     state.tau += state.load + state.warmth * state.level * state.slip
@@ -98,11 +101,14 @@ def torque_of_laws(laws: Iterable[ArmEffect], arm: Arm, motion: Trajectory) -> n
 Stages = dict[Stage, list[tuple[Effect, int | None, ArmEffect]]]
 
 
-def by_stage(effects: Iterable[ArmEffect], arm: Arm) -> Stages:
-    """The effects sorted by stage, each with its joint's index; gains before offsets, widths after levels."""
+def by_stage(effects: Iterable[ArmEffect], arm: Arm, law: Effect | None = None) -> Stages:
+    """The effects sorted by stage, each with its joint's index; gains before offsets, widths after levels.
+
+    law: stands in for the effect of its name.
+    """
     stages: Stages = {stage: [] for stage in Stage}
     for item in effects:
-        effect = effect_named(item.effect)
+        effect = law if law is not None and law.name == item.effect else effect_named(item.effect)
         stages[effect.stage].append((effect, None if item.joint is None else arm.joint_index(item.joint), item))
     for items in stages.values():
         items.sort(key=lambda entry: _ORDER.get(entry[0].name, 0))

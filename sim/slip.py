@@ -23,6 +23,15 @@ def slip_direction(q: np.ndarray, width: np.ndarray, start: float = 0.0) -> np.n
     return z
 
 
+@numba.njit(cache=True)
+def spring_slip(q: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """z in [-1, 1]: dz = dq/width, held at its bounds; q (N,) rad, width (N,) rad."""
+    z = np.zeros(len(q))
+    for k in range(1, len(q)):
+        z[k] = min(1.0, max(-1.0, z[k - 1] + (q[k] - q[k - 1]) / width[k]))
+    return z
+
+
 @numba.njit(cache=True, error_model="numpy")
 def slip_along(t, q, dq, width, lead):  # type: ignore[no-untyped-def]
     """z + lead dz/dt: Dahl's law along a motion whose position is the cubic through (q, dq), (N,) each.

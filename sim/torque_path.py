@@ -17,8 +17,8 @@ The torque that a drive reports follows from a motion stage by stage; each effec
 from __future__ import annotations
 
 import enum
-from collections.abc import Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,7 +46,8 @@ class PathState:
     level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
     tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
     warm, where a recording has temperatures. memory: what a law needs of the samples before, kept by whoever
-    walks along a path in parts; None for a path that is whole.
+    walks along a path in parts; None for a path that is whole. slips: joint -> how its slip follows the motion, where that is not Dahl's
+    law: of the path, the joint and the lead s of `sim.slip.slip_along`.
     """
 
     t: np.ndarray
@@ -65,3 +66,4 @@ class PathState:
     force: np.ndarray
     warming: np.ndarray | None = None
     memory: dict[Hashable, np.ndarray] | None = None
+    slips: dict[int, Callable[[PathState, int, float], np.ndarray]] = field(default_factory=dict)

@@ -85,6 +85,11 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("known effects: sent to unexplained", _share(known, to_unexplained), "at most 3 %"),
         Figure("parameter error of rightly named effects, median", _middle(e for r in rows for e in r.errors.values()), "0.05"),
         Figure(
+            "stated 95 % intervals of rightly named effects cover",
+            Share(sum(sum(r.covered) for r in rows), sum(len(r.covered) for r in rows)),
+            "90-98 %",
+        ),
+        Figure(
             "gap on a log never seen, after/before, right singles, median", _middle(r.ratio for r in single if r.exact), "0.35"
         ),
         Figure(

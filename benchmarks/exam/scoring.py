@@ -32,6 +32,7 @@ class Row:
     unexplained: list[str] = field(default_factory=list)
     verdict: str = "no answer"
     errors: dict[str, float] = field(default_factory=dict)
+    covered: list[bool] = field(default_factory=list)
     claimed: float | None = None
     ratio: float | None = None
     over_true: float | None = None
@@ -112,6 +113,7 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
         for found in named:
             if key(found) == key(hidden):
                 row.errors |= _errors(hidden, found)
+                row.covered += _covered(hidden, found)
     row.chance = (answer.get("false_names") or {}).get("chance")
     gap = answer.get("gap") or {}
     row.claimed = _claimed(gap) if gap.get("noise_floor") and gap.get("sliding") else None
@@ -124,6 +126,16 @@ def _claimed(gap: dict) -> float | None:
     seen = [x for x in zip(sliding["before"], sliding["after"], gap["noise_floor"], strict=True) if None not in x]
     before, after, floor = (sum(x * x for x in column) for column in zip(*seen, strict=True)) if seen else (0.0, 0.0, 0.0)
     return 1 - (after - floor) / (before - floor) if before > 1.05 * floor else None
+
+
+def _covered(hidden: dict, found: dict) -> list[bool]:
+    """Whether the stated 95 % interval of each parameter that was estimated holds the truth."""
+    out = []
+    for name, value in hidden["parameters"].items():
+        got = (found.get("parameters") or {}).get(name, {})
+        if isinstance(value, int | float) and got.get("std"):
+            out.append(abs(got["value"] - value) <= 1.96 * got["std"])
+    return out
 
 
 def _errors(hidden: dict, found: dict) -> dict[str, float]:

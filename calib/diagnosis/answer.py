@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -84,9 +85,15 @@ def answer(
 
 
 def entry(
-    arm: Arm, item: ArmEffect, std: dict[str, float], confidence: float, share: float, rivals: Sequence[Key] = ()
+    arm: Arm,
+    item: ArmEffect,
+    std: dict[str, float],
+    confidence: float,
+    share: float,
+    rivals: Sequence[Key] = (),
+    by_law: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """One effect as diagnosis.json has it."""
+    """One effect as diagnosis.json has it; by_law: what each standard deviation owes to the law (calib.diagnosis.model_form), a part of `std`."""
     effect = effect_named(item.effect)
     nominal, through = nominal_values(arm, item), driven_by(arm.joint_names, item)
     return {
@@ -96,7 +103,8 @@ def entry(
         "parameters": {
             p.name: {
                 "value": float(item.parameters[p.name]),
-                "std": float(np.nan_to_num(std[p.name], posinf=0.0)),
+                "std": float(np.hypot(np.nan_to_num(std[p.name], posinf=0.0), by_law.get(p.name, 0.0))),
+                **({"std_by_law": by_law[p.name]} if by_law.get(p.name) else {}),
                 "nominal": nominal[p.name],
                 "unit": p.unit,
             }

@@ -14,6 +14,7 @@ from calib.diagnosis.nuisance import LATER, OWN, POSITIVE, WIDER, first_own, fri
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named
+from sim.effects.effect import Effect
 from sim.own_values import values_of
 from sim.prediction import Stages, by_stage, motor_side
 from sim.rigid_body import RigidBody
@@ -135,9 +136,9 @@ class LogModel:
         out[:, -2:] = own[:, len(OWN) :]
         return out
 
-    def tail(self, j: int, own: Sequence[ArmEffect], **changes: float) -> np.ndarray:
-        """tau (N,) of joint j with `own` as its joint effects, from the present load; changes: width, lead."""
-        tau = self._state(j, own, **changes).tau[:, 0]
+    def tail(self, j: int, own: Sequence[ArmEffect], law: Effect | None = None, **changes: float) -> np.ndarray:
+        """tau (N,) of joint j with `own` as its joint effects, from the present load; law: in place of one; changes: width, lead."""
+        tau = self._state(j, own, law, **changes).tau[:, 0]
         return tau - self.hypothesis.delay * self.gradient(tau)
 
     def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
@@ -194,7 +195,7 @@ class LogModel:
     def _channel(self) -> list[ArmEffect]:
         return [item for _, _, item in self.stages[Stage.CHANNEL]]
 
-    def _state(self, j: int, own: Sequence[ArmEffect], **changes: float) -> PathState:
+    def _state(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> PathState:
         state = self.side.joint(j)
         law = next((e for e in own if e.effect == "friction_law"), None)
         if law is not None and not any(effect_named(e.effect).stage in (Stage.JOINT, Stage.TRANSMISSION) for e in own):
@@ -204,7 +205,7 @@ class LogModel:
         items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
         width = np.array([changes.get("width", self.hypothesis.width[j])])
         lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
-        motor_side(state, by_stage([*items, *self._channel()], self.arm), width, lead)
+        motor_side(state, by_stage([*items, *self._channel()], self.arm, instead), width, lead)
         return state
 
     def _joint_path(self, j: int) -> JointPath:

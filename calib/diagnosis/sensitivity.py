@@ -9,7 +9,7 @@ from calib.diagnosis.model import LATE, LogModel
 from calib.diagnosis.parameters import changed, logarithmic, parameters_of, within
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named, with_effect
-from sim.effects.effect import Parameter
+from sim.effects.effect import Effect, Parameter
 from sim.prediction import by_stage, link_side, motor_side
 
 
@@ -23,6 +23,18 @@ def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[list[np.n
             step = -step
         moved = changed(item, p, step)
         out.append([_slope(model, hypothesis, k, item, moved, step) for k, model in enumerate(models)])
+    return out
+
+
+def other_law(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, law: Effect) -> np.ndarray:
+    """(R, n) change of predicted torque where the accepted effect `item` follows `law` with the same parameters."""
+    if item.joint is None or effect_named(item.effect).stage not in LATE:
+        event = hypothesis.event(log)
+        tau = _predicted(model, hypothesis, hypothesis.arm, event, law)
+        return model.rows(tau - model.tau_hat)
+    j = model.arm.joint_index(item.joint)
+    out = np.zeros_like(model.residual)
+    out[:, j] = model.rows(model.tail(j, model.own_effects(j), law) - model.tau_hat[:, j])
     return out
 
 
@@ -65,9 +77,11 @@ def _difference(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffe
     return _predicted(model, hypothesis, arm, hypothesis.event(log)) - model.tau_hat
 
 
-def _predicted(model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffect | None) -> np.ndarray:
+def _predicted(
+    model: LogModel, hypothesis: Hypothesis, arm: Arm, event: ArmEffect | None, law: Effect | None = None
+) -> np.ndarray:
     effects = arm.effects if event is None else (*arm.effects, event)
-    stages = by_stage(effects, arm)
+    stages = by_stage(effects, arm, law)
     state = link_side(arm, model.measurement.trajectory, stages, model.measurement.warming)
     motor_side(state, stages, hypothesis.width, hypothesis.lead)
     return state.tau - hypothesis.delay * model.gradient(state.tau)

@@ -200,7 +200,11 @@ def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]
         return entry
     effect, std = item
     parameters = {
-        name: p | {"value": float(effect.parameters[name]), "std": float(np.nan_to_num(std[name], posinf=0.0))}
+        name: p
+        | {
+            "value": float(effect.parameters[name]),
+            "std": float(np.hypot(np.nan_to_num(std[name], posinf=0.0), p.get("std_by_law", 0.0))),
+        }
         for name, p in entry["parameters"].items()
     }
     return entry | {"parameters": parameters}

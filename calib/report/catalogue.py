@@ -69,6 +69,7 @@ def page() -> str:
         "",
     ]
     for effect in EFFECTS:
+        others = "; ".join(f"`{law.law}`" for law in effect.forms())
         lines += [
             f"## {effect.name}",
             "",
@@ -78,6 +79,7 @@ def page() -> str:
             "",
             f"- **Looks like** {effect.looks}.",
             *([f"- **Distinguished by** {effect.experiment}."] if effect.experiment else []),
+            *([f"- **Other published laws**, for which its standard deviations allow: {others}."] if others else []),
             f"- **Reference** {effect.reference}.",
             "",
             "| parameter | unit | meaning |",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
@@ -26,6 +28,10 @@ class CoulombFriction(Effect):
         """level += F."""
         state.level[:, joint] += p["coulomb"]
 
+    def forms(self) -> Sequence[Effect]:
+        """A function of speed without memory, as most simulators have it."""
+        return (_OfSpeed(),)
+
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """level += F; its middle is one number, which builds up together with every other slip of the joint."""
         box.add(box.level, joints, p["coulomb"].wider(unsure))
@@ -39,3 +45,19 @@ class CoulombFriction(Effect):
         """frictionloss, or the level of a LuGre element where another effect shapes the dry friction."""
         form = self.mjcf(joint, p)
         return Exported("native", "frictionloss", "viscous below about 1 mrad/s", form, dry={"level": p["coulomb"]})
+
+
+class _OfSpeed(CoulombFriction):
+    """tau = F tanh(dq/v), v the speed that the joint's RMS acceleration reaches over the width of its slip, sqrt(2 a width)."""
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """level += F, with another slip."""
+        super().apply(state, joint, p)
+        assert joint is not None
+        state.slips.setdefault(joint, _of_speed)
+
+
+def _of_speed(state: PathState, joint: int, lead: float) -> np.ndarray:
+    push = float(np.sqrt(np.mean(state.ddq_motor[:, joint] ** 2)))
+    speed = np.sqrt(2 * max(push, 1e-6) * state.width[:, joint])
+    return np.tanh(state.dq_motor[:, joint] / speed)

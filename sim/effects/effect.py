@@ -162,6 +162,10 @@ class Effect:
             if x.zero is not None
         }
 
+    def forms(self) -> Sequence[Effect]:
+        """Other published laws of this effect, with the same parameters: nobody knows which one a real joint follows."""
+        return ()
+
     def probes(self, own: Values | None) -> list[Probe]:
         """Where to try the effect, beside the values that the arm has (None where it has none).
 

@@ -39,10 +39,34 @@ class ExternalContact(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """f += f sin^2 within the window."""
         phase = (state.t - p["start"]) / p["duration"]
-        window = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase) ** 2, 0.0)
+        window = np.where((phase > 0) & (phase < 1), self.window(phase), 0.0)
         state.force += window[:, None] * np.array([p["force_x"], p["force_y"], p["force_z"]])
+
+    def window(self, phase: np.ndarray) -> np.ndarray:
+        """Share of the force at 0 < phase < 1 (N,)."""
+        return np.sin(np.pi * phase) ** 2
+
+    def forms(self) -> Sequence[Effect]:
+        """Half a sine, and a force that is there at once and gone at once: nobody knows how it was touched."""
+        return _HalfSine(), _Constant()
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """f += anything from 0 to f: nobody knows when the recording began."""
         for axis, name in enumerate(("force_x", "force_y", "force_z")):
             box.add(box.force, np.array([axis]), Interval.zeros((1,)).hull(p[name].wider(unsure)))
+
+
+class _HalfSine(ExternalContact):
+    """f(t) = f sin(pi (t - start)/duration)."""
+
+    def window(self, phase: np.ndarray) -> np.ndarray:
+        """sin(pi x)."""
+        return np.sin(np.pi * phase)
+
+
+class _Constant(ExternalContact):
+    """f(t) = f."""
+
+    def window(self, phase: np.ndarray) -> np.ndarray:
+        """1."""
+        return np.ones_like(phase)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
@@ -22,10 +24,30 @@ class LoadDependentFriction(Effect):
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """level += c |load|."""
-        state.level[:, joint] += p["coefficient"] * np.abs(state.load[:, joint])
+        state.level[:, joint] += p["coefficient"] * self.grown(np.abs(state.load[:, joint]))
+
+    def grown(self, load: np.ndarray) -> np.ndarray:
+        """N m (N,) to which friction is in proportion, where the gear carries a load (N,) of that size."""
+        return load
+
+    def forms(self) -> Sequence[Effect]:
+        """Powers of the load: 2/3 of one elastic contact (its area, after Hertz), 4/3 of a ball bearing (Harris, Rolling Bearing Analysis)."""
+        return _Power(2 / 3), _Power(4 / 3)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """level += c |load|."""
         share = p["coefficient"].wider(unsure)
         box.add(box.level, joints, share * abs(box.load[:, joints]))
         box.by_friction[:, joints] += share.magnitude * box.steep[:, joints]
+
+
+class _Power(LoadDependentFriction):
+    """level += c L (|load|/L)^e, L the RMS of the load: the coefficient is right at the load that the joint carries."""
+
+    def __init__(self, exponent: float) -> None:
+        self._exponent = exponent
+
+    def grown(self, load: np.ndarray) -> np.ndarray:
+        """L (load/L)^e."""
+        usual = max(float(np.sqrt(np.mean(load**2))), 1e-12)
+        return usual * (load / usual) ** self._exponent

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.optimize import brentq
 
 from sim.effects.effect import Effect, Parameter, Values
 from sim.interval import Interval
@@ -11,6 +14,7 @@ from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
 NEAR = 0.005
+THINNEST = 1e-6  # rad/s: a fluid that thins below
 
 
 class NonlinearViscousFriction(Effect):
@@ -35,8 +39,16 @@ class NonlinearViscousFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += warmth c |dq|^e sign(dq)."""
         speed = state.dq_motor[:, joint]
-        law = np.abs(speed) ** p["exponent"] * np.sign(speed)
+        law = self.at(np.abs(speed), p["exponent"]) * np.sign(speed)
         state.tau[:, joint] += state.warmth[:, joint] * p["coefficient"] * law
+
+    def at(self, speed: np.ndarray, exponent: float) -> np.ndarray:
+        """Torque at a speed (N,) rad/s over that at 1 rad/s."""
+        return speed**exponent
+
+    def forms(self) -> Sequence[Effect]:
+        """A fluid that thins with shear, or a polynomial."""
+        return (_FluidOrPolynomial(),)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """tau += warmth c |dq|^e sign(dq): it grows with dq, and goes one way with e."""
@@ -56,3 +68,24 @@ class NonlinearViscousFriction(Effect):
         a, b, c = p["coefficient"] * size.speed ** p["exponent"] * share / size.speed ** np.arange(1, 4)
         words = f"{off:.1%} of its torque at {size.speed:.3g} rad/s, and only up to that speed" if off > 1e-9 else ""
         return Exported("native", "damping polynomial", words, damping=(float(a), float(b), float(c)))
+
+
+class _FluidOrPolynomial(NonlinearViscousFriction):
+    """tau = c asinh(|dq|/k)/asinh(1/k) sign(dq) where e < 1, a lubricant that thins with shear; else c ((m+1-e) |dq|^m + (e-m) |dq|^(m+1)) sign(dq).
+
+    m is the whole part of e. Both have the torque and the exponent of the power law at 1 rad/s. H. Eyring (1936), doi:10.1063/1.1749836.
+    """
+
+    def at(self, speed: np.ndarray, exponent: float) -> np.ndarray:
+        """Torque over that at 1 rad/s."""
+        if exponent < 1:
+            k = float(brentq(lambda x: _slope(x) - max(exponent, _slope(THINNEST)), THINNEST, 1e3))
+            return np.arcsinh(speed / k) / np.arcsinh(1 / k)
+        m = np.floor(exponent)
+        return (m + 1 - exponent) * speed**m + (exponent - m) * speed ** (m + 1)
+
+
+def _slope(k: float) -> float:
+    """d ln asinh(v/k) / d ln v at v = 1 rad/s."""
+    x = 1 / k
+    return float(x / (np.sqrt(1 + x * x) * np.arcsinh(x)))

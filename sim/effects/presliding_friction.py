@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sim.arm import ArmEffect
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Exported, JointSize
+from sim.slip import spring_slip
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
@@ -43,6 +46,10 @@ class PreslidingFriction(Effect):
         """width = level / stiffness, never below the width that every bearing has."""
         state.width[:, joint] = np.maximum(state.width[:, joint], state.level[:, joint] / p["stiffness"])
 
+    def forms(self) -> Sequence[Effect]:
+        """A spring that slips at the level, Jenkins' element of generalized Maxwell slip (Al-Bender et al. 2005, doi:10.1109/TAC.2005.858676)."""
+        return (_Jenkins(),)
+
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The width follows from the level, which may have been any: the memory is held by its amplitude alone."""
         box.loose[joints] = True
@@ -64,6 +71,21 @@ class PreslidingFriction(Effect):
             return Probe(none, ({"stiffness": stiffness},), combine)
 
         return [at(k) for k in self.parameter("stiffness").grid]
+
+
+class _Jenkins(PreslidingFriction):
+    """d slip = dq stiffness/level, held in [-1, 1] at once and not by and by."""
+
+    def apply(self, state: PathState, joint: int | None, p: Values) -> None:
+        """The same width."""
+        super().apply(state, joint, p)
+        assert joint is not None
+        state.slips[joint] = _of_spring
+
+
+def _of_spring(state: PathState, joint: int, lead: float) -> np.ndarray:
+    z = spring_slip(*(np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.width)))
+    return z + lead * np.gradient(z, state.t)
 
 
 def built_up(joint: str, level: float, width: float) -> list[ArmEffect]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
@@ -36,7 +38,15 @@ class StribeckFriction(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """level += F_s exp(-(dq/v_s)^2)."""
         speed = state.dq_motor[:, joint] / p["stribeck_velocity"]
-        state.level[:, joint] += p["stiction_excess"] * np.exp(-(speed**2))
+        state.level[:, joint] += p["stiction_excess"] * self.remaining(np.abs(speed))
+
+    def remaining(self, speed: np.ndarray) -> np.ndarray:
+        """Share of the excess at a speed (N,) in units of v_s."""
+        return np.exp(-(speed**2))
+
+    def forms(self) -> Sequence[Effect]:
+        """Tustin's exponential and the hyperbola of Hess and Soom; all three in Armstrong-Helouvry et al. 1994, section 2."""
+        return _Exponential(), _Hyperbolic()
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """level += F_s exp(-(dq/v_s)^2): largest at the slowest."""
@@ -48,3 +58,19 @@ class StribeckFriction(Effect):
         """The LuGre friction of a passive dcmotor has this law in steady motion."""
         dry = {"excess": p["stiction_excess"], "velocity": p["stribeck_velocity"]}
         return Exported("native", "dcmotor lugre", "builds up over 0.1 mrad after a reversal", dry=dry)
+
+
+class _Exponential(StribeckFriction):
+    """level += F_s exp(-|dq|/v_s)."""
+
+    def remaining(self, speed: np.ndarray) -> np.ndarray:
+        """exp(-x)."""
+        return np.exp(-speed)
+
+
+class _Hyperbolic(StribeckFriction):
+    """level += F_s / (1 + (dq/v_s)^2)."""
+
+    def remaining(self, speed: np.ndarray) -> np.ndarray:
+        """1/(1 + x^2)."""
+        return 1.0 / (1.0 + speed**2)

@@ -63,6 +63,19 @@ def test_parameter_errors_are_those_of_rightly_named_effects(tmp_path: Path) -> 
     assert scored(tmp_path, [hidden], "effects_found", [named | {"joint": "wrist_1_joint"}]).errors == {}
 
 
+def test_intervals_that_hold_the_truth_are_counted(tmp_path: Path) -> None:
+    hidden = SPRING | {"parameters": {"stiffness": 20.0, "rest_angle": 0.5, "cycles": 2.0}}
+    parameters = {
+        "stiffness": {"value": 21.0, "std": 0.6},
+        "rest_angle": {"value": 0.6, "std": 0.05},
+        "cycles": {"value": 2.0, "std": 0.0},
+    }
+    row = scored(tmp_path, [hidden], "effects_found", [SPRING | {"parameters": parameters}])
+    assert row.covered == [True, False]
+    shown = {f.what: f.value for f in figures([row])}["stated 95 % intervals of rightly named effects cover"]
+    assert (shown.right, shown.total) == (1, 2)
+
+
 @pytest.mark.parametrize(
     ("rivals", "experiment", "right"),
     [
