@@ -22,6 +22,8 @@ from sim.effects.effect import Effect
 def form_std(f: Fit) -> list[dict[str, float]]:
     """Square root of the between-model variance of every parameter of every accepted effect, in its unit."""
     accepted = f.accepted
+    if not accepted:
+        return []
     variance = np.zeros(len(f.covariance))
     for item in (*f.hypothesis.arm.effects, *(e for e in accepted if e.effect == CONTACT)):
         laws = effect_named(item.effect).forms()
