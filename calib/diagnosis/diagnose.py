@@ -14,7 +14,7 @@ from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
-from calib.diagnosis.model_form import form_std
+from calib.diagnosis.model_form import as_written_too, form_std
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.pairs import paired
@@ -89,12 +89,16 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
         return max(a.lost - (one.loss(0.0) if one else 0.0), 0.0)
 
     total = max(sum(of_torque(a) for a in names.assessed), 1e-9)
-    laws = {(e.effect, e.joint): std for e, std in zip(names.fit.accepted, form_std(names.fit), strict=True)}
+
+    def key(e: ArmEffect) -> tuple[str, str | None]:
+        return e.effect, e.joint
+
+    laws = {key(e): std for e, std in zip(names.fit.accepted, form_std(names.fit), strict=True)}
     entries = []
     for a in names.kept:
         item = promotion.written(a.effect)
         std = names.std_of(a.effect) | dict(item.std)
-        by_law = laws[a.effect.effect, a.effect.joint]
+        by_law = as_written_too(laws[key(a.effect)], a.effect, item)
         made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law)
         if (a.effect.effect, a.effect.joint) in observed:
             made["measured_by"] = "following error"

@@ -8,6 +8,8 @@ It says how far the number may be from the joint's, and nothing of the torque th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calib.diagnosis.fit import Fit
@@ -33,6 +35,11 @@ def form_std(f: Fit) -> list[dict[str, float]]:
         scale = abs(accepted[i].parameters[p.name]) if logarithmic(p) else 1.0
         out[i][p.name] = float(np.sqrt(v) * scale)
     return out
+
+
+def as_written_too(std: Mapping[str, float], fitted: ArmEffect, written: ArmEffect) -> dict[str, float]:
+    """The same, with what a parameter moved when the effect was fitted as an arm folder can hold it, whose dry friction has no damping."""
+    return {k: float(np.hypot(s, written.parameters[k] - fitted.parameters[k])) for k, s in std.items()}
 
 
 def _bias(f: Fit, item: ArmEffect, law: Effect) -> np.ndarray:
