@@ -114,16 +114,15 @@ def _joined(rows: ResidualRows, accepted: list[ScoredChange]) -> ResidualRows:
     """The rows with the accepted columns beside them, free."""
     if not accepted:
         return rows
-    out = rows.released()
+    own = []
     for j in range(rows.n):
         more = [
             a.columns[j] if j in a.columns else np.zeros((len(rows.r[j]), len(next(iter(a.columns.values()))[0])))
             for a in accepted
         ]
-        out.x[j] = np.concatenate(
-            [rows.x[j], *[m * WIDE * np.abs(a.coefficients) for m, a in zip(more, accepted, strict=True)]], axis=1
-        )
-    return out.released()
+        beside = [m * WIDE * np.abs(a.coefficients) for m, a in zip(more, accepted, strict=True)]
+        own.append(np.concatenate([rows.columns(j), *beside], axis=1))
+    return rows.released(own)
 
 
 def _restated(accepted: list[ScoredChange], solved: Solved, p: int) -> list[Changed]:

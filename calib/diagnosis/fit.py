@@ -190,10 +190,5 @@ def _prior(columns: list[list[np.ndarray]], hypothesis: Hypothesis) -> tuple[np.
 
 def _joined(rows: ResidualRows, columns: list[list[np.ndarray]], scale: np.ndarray, mean: np.ndarray) -> ResidualRows:
     """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
-    widened = ResidualRows(rows.models)
-    for j in range(rows.n):
-        extra = [rows.take(j, [c[:, j] for c in per_log]) for per_log in columns]
-        widened.x[j] = np.concatenate([rows.x[j], np.stack(extra, axis=1) * scale], axis=1)
-    widened.mean = np.concatenate([rows.mean, mean])
-    widened.least = np.concatenate([rows.least, np.full(len(columns), -np.inf)])
-    return widened
+    extra = [[rows.take(j, [c[:, j] for c in per_log]) for per_log in columns] for j in range(rows.n)]
+    return rows.beside([np.stack(of_joint, axis=1) * scale for of_joint in extra], mean)

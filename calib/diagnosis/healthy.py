@@ -37,10 +37,11 @@ class HealthyLaw:
     def rows(self, models: list[LogModel]) -> ResidualRows:
         """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
         rows = ResidualRows(models)
+        own = []
         for j, columns in enumerate(_columns(rows, self.scale)):
             rows.r[j] = rows.r[j] - columns @ self.mean
-            rows.x[j] = columns @ self.root
-        return rows.released()
+            own.append(columns @ self.root)
+        return rows.released(own)
 
 
 class Folds:
@@ -114,9 +115,9 @@ def _columns(rows: ResidualRows, scale: list[np.ndarray]) -> Iterable[np.ndarray
     total = sum(len(s) for s in scale)
     first = 0
     for j, d in enumerate(_dictionary(rows.models)):
-        p = rows.x[j].shape[1]
+        p = rows.p
         out = np.zeros((len(rows.r[j]), p + total))
-        out[:, :p] = rows.x[j]
+        out[:, :p] = rows.columns(j)
         out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
         first += len(scale[j])
         yield out

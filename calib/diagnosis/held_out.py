@@ -38,7 +38,7 @@ class HeldOut:
         for model in models:
             rows = ResidualRows([model])
             for j, of_joint in enumerate(errors):
-                of_joint.append(rows.r[j] - rows.x[j] @ theta)
+                of_joint.append(rows.r[j] - rows.predicted(j, theta))
                 loss += huber(rows.whiten(noise, j, of_joint[-1]))
         there = together([m.followed for m in apart])
         loss += loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)

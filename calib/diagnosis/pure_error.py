@@ -38,7 +38,7 @@ def measured_noise(f: Fit) -> Noise:
     found, bound = [], False
     for j in range(n):
         most, taken, count = FILLED * len(rows.r[j]), [np.zeros((len(rows.r[j]), 0))], 0
-        for part in (rows.x[j], *[rows.take(j, x) for x in basis.groups(j).values()], *own[j]):
+        for part in (rows.columns(j), *[rows.take(j, x) for x in basis.groups(j).values()], *own[j]):
             varied = part[:, np.ptp(part, axis=0) > 0] if len(part) else part
             if count + varied.shape[1] <= most:
                 taken.append(varied)

@@ -26,43 +26,64 @@ class ResidualRows:
     """All usable rows of some logs under one hypothesis.
 
     r        per joint (R_j,) N m, measured less predicted, filtered
-    x        per joint (R_j, p) N m per standard deviation of the prior
     joined   per joint (R_j,) the row before is the neighbour in time
     doubt    per joint (R_j,) (N m)^2 that bridged gaps add to the variance
     index    per joint, per log: the usable rows, to evaluate further columns on the same rows
     mean     (p,) where the prior of the parameters has its middle
     least    (p,) below this a parameter means friction that drives, or a rotor that has less than no inertia
+    own      per joint (R_j, p) in place of the models' nuisance columns; None: those
+    more     per joint (R_j, k) of accepted parameters behind these columns; None: none
+
+    Columns are N m per standard deviation of the prior.
     """
 
     models: list[LogModel]
     r: list[np.ndarray] = field(init=False)
-    x: list[np.ndarray] = field(init=False)
     joined: list[np.ndarray] = field(init=False)
     doubt: list[np.ndarray] = field(init=False)
     index: list[list[np.ndarray]] = field(init=False)
     mean: np.ndarray = field(init=False)
     least: np.ndarray = field(init=False)
-    own: bool = field(init=False, default=False)
+    own: list[np.ndarray] | None = field(init=False, default=None)
+    more: list[np.ndarray] | None = field(init=False, default=None)
     _taps: dict[int, tuple[Noise, np.ndarray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         n = self.models[0].measurement.n
         self.index = [[np.flatnonzero(m.measurement.row_usable[:, j]) for m in self.models] for j in range(n)]
-        self.r, self.x, self.joined, self.doubt = [], [], [], []
+        self.r, self.joined, self.doubt = [], [], []
         for j in range(n):
             self.r.append(np.concatenate([m.residual[k, j] for m, k in zip(self.models, self.index[j], strict=True)]))
-            self.x.append(np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)]))
             stretches = [m.measurement.row_stretch[k] for m, k in zip(self.models, self.index[j], strict=True)]
             self.joined.append(np.concatenate([neighbours(*pair) for pair in zip(self.index[j], stretches, strict=True)]))
             self.doubt.append(self.take(j, [m.measurement.row_doubt[:, j] for m in self.models]))
         self.mean, self.least = np.zeros(self.p), self.models[0].least
 
-    def released(self) -> ResidualRows:
+    def released(self, columns: list[np.ndarray]) -> ResidualRows:
         """The same rows with columns of their own, no longer those of their models: whitened anew, no least values."""
         out = copy.copy(self)
-        out.r, out.x, out.own = list(self.r), list(self.x), True
+        out.r, out.own = list(self.r), columns
         out.mean, out.least = np.zeros(out.p), np.full(out.p, -np.inf)
         return out
+
+    def beside(self, more: list[np.ndarray], mean: np.ndarray) -> ResidualRows:
+        """The same rows with columns of k accepted parameters behind their own, whose prior has its middle at mean (k,)."""
+        out = copy.copy(self)
+        out.more = more
+        out.mean = np.concatenate([self.mean, mean])
+        out.least = np.concatenate([self.least, np.full(len(mean), -np.inf)])
+        return out
+
+    def columns(self, j: int) -> np.ndarray:
+        """(R_j, p) of joint j without `more`."""
+        if self.own is not None:
+            return self.own[j]
+        return np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)])
+
+    def predicted(self, j: int, theta: np.ndarray) -> np.ndarray:
+        """(R_j,) N m of all columns, times theta."""
+        tau = self.columns(j) @ theta[: self.p]
+        return tau if self.more is None else tau + self.more[j] @ theta[self.p :]
 
     @property
     def n(self) -> int:
@@ -72,7 +93,7 @@ class ResidualRows:
     @property
     def p(self) -> int:
         """Number of nuisance parameters."""
-        return self.x[0].shape[1]
+        return len(self.models[0].names) if self.own is None else self.own[0].shape[1]
 
     def whiten(self, noise: Noise, j: int, a: np.ndarray) -> np.ndarray:
         """(R_j, ...) of joint j with unit, uncorrelated noise; less where gaps were bridged."""
@@ -108,7 +129,7 @@ class Solved:
 
     def residuals(self) -> list[np.ndarray]:
         """Per joint (R_j,) N m: what the nuisance leaves."""
-        return [r - x @ self.theta for r, x in zip(self.rows.r, self.rows.x, strict=True)]
+        return [r - self.rows.predicted(j, self.theta) for j, r in enumerate(self.rows.r)]
 
     def left(self) -> list[np.ndarray]:
         """Per joint, whitened."""
@@ -137,7 +158,7 @@ class Solved:
         """
         k = next(iter(columns.values())).shape[1]
         left = left or self.left()
-        g, ss, xs = np.zeros(k), np.zeros((k, k)), np.zeros((self.rows.p, k))
+        g, ss, xs = np.zeros(k), np.zeros((k, k)), np.zeros((len(self.theta), k))
         for j, s in columns.items():
             g += s.T @ left[j]
             ss += s.T @ s
@@ -172,22 +193,21 @@ class White:
 
 def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
     """Of joint j; taken from the models' link side where nothing that it depends on has changed."""
-    if rows.own:
-        x, r = rows.whiten(noise, j, rows.x[j]), rows.whiten(noise, j, rows.r[j])
+    if rows.own is not None:
+        x, r = rows.whiten(noise, j, rows.own[j]), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, ())
     first = rows.models[0]
     sides = [m.side.joints[j] for m in rows.models]
     key = (first.joint_key(j), tuple(id(side) for side in sides), id(noise))
 
     def white() -> White:
-        p = len(first.names)
-        x, r = rows.whiten(noise, j, rows.x[j][:, :p]), rows.whiten(noise, j, rows.r[j])
+        x, r = rows.whiten(noise, j, rows.columns(j)), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, (noise, *sides[1:]))
 
     found: White = sides[0].whites.of(key, white)
-    if rows.x[j].shape[1] == found.x.shape[1]:
+    if rows.more is None:
         return found
-    more = rows.whiten(noise, j, rows.x[j][:, found.x.shape[1] :])
+    more = rows.whiten(noise, j, rows.more[j])
     cross = found.x.T @ more
     xx = np.block([[found.xx, cross], [cross.T, more.T @ more]])
     return White(np.concatenate([found.x, more], axis=1), found.r, xx, np.concatenate([found.xr, more.T @ found.r]), found.of)
@@ -197,7 +217,7 @@ def solve(rows: ResidualRows, noise: Noise) -> Solved:
     """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
     white = [_whitened(rows, noise, j) for j in range(rows.n)]
     xw, rw = [w.x for w in white], [w.r for w in white]
-    a = np.eye(rows.p) + np.sum([w.xx for w in white], axis=0)
+    a = np.eye(len(rows.mean)) + np.sum([w.xx for w in white], axis=0)
     g = rows.mean + np.sum([w.xr for w in white], axis=0)
     theta, inverse = bounded(a, g, rows.least)
     return Solved(rows, noise, xw, rw, inverse, theta)

@@ -93,7 +93,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
         fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1], left=rest)
         held_out = np.nan
         if other is not None:
-            nuisance = other.whiten(noise, j, other.x[j])
+            nuisance = other.whiten(noise, j, other.columns(j))
             left = other.whiten(noise, j, other.r[j]) - nuisance @ solved.theta
             part = other.whiten(noise, j, other.take(j, columns[count:])[:, varied] - middle) / size
             moved = solved.inverse @ (solved.xw[j].T @ (white @ c))
