@@ -104,6 +104,8 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("nothing hidden: ... in 25 % (about 25 %)", _share(asked, lambda r: (r.chance or 1.0) <= 0.25)),
         Figure("seconds of wall clock, median", _middle(r.seconds for r in rows)),
         Figure("seconds of CPU, median", _middle(r.cpu for r in rows), "8"),
+        Figure("largest memory of a command, MB, median", _middle(r.memory for r in rows), "600"),
+        Figure("largest memory of a command, MB, of all cases", max((r.memory for r in rows if r.memory), default=None)),
         Figure("wrong among the names given, a class of two that holds the truth being right", wrong),
         Figure("exactly the hidden set, by name alone", _share(rows, lambda r: r.by_name)),
         Figure("pairs: both named, by name alone", _share(pairs, lambda r: set(r.truth) <= set(r.answer))),

@@ -61,17 +61,19 @@ def examine(case: Case, exam: Exam) -> Row:
     if not (exam.keep and (answer / "diagnosis.json").exists()):
         answer.mkdir(parents=True, exist_ok=True)
         (answer / "diagnosis.json").unlink(missing_ok=True)
-        before, begin = _cpu(), time.monotonic()
-        code = run_calib(
+        begin = time.monotonic()
+        code, used = run_calib(
             exam, answer / "exam.log", "diagnose", folder / "arm.xml", folder / "friction.mcap", folder / "excitation.mcap",
             "--holdout", folder / "validation.mcap", "--out", answer,
         )  # fmt: skip
-        seconds, used = time.monotonic() - begin, _cpu() - before
-        (answer / "seconds.json").write_text(json.dumps({"wall": seconds, "cpu": used}) + "\n", encoding="utf-8")
+        seconds = time.monotonic() - begin
+        cost = {"wall": seconds, "cpu": used.ru_utime + used.ru_stime, "memory": used.ru_maxrss * 1024 / 1e6}
+        (answer / "seconds.json").write_text(json.dumps(cost) + "\n", encoding="utf-8")
     row = compared(case.name, truth, answer / "diagnosis.json")
     row.seconds, row.exit = seconds, code
     if (answer / "seconds.json").exists():
-        row.cpu = json.loads((answer / "seconds.json").read_text(encoding="utf-8"))["cpu"]
+        cost = json.loads((answer / "seconds.json").read_text(encoding="utf-8"))
+        row.cpu, row.memory = cost["cpu"], cost.get("memory")
     if exam.final and row.truth and row.answer:
         corrected = answer / "arm" if (answer / "arm").is_dir() else folder / "arm.xml"
         for tag, arm in (("nominal", folder / "arm.xml"), ("corrected", corrected), ("true", folder / "true")):
@@ -82,18 +84,21 @@ def examine(case: Case, exam: Exam) -> Row:
     return row
 
 
-def run_calib(exam: Exam, log: Path, *words: object) -> int:
-    """Exit code of a command, its output appended to `log`; -SIGXCPU where it took more CPU than is allowed."""
+def run_calib(exam: Exam, log: Path, *words: object) -> tuple[int, resource.struct_rusage]:
+    """Exit code of a command and what it used, its output appended to `log`; -SIGXCPU where it took more CPU than is allowed."""
     command = [*shlex.split(exam.calib), *map(str, words)]
     limit = int(exam.timeout)
     with log.open("a", encoding="utf-8") as file:
         file.write("$ " + shlex.join(command) + "\n")
         file.flush()
         # CPU and not wall clock: the score of a busy computer is that of an idle one
-        return subprocess.run(
+        process = subprocess.Popen(
             command, stdout=file, stderr=subprocess.STDOUT, env=os.environ | {"OMP_NUM_THREADS": "1"},
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
-        ).returncode  # fmt: skip
+        )  # fmt: skip
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        return process.returncode, used
 
 
 def report(rows: list[Row], exam: Exam) -> None:
@@ -131,9 +136,3 @@ def report(rows: list[Row], exam: Exam) -> None:
 def effects_text(keys: list[tuple[str, str | None]]) -> str:
     """Effects in a line."""
     return ", ".join(f"{name} at {joint}" if joint else name for name, joint in keys) or "-"
-
-
-def _cpu() -> float:
-    """CPU seconds of the children of this process so far."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime

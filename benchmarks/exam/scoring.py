@@ -39,6 +39,7 @@ class Row:
     chance: float | None = None
     seconds: float | None = None
     cpu: float | None = None
+    memory: float | None = None
     exit: int | None = None
 
     @property
