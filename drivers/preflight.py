@@ -14,7 +14,7 @@ from sim.cell import Cell, PayloadTable
 from sim.effects import with_effect
 from sim.joint_state import JointState, Status
 from sim.own_values import values_of
-from sim.rigid_body import RigidBody
+from sim.prediction import at_rest
 
 # A payload or mounting that is off by more than this shifts gravity torques visibly; a rate or clock off by more cannot be fitted.
 MASS_TOLERANCE = 0.05  # kg
@@ -143,7 +143,7 @@ def _mounting(arm: Arm, info: DeviceInfo) -> Check:
 
 
 def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
-    """tau at rest = g(q) + friction, and friction at rest is at most the Coulomb level: of the model as of the cell file."""
+    """tau at rest = g(q) less what springs carry, + friction, at rest at most the Coulomb level: of the model as of the cell file."""
     name = "torque at rest"
     if states[-1].status is not Status.RUNNING:
         return Check(name, None, "the device is not following commands, so its torque carries nothing yet")
@@ -156,7 +156,7 @@ def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
     if not np.all(np.isfinite(tau)):
         return Check(name, None, "the device reports no torque, and the arm file has no torque_constant for its current")
     loaded = with_payload(arm, cell.table.payload)
-    expected = RigidBody(loaded).gravity_torque(np.mean([s.q for s in states], axis=0))[0]
+    expected = at_rest(loaded, np.mean([s.q for s in states], axis=0)[None])[0]
     friction = stated_friction(arm)
     excess = np.abs(tau - expected) - friction
     share = excess / arm.tau_max
@@ -202,8 +202,8 @@ class RestMisfit:
 
 
 def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> RestMisfit:
-    """max (|tau - g(q)| - friction - noise) / doubt over poses (K, n): friction, (n,) or (K, n), either way."""
-    gravity = RigidBody(arm).gravity_torque(np.atleast_2d(q))
+    """max (|tau - tau_rest(q)| - friction - noise) / doubt over poses (K, n), by the arm's own springs: friction, (n,) or (K, n), either way."""
+    gravity = at_rest(arm, np.atleast_2d(q))
     noise = SIGMAS * np.array(arm.sensors.torque_noise)
     doubt = GRAVITY_DOUBT * np.abs(gravity) + ZERO_DOUBT * arm.tau_max
     miss = np.maximum(np.abs(np.atleast_2d(tau) - gravity) - friction - noise, 0.0) / doubt

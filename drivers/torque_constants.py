@@ -15,7 +15,7 @@ from drivers.driver import Check, Driver
 from drivers.preflight import GRAVITY_DOUBT, UNEVEN, ZERO_DOUBT, with_payload
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.rigid_body import RigidBody
+from sim.prediction import at_rest
 
 UNKNOWN = 0.25  # of a constant: with a larger standard deviation it is unknown
 
@@ -34,7 +34,7 @@ def constants_from(arm: Arm, q: np.ndarray, current: np.ndarray, friction: np.nd
     var(1/K) is of the scatter about the line, and of what all poses share: masses of GRAVITY_DOUBT, a zero of the reading of ZERO_DOUBT
     tau_max, friction that differs by UNEVEN between both directions.
     """
-    g = RigidBody(arm).gravity_torque(q)
+    g = at_rest(arm, q)
     load = np.sqrt(np.mean(g**2, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.sum(g * current, axis=0) / np.sum(g**2, axis=0)

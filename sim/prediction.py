@@ -18,6 +18,9 @@ from sim.slip import SLIP_WIDTH, slip_along
 from sim.torque_path import PathState
 from sim.trajectory import Trajectory
 
+# s that an arm stands before it is said to be at rest: longer than any delay of a reading
+STANDING = 1.0
+
 
 def predict(arm: Arm, motion: Trajectory, warming: np.ndarray | None = None) -> np.ndarray:
     """tau_hat (N, n) N m as the drives of `arm` would report it along `motion`, whose angles are encoder readings.
@@ -25,6 +28,17 @@ def predict(arm: Arm, motion: Trajectory, warming: np.ndarray | None = None) -> 
     warming (N, n): share of the way from cold to warm, where temperatures were recorded; otherwise the motion begins cold.
     """
     return torque_path(arm, motion, warming=warming).tau
+
+
+def at_rest(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """(K, n) N m that the drives of `arm` would report where it stands still at encoder readings q (K, n) rad, cold and without dry friction.
+
+    With every effect of its file: a spring or a counterbalance carries part of g(q). NaN in a posture with an angle that is not finite.
+    """
+    out, still = np.full(q.shape, np.nan), np.zeros((2, q.shape[1]))
+    for k in np.flatnonzero(np.isfinite(q).all(axis=1)).tolist():
+        out[k] = predict(arm, Trajectory(np.array([0.0, STANDING]), np.stack([q[k], q[k]]), still, still))[-1]
+    return out
 
 
 def torque_path(

@@ -10,10 +10,12 @@ import pytest
 
 from drivers.driver import Check, DeviceInfo
 from drivers.mock import MockDriver
-from drivers.preflight import preflight
-from sim.arm import Arm, load_arm
+from drivers.preflight import held_by, preflight
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell, load_cell
+from sim.effects import with_effect
 from sim.joint_state import JointState, Status
+from sim.prediction import at_rest
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +95,20 @@ def test_a_declared_payload_is_part_of_the_torque_at_rest(arm: Arm, cell: Cell) 
         ),
     )
     assert checked(arm, heavy)["torque at rest"].ok is False
+
+
+def test_a_spring_of_the_arm_file_is_part_of_the_torque_at_rest(arm: Arm, cell: Cell) -> None:
+    spring = ArmEffect("joint_spring", arm.joint_names[1], {"stiffness": 60.0, "rest_angle": -3.5})
+    sprung = with_effect(arm, spring)
+    fitted = checked(sprung, cell)["torque at rest"]
+    assert fitted.ok is True, fitted.detail
+    # and one that is not there is missed
+    with MockDriver.from_cell(cell, arm) as driver:
+        driver.arm = sprung
+        assert {check.name: check for check in preflight(driver, cell, 0.2)}["torque at rest"].ok is False
+    q = np.array([arm.q_min, arm.q_max]) / 4
+    assert held_by(sprung, q, at_rest(sprung, q), np.zeros(arm.n)).miss == 0.0
+    assert held_by(arm, q, at_rest(sprung, q), np.zeros(arm.n)).miss > 1.0
 
 
 def test_speed_and_temperature_are_among_the_answers(arm: Arm, cell: Cell) -> None:
