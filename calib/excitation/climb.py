@@ -1,11 +1,15 @@
 """Postures with slack on every side, where torque and clearance leave few: drawn ones, moved a little at random, the best kept.
 
+Torque is what standing still takes (`Room.holding`), or the gentlest stop (`Room.stopping`).
+
 The slack of a posture is the least of (clearance - CLEARANCE_MARGIN) over all pairs of bodies and of (1 - share) over all torque limits, each
 as a share of the most that random postures have of it. In metres a pair that is near in every posture, as two neighbours are, would hide
 all others, and a torque limit has no metres at all.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,25 +26,27 @@ LEAST = 1e-6
 
 
 class Slack:
-    """The slack of postures of one arm in one room, as shares of the most over the postures of `clearances` (N, pairs) and `holding` (N, n)."""
+    """The slack of postures of one arm in one room, as shares of the most over the postures of `clearances` (N, pairs) and `taken` (N, n)."""
 
-    def __init__(self, clearances: np.ndarray, holding: np.ndarray) -> None:
+    def __init__(self, clearances: np.ndarray, taken: np.ndarray) -> None:
         self._counts = np.all(np.isfinite(clearances), axis=0)
         self._apart = np.maximum(clearances[:, self._counts].max(axis=0) - CLEARANCE_MARGIN, LEAST)
-        self._torque = np.maximum(1 - holding.min(axis=0), LEAST)
+        self._torque = np.maximum(1 - taken.min(axis=0), LEAST)
 
-    def of(self, clearances: np.ndarray, holding: np.ndarray) -> np.ndarray:
-        """(N,), above zero where a posture is clear and can be held."""
+    def of(self, clearances: np.ndarray, taken: np.ndarray) -> np.ndarray:
+        """(N,), above zero where a posture is clear and its torque suffices."""
         apart = ((clearances[:, self._counts] - CLEARANCE_MARGIN) / self._apart).min(axis=1, initial=np.inf)
-        return np.asarray(np.minimum(apart, ((1 - holding) / self._torque).min(axis=1)))
+        return np.asarray(np.minimum(apart, ((1 - taken) / self._torque).min(axis=1)))
 
 
 def climbed(
-    room: Room, slack: Slack, q: np.ndarray, values: np.ndarray, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator
-) -> np.ndarray | None:
+    room: Room, slack: Slack, q: np.ndarray, values: np.ndarray, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator,
+    torque: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray | None:  # fmt: skip
     """(K, n) rad, at most KEPT with slack, most first; None where none has any: from postures q (N, n) of slack `values` (N,), within FAR of
-    `half` (n,) rad about `middle` (n,).
+    `half` (n,) rad about `middle` (n,). torque of postures is `room.holding`, or what the slack was made of.
     """
+    torque = torque or room.holding
     for k in range(ROUNDS + 1):
         best = np.argsort(-values, kind="stable")[:KEPT]
         q, values = q[best], values[best]
@@ -48,6 +54,6 @@ def climbed(
             break
         moved = q[:, None] + STEP * FINER**k * half * rng.normal(size=(len(q), ABOUT, len(half)))
         new = np.clip(moved.reshape(-1, len(half)), middle - FAR * half, middle + FAR * half)
-        found = slack.of(room.nearness.clearances(new)[0], room.holding(new))
+        found = slack.of(room.nearness.clearances(new)[0], torque(new))
         q, values = np.concatenate([q, new]), np.concatenate([values, found])
     return q[values > 0] if values[0] > 0 else None

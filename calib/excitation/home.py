@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,8 @@ ABOUT_MIDDLE = 0.6
 SCARCE = 0.1
 # of random postures, the share that must be free for capsules to do
 FREE = 0.1
+# of what a stop is counted on to find, the share that the gentlest one may take at a home: what is left is the motion's, and of its proof's boxes
+CALM = 0.7
 PLANE = "mounting_plane"
 
 
@@ -134,15 +138,32 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         candidates = q[np.argsort(-np.where(share <= 1, free, -np.inf))]
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
-    # where torque leaves no motion about any of them, the free postures that it takes least to hold
-    for ranked_postures in (candidates, q[np.argsort(np.where(clear, share, np.inf))]):
+    by_torque = q[np.argsort(np.where(clear, share, np.inf))]
+    best, best_key = candidates[0], (False, False, -np.inf)
+    # where torque leaves no motion about the roomiest, or hardly lets it stop: the free postures that take least to hold, then to stop
+    for ranked_postures in itertools.chain((candidates, by_torque), _steady(room, middle, half, rng)):
         chosen = free_postures(room, ranked_postures[: 2 * LOOKED_AT])
-        scores = [sum(_amplitude(room, Fourier(basis, posture, trial.x)) for trial in trials) for posture in chosen]
-        ranked = np.argsort(scores)[::-1].tolist()
-        if scores[ranked[0]] > 0:
+        scores = np.array([sum(_amplitude(room, Fourier(basis, q, trial.x)) for trial in trials) for q in chosen])
+        strain = np.maximum(room.stopping(chosen).max(axis=1), CALM)
+        for k in np.lexsort((-scores, strain, scores <= 0)).tolist():
+            key = (bool(scores[k] > 0), bool(scores[k] > 0 and sweepable(room, chosen[k])), -float(strain[k]))
+            if key > best_key:
+                best, best_key = chosen[k], key
+            if key[1]:
+                break
+        if best_key[1] and best_key[2] >= -CALM:
             break
-    best = next((k for k in ranked if scores[k] > 0 and sweepable(room, chosen[k])), ranked[0])
-    return np.round(chosen[best], 3)
+    return np.round(best, 3)
+
+
+def _steady(room: Room, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """Postures in which torque has slack for the gentlest stop as well, most first; none where there are none."""
+    q = middle + ABOUT_MIDDLE * half * rng.uniform(-1, 1, (POSTURES, room.arm.n))
+    clearances, stopping = room.nearness.clearances(q)[0], room.stopping(q)
+    slack = Slack(clearances, stopping)
+    found = climbed(room, slack, q, slack.of(clearances, stopping), middle, half, rng, room.stopping)
+    if found is not None:
+        yield found
 
 
 def _unsupported(arm: Arm, q: np.ndarray, joint: int) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.excitation.moving_capsules import MovingCapsules
 from calib.excitation.nearness import CLEARANCE_MARGIN, Nearness
-from calib.excitation.stops import PREDICTED, stops_of
+from calib.excitation.stops import PREDICTED, gentlest_stop, stops_of
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
 from safety.clear import ClearedTrajectory, clear
@@ -96,6 +96,10 @@ class Room:
         still = Trajectory(np.arange(len(twice), dtype=float), twice, np.zeros_like(twice), np.zeros_like(twice))
         torque = torque_interval(still, self.arm, self.cell, self._bounds, self.cell.table.motion.following_error)
         return np.asarray(torque.most / (MARGIN["torque"] * torque.limit))[:-1]
+
+    def stopping(self, q: np.ndarray) -> np.ndarray:
+        """(N, n) as `holding`: the share that even the gentlest stop takes at each posture q (N, n), from the slowest motion."""
+        return gentlest_stop(q, self.arm, self.cell, self.stop, self._bounds)
 
     def _stopped(self, motion: Trajectory, path: Use) -> Use:
         """`path`, with what the stops from every sample use more."""

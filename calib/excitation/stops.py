@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.driver import DeviceStop
 from safety.bounds import TorqueBounds
+from safety.device_stops import CREEP
 from safety.torque import POWER_MAX, torque_interval
 from safety.tube import SHARES
 from sim.arm import Arm
@@ -18,6 +19,8 @@ from sim.trajectory import Trajectory
 
 # shares of torque and power: a proof holds for a following error and whole boxes of states, what suffices by less is not counted on
 PREDICTED, POWERED = 0.9, 0.5
+# directions of all joints in which the gentlest stop is tried at a posture
+DIRECTIONS = 8
 
 
 def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> tuple[np.ndarray, np.ndarray]:
@@ -44,3 +47,19 @@ def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds:
             braking = np.where(full > 0, np.abs(motion.dq) / (share * full), 0.0)
         passed += [motion.q + motion.dq * (reaction + part * braking) for part in (0.25, 0.5)]
     return np.concatenate(passed), taken
+
+
+def gentlest_stop(q: np.ndarray, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> np.ndarray:
+    """(N, n) of what is counted on of tau_max: the share that the gentlest stop takes at postures q (N, n) rad, however slow the motion is.
+
+    The worst of DIRECTIONS in which the joints may be moving: each slows down by the least share of ours or of the device's deceleration.
+    """
+    slowing = SHARES[-1] * np.maximum(arm.ddq_max, stop.deceleration)
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (DIRECTIONS, arm.n))
+    t, twice = np.arange(len(q) + 1, dtype=float), np.concatenate([q, q[-1:]])  # a motion has two instants at least
+    out = np.zeros_like(q)
+    for sign in signs:
+        dq, ddq = (np.broadcast_to(x, twice.shape) for x in (CREEP * sign, -slowing * sign))
+        torque = torque_interval(Trajectory(t, twice, dq, ddq), arm, cell, bounds, cell.table.motion.following_error)
+        out = np.maximum(out, (torque.most / (PREDICTED * torque.limit))[:-1])
+    return out

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.excitation import home
 from calib.excitation.climb import FAR, Slack, climbed
 from calib.excitation.fourier import Fourier
 from calib.excitation.home import free_postures, home_of, open_cell
@@ -16,6 +17,7 @@ from sim.arm import load_arm
 from sim.errors import AnswerIsNo
 from sim.rigid_body import RigidBody
 from sim.stated_facts import with_springs
+from sim.trajectory import Trajectory
 from sim.tree import Shape
 from tests.calib.drives import silent
 
@@ -159,6 +161,47 @@ def test_where_few_postures_can_be_held_those_with_slack_on_every_side_are_climb
     holding = helpless.holding(q)
     slack = Slack(clearances, holding)
     assert climbed(helpless, slack, q, slack.of(clearances, holding), middle, half, rng) is None
+
+
+def test_a_posture_from_which_no_stop_is_possible_is_told_from_one_that_is_only_held() -> None:
+    """As in `Room.use`: however slow a motion is, its stop slows down by a share of the deceleration."""
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    held = room.holding(HOME[None]).max()
+    taken = room.stopping(HOME[None])[0]
+    assert held < taken.max() < 1
+    # as much torque as the posture takes to hold, and hardly more
+    weak = replace(arm, tau_max=1.05 * room.holding(HOME[None])[0] * arm.tau_max)
+    room = Room(weak, room.cell)
+    assert room.holding(HOME[None]).max() < 1 < room.stopping(HOME[None]).max()
+    t, still = np.array([0.0, 1.0]), np.zeros((2, 6))
+    worst = [
+        room.use(Trajectory(t, HOME + 1e-3 * sign * t[:, None], still + 1e-3 * sign, still)).worst
+        for sign in np.random.default_rng(0).choice((-1.0, 1.0), (8, 6))
+    ]
+    assert max(worst, key=lambda use: use[1]) == ("torque", pytest.approx(room.stopping(HOME[None]).max(), rel=0.05))
+
+
+def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    monkeypatch.setattr("calib.excitation.home.sweepable", lambda of, posture: True)
+    plain = home_of(room, room.cell, None, np.random.default_rng(0))
+    asked = 0
+
+    def stopping(q: np.ndarray) -> np.ndarray:
+        nonlocal asked
+        asked += len(q)
+        return np.repeat(np.where(np.abs(q[:, :1] - plain[0]) < 1.0, 0.95, 0.6), 6, axis=1)
+
+    monkeypatch.setattr(room, "stopping", stopping)
+    assert abs(home_of(room, room.cell, None, np.random.default_rng(0))[0] - plain[0]) >= 1.0
+    asked, amplitude = 0, home._amplitude
+    # nothing moves about any but those that are looked for by their stop
+    monkeypatch.setattr("calib.excitation.home._amplitude", lambda of, motion: amplitude(of, motion) if asked > 1000 else 0.0)
+    found = home_of(room, room.cell, None, np.random.default_rng(0))
+    assert asked > 1000
+    assert (room.stopping(found[None]) < 0.7).all()
 
 
 def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> None:
