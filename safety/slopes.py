@@ -36,7 +36,7 @@ class Slopes:
             r, chain = distances(arm, link, float(np.linalg.norm(com)) + off)
             heavy, both = mass * (1 + spread), np.outer(chain, chain)
             i_most = turning * (1 + SIGMAS * prior.inertia)
-            shift = np.add.outer(r, r) * off * heavy
+            shift = np.add.outer(r, r) * off * heavy * both
             self.doubt += mass * spread * np.outer(r, r) + shift + turning * SIGMAS * prior.inertia * both
             all_three, all_four = (both[:, :, None] * chain, both[:, :, None, None] * both)
             a, b, c = (x[:, :, 0] for x in (i, j, k))
