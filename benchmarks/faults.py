@@ -117,7 +117,7 @@ CELL = "mock-ur10e"
 LONGEST = 60.0  # s that a run may take
 # files of safety/ that a run on the mock does not use: they begin, show, approve and watch real ones
 ASIDE = ("approval", "approach", "audit", "board", "confirmation", "control", "control_process", "execution", "gravity_sweep", "hold_key",
-         "joint_test", "latency", "legs", "manifest", "plausible", "realtime", "run_progress", "signs", "stages", "monitor_link", "verified_samples", "watching")  # fmt: skip
+         "joint_test", "latency", "legs", "manifest", "plausible", "realtime", "run_progress", "signs", "stages", "monitor_link", "second_look", "verified_samples", "watching")  # fmt: skip
 # what the outcome of a run depends on
 MEASURES = (
     *(f"safety/{file.name}" for file in sorted((ROOT / "safety").glob("*.py")) if file.stem not in ASIDE),

@@ -10,9 +10,9 @@ from safety.collision import Clearance
 from safety.coming_to_rest import STANDING_CYCLES
 from safety.guard import STANDSTILL
 from safety.monitor_link import silence_of
+from safety.second_look import REST_AFTER, SLOWER_AFTER, Watch
 from safety.signs import ENDED, HOLDS, STOPS, Sign
 from safety.verified_samples import VerifiedSamples
-from safety.watching import REST_AFTER, SLOWER_AFTER, Watch
 from sim.arm import Arm
 from sim.cell import Cell
 from tests.safety.conftest import PERIOD, RATE, state_at
