@@ -99,12 +99,21 @@ def _end(process: int) -> None:
         signal.pidfd_send_signal(process, signal.SIGKILL)
 
 
+def figures(spent: np.ndarray) -> dict[str, float]:
+    """Number of cycles, and p50, p99.9 and the largest of their CPU and of the wall time from arrival to verdict (K, 2) s, us."""
+    rows = zip(("p50", "p99.9", "max"), 1e6 * np.percentile(spent, [50, 99.9, 100], axis=0), strict=True)
+    return {"cycles": len(spent)} | {
+        f"{name}{of} us": float(x) for name, row in rows for of, x in zip(("", " wall"), row, strict=True)
+    }
+
+
 class _Process:
     """The loop of the monitor process."""
 
     def __init__(self, arm: Arm, cell: Cell, driver: Driver, signs: Signs, talk: Connection, clearance: Clearance) -> None:
         self._arm, self._cell, self._driver, self._signs, self._talk = arm, cell, driver, signs, talk
         self._clearance, self._listens = clearance, False
+        self._per_cycle = 0.0  # s of CPU of this process, all threads, in the last stage
 
     def run(self) -> str:
         """Stage after stage, and at last why the arm must be taken from the guard. EOFError where the control process has ended."""
@@ -118,14 +127,11 @@ class _Process:
             reason, spent = self._stage(order, tube)
             if reason is not None:
                 return reason
-            p50, p999 = np.percentile(spent, [50, 99.9]) * 1e6
-            write(
-                self._talk,
-                {"cycles": len(spent), "p50 us": float(p50), "p99.9 us": float(p999), "max us": float(1e6 * spent.max())},
-            )
+            write(self._talk, figures(spent) | {"process us": 1e6 * self._per_cycle})
 
     def _stage(self, order: Order, tube: VerifiedSamples) -> tuple[str | None, np.ndarray]:
-        spent, count = np.zeros(KEPT), 0
+        """Why the arm must be taken from the guard, or None; s of each cycle (K, 2): CPU, and from the reading's arrival to the verdict."""
+        spent, count, cpu = np.zeros((KEPT, 2)), 0, time.process_time()
         rules = Watch(
             self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate, order.latency), order.latency, tube
         )
@@ -138,8 +144,10 @@ class _Process:
             if rules.trip is not None:
                 self._signs.trip(rules.trip)
             self._signs.looked(now)
-            spent[count % KEPT], count = time.thread_time() - begin, count + 1
+            took = time.thread_time() - begin, clock.now() - (now if state is None else state.t)
+            spent[count % KEPT], count = took, count + 1
             if reason is not None or (sign.k == ENDED and (rules.at_rest or state is None)):
+                self._per_cycle = (time.process_time() - cpu) / count
                 return reason, spent[: min(count, KEPT)]
             if rules.at_rest and self._talk.poll(0):
                 read(self._talk)  # as above: the control process has ended
