@@ -121,7 +121,7 @@ def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
     """Why a command ended with another code than 0: its error, or the sentence in which its answer is no."""
     answers = [line for line in done.stdout.splitlines() if line.startswith("Poor")]
     if answers:  # beside it there may be notes, which begin as errors do
-        return answers[-1][:900]
+        return " ".join((answers[-1], *(line for line in done.stdout.splitlines() if DRIVES[0] in line)))[:900]
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
     error = [k for k, line in enumerate(lines) if line.startswith("calib: ")]
     if error:

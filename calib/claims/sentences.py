@@ -88,6 +88,11 @@ def _separation(n: Numbers) -> str:
 SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "residual": _residual,
     "worse": _worse,
+    "unstated_drives": lambda n: (
+        "nobody stated "
+        + "; ".join(f"{' and '.join(words)} of {joint}" for joint, words in n["joints"].items())
+        + ", so plans keep the motion slow: state them (`calib arm new --drive`) and plan anew"
+    ),
     "identified": lambda n: f"{len(n['names'])} of {n['of']} base parameters identified",
     "kept": lambda n: f"{len(n['names'])} not identifiable from these logs, held at nominal",
     "moved": _moved,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from calib.claims import Claim
 from calib.result import Estimate, FitResult, Gap
-from calib.verdict import Assessment, assess
+from calib.verdict import Assessment, Verdict, assess
+from safety.parameters import WORDS
 from sim.arm import Arm
+from sim.prior import unstated
 
 KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
 CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
@@ -24,10 +26,14 @@ def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Ass
     return assess(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
 
 
-def claims(result: FitResult, verdict: Assessment) -> tuple[Claim, ...]:
-    """What the outcome says, in its order."""
+def claims(arm: Arm, result: FitResult, verdict: Assessment) -> tuple[Claim, ...]:
+    """What the outcome says, in its order; arm: the nominal one."""
     gap, where = shown(result)
     out = [verdict.claim(result.arm, where)]
+    beyond = [k for k, v in enumerate(verdict.verdicts) if v is Verdict.POOR]
+    missing = {arm.joint_names[k]: [WORDS[key] for key, rows in unstated(arm).items() if rows[k]] for k in beyond}
+    if any(missing.values()):
+        out.append(Claim("unstated_drives", {"joints": {joint: words for joint, words in missing.items() if words}}))
     worse = [
         {"joint": joint, "before": float(before), "after": float(after)}
         for joint, before, after in zip(result.joint_names, gap.before, gap.after, strict=True)

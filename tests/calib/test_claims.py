@@ -234,3 +234,16 @@ def test_every_kind_of_claim_has_a_sentence_and_no_other_has() -> None:
     with pytest.raises(KeyError):
         _ = Claim("hope", {}).sentence
     assert {"residual", "identified", "kept", "moved", "projected", "out_of_bounds", "forward", "bounds"} <= set(SENTENCES)
+
+
+def test_a_poor_fit_says_what_nobody_stated_of_its_drives() -> None:
+    stated = load_arm("ur5e")
+    silent = replace(stated, prior=stated.prior.model_copy(update={"unknown": ["rotor"]}))
+    logs = [recorded(stated, fourier_motion(stated, 7, seconds=8.0), 1)]
+    strict = Options(max_error=1e-4)
+    found = {c.name: c for c in identify(silent, logs, options=strict).result.claims}
+    beyond = found["residual"].numbers["beyond"]
+    assert found["unstated_drives"].numbers["joints"] == {joint: ["reflected inertia"] for joint in beyond}
+    assert "state them (`calib arm new --drive`)" in found["unstated_drives"].sentence
+    assert "unstated_drives" not in {c.name for c in identify(stated, logs, options=strict).result.claims}
+    assert "unstated_drives" not in {c.name for c in identify(silent, logs).result.claims}
