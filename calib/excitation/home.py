@@ -32,8 +32,9 @@ ABOUT_MIDDLE = 0.6
 SCARCE = 0.1
 # of random postures, the share that must be free for capsules to do
 FREE = 0.1
-# of what a stop is counted on to find, the share that the gentlest one may take at a home: what is left is the motion's, and of its proof's boxes
-CALM = 0.7
+# of what a stop is counted on to find, the share that the gentlest one may take at a home: the roomiest posture stays where that suffices; where it
+# does not, another is looked for that leaves some of it to the motion, and to the boxes of its proof
+ENOUGH, CALM = 1.0, 0.7
 PLANE = "mounting_plane"
 
 
@@ -139,20 +140,21 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     basis = Basis(4, 20.0)
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     by_torque = q[np.argsort(np.where(clear, share, np.inf))]
-    best, best_key = candidates[0], (False, False, -np.inf)
+    best, best_key, most = candidates[0], (False, False, -np.inf), ENOUGH
     # where torque leaves no motion about the roomiest, or hardly lets it stop: the free postures that take least to hold, then to stop
     for ranked_postures in itertools.chain((candidates, by_torque), _steady(room, middle, half, rng)):
         chosen = free_postures(room, ranked_postures[: 2 * LOOKED_AT])
         scores = np.array([sum(_amplitude(room, Fourier(basis, q, trial.x)) for trial in trials) for q in chosen])
-        strain = np.maximum(room.stopping(chosen).max(axis=1), CALM)
+        strain = np.maximum(room.stopping(chosen).max(axis=1), most)
         for k in np.lexsort((-scores, strain, scores <= 0)).tolist():
-            key = (bool(scores[k] > 0), bool(scores[k] > 0 and sweepable(room, chosen[k])), -float(strain[k]))
+            key = (bool(scores[k] > 0), bool(scores[k] > 0 and sweepable(room, chosen[k])), -max(float(strain[k]), ENOUGH))
             if key > best_key:
                 best, best_key = chosen[k], key
             if key[1]:
                 break
-        if best_key[1] and best_key[2] >= -CALM:
+        if best_key[1] and best_key[2] >= -ENOUGH:
             break
+        most = CALM
     return np.round(best, 3)
 
 

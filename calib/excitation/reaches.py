@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import Room
+from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
 
@@ -22,6 +23,7 @@ FAST = 0.25
 def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Both ends, rad, and the speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo where the least does not."""
     arm = room.arm
+    missing = ""
     reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
     for shares, reach in itertools.product(SLOWER, reaches.tolist()):
         low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
@@ -34,11 +36,14 @@ def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tup
             dq = np.zeros_like(line)
             dq[:, j] = slower * speeds.max()
             step = (high - low) / 79 / dq[0, j]
-            if room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line))).fits:
+            use = room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line)))
+            if use.fits:
                 return float(low), float(high), slower * speeds
+            if use.worst[0] == "torque":
+                missing = missing_facts(arm, int(np.argmax(use.shares["torque"])))
     raise AnswerIsNo(
         f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
-        "to either side; give another start with --home, or move the obstacle"
+        f"to either side; give another start with --home, or move the obstacle{missing}"
     )
 
 

@@ -124,7 +124,14 @@ def test_a_program_that_was_ended_and_an_arm_that_nobody_named_show() -> None:
 
 
 def test_a_row_names_what_was_given_and_not_the_sentence_that_asked() -> None:
-    row = dict.fromkeys(arms.STEPS, 2.0) | {"arm": "pr2_right", "joints": 7, "seconds": 1.0, "invented": [], "named": []}
+    row = dict.fromkeys(arms.STEPS, 2.0) | {
+        "arm": "pr2_right",
+        "joints": 7,
+        "seconds": 1.0,
+        "invented": [],
+        "named": [],
+        "unexplained": [],
+    }
     row |= {
         "ended": "",
         "code": "new",
@@ -147,18 +154,20 @@ def test_an_arm_that_failed_one_that_was_helped_and_a_wrong_name_are_counted() -
         "given": [],
         "invented": [],
         "named": [],
+        "unexplained": [],
         "code": "new",
         "commit": "abc",
     }
     found = {
-        "panda": whole | {"arm": "panda", "code": "old"},
+        "panda": whole | {"arm": "panda", "code": "old", "unexplained": ["panda_joint5"]},
         "z1": whole | {"arm": "z1", "given": ["q_min, q_max"], "named": ["joint_spring at j1"]},
         "ur3": whole | {"arm": "ur3", "ended": "plan: no room", "invented": ["tau_max of j1: 5, its file has nan"]},
     }
-    through, made_up, wrong, panda, z1, ur3 = arms.rows(found, "new")
+    through, made_up, wrong, odd, panda, z1, ur3 = arms.rows(found, "new")
     assert (through["value"], made_up["value"], wrong["value"]) == (2, 1, 1)
     assert "1 with nothing but their file" in through["note"]
     assert "z1: joint_spring at j1" in wrong["note"]
+    assert (odd["value"], odd["note"]) == (1, "panda: panda_joint5")
     assert (panda["value"], z1["value"], ur3["value"]) == ("through", "through after giving q_min, q_max", "failed at plan")
     assert "no room" in ur3["note"]
     assert "1 of them on an older commit" in through["note"]
@@ -171,7 +180,14 @@ def test_failed_arms_are_tried_again_on_other_code_before_those_that_came_throug
 ) -> None:
     monkeypatch.setattr(arms, "FOLDER", tmp_path)
     tried, code = [], ["one"]
-    whole = dict.fromkeys(arms.STEPS, 2.0) | {"joints": 6, "seconds": 14.0, "given": [], "invented": [], "named": []}
+    whole = dict.fromkeys(arms.STEPS, 2.0) | {
+        "joints": 6,
+        "seconds": 14.0,
+        "given": [],
+        "invented": [],
+        "named": [],
+        "unexplained": [],
+    }
 
     def line(name: str, home: Path) -> dict[str, object]:
         tried.append(name)

@@ -12,6 +12,7 @@ from calib.excitation.climb import FAR, Slack, climbed
 from calib.excitation.fourier import Fourier
 from calib.excitation.home import free_postures, home_of, open_cell
 from calib.excitation.nearness import CLEARANCE_MARGIN
+from calib.excitation.reaches import sweep_range
 from calib.excitation.room import Room
 from sim.arm import load_arm
 from sim.errors import AnswerIsNo
@@ -192,7 +193,7 @@ def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_i
     def stopping(q: np.ndarray) -> np.ndarray:
         nonlocal asked
         asked += len(q)
-        return np.repeat(np.where(np.abs(q[:, :1] - plain[0]) < 1.0, 0.95, 0.6), 6, axis=1)
+        return np.repeat(np.where(np.abs(q[:, :1] - plain[0]) < 1.0, 1.05, 0.6), 6, axis=1)
 
     monkeypatch.setattr(room, "stopping", stopping)
     assert abs(home_of(room, room.cell, None, np.random.default_rng(0))[0] - plain[0]) >= 1.0
@@ -227,3 +228,13 @@ def test_masses_that_no_motor_holds_ask_for_a_spring_which_takes_of_their_torque
     # torque of the spring, k (q - q_0), opposite in the middle of the range
     held = with_springs(arm, {"shoulder_lift_joint": [20.0, -0.65 + gravity / 20.0]})
     assert np.median(Room(held, cell).holding(q)[:, 1]) < 0.8 * np.median(Room(arm, cell).holding(q)[:, 1])
+
+
+def test_a_sweep_that_torque_refuses_names_what_nobody_stated_of_the_drives() -> None:
+    arm = load_arm("ur10e")
+    room = Room(arm, open_cell(arm))
+    weak = replace(arm, tau_max=1.05 * room.holding(HOME[None])[0] * arm.tau_max)
+    with pytest.raises(AnswerIsNo, match=r"to either side; give another start with --home, or move the obstacle$"):
+        sweep_range(Room(weak, room.cell), HOME, 1, np.array([0.5]))
+    with pytest.raises(AnswerIsNo, match=r"Nobody stated .*reflected inertia of .*state them"):
+        sweep_range(Room(silent(weak), room.cell), HOME, 1, np.array([0.5]))
