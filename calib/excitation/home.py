@@ -21,6 +21,7 @@ from safety.reach import spine
 from sim.arm import Arm
 from sim.cell import Cell, CellTable, MotionTable
 from sim.errors import AnswerIsNo, ConfigError
+from sim.prior import unstated
 from sim.rigid_body import RigidBody
 
 # random postures at a time, and how often more are drawn until twice LOOKED_AT are clear and can be held
@@ -141,18 +142,20 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     trials = [random_fourier(basis, middle, np.random.default_rng(seed)) for seed in range(4)]
     by_torque = q[np.argsort(np.where(clear, share, np.inf))]
     best, best_key, most = candidates[0], (False, False, -np.inf), ENOUGH
+    unsure = any(rows.any() for rows in unstated(arm).values())
     # where torque leaves no motion about the roomiest, or hardly lets it stop: the free postures that take least to hold, then to stop
     for ranked_postures in itertools.chain((candidates, by_torque), _steady(room, middle, half, rng)):
         chosen = free_postures(room, ranked_postures[: 2 * LOOKED_AT])
         scores = np.array([sum(_amplitude(room, Fourier(basis, q, trial.x)) for trial in trials) for q in chosen])
-        strain = np.maximum(room.stopping(chosen).max(axis=1), most)
+        # torque that drives are only thought to take is no reason to move: the plan asks for what nobody stated of them
+        strain = np.full(len(chosen), ENOUGH) if unsure else np.maximum(room.stopping(chosen).max(axis=1), most)
         for k in np.lexsort((-scores, strain, scores <= 0)).tolist():
             key = (bool(scores[k] > 0), bool(scores[k] > 0 and sweepable(room, chosen[k])), -max(float(strain[k]), ENOUGH))
             if key > best_key:
                 best, best_key = chosen[k], key
             if key[1]:
                 break
-        if best_key[1] and best_key[2] >= -ENOUGH:
+        if best_key[0] and (unsure or (best_key[1] and best_key[2] >= -ENOUGH)):
             break
         most = CALM
     return np.round(best, 3)

@@ -205,6 +205,15 @@ def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_i
     assert (room.stopping(found[None]) < 0.7).all()
 
 
+def test_a_stop_by_drives_of_which_nobody_stated_anything_moves_no_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plan asks for what nobody stated: torque that it is only thought to take says little of a posture."""
+    arm = silent(load_arm("ur10e"))
+    room = Room(arm, open_cell(arm))
+    plain = home_of(room, room.cell, None, np.random.default_rng(0))
+    monkeypatch.setattr(room, "stopping", lambda q: np.full(q.shape, 1.5))
+    assert np.array_equal(home_of(room, room.cell, None, np.random.default_rng(0)), plain)
+
+
 def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> None:
     """Two neighbours are 5 mm apart in every posture: the posture that is far from what moves has more slack all the same."""
     neighbours = 0.005 + 1e-4 * np.array([0.0, 1.0, -1.0, 0.0])
