@@ -164,12 +164,9 @@ def _found(effects: Sequence[Numbers]) -> str:
         return text + "".join(f"; {words(e['effect'], e.get('joint'))}{_or(e)}" for e in effects if e.get("others"))
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
-    by = f"from the {e['measured_by']}; " if e.get("measured_by") else ""
-    # a limit is fitted to no torque: the arm did what it allowed
-    share = (
-        f"{e['gap_share']:.0%} of the torque residual" if e["gap_share"] else "seen where the joint falls behind its command"
-    )
-    return f"{words(e['effect'], e.get('joint'))} ({values}; {by}{share}){_or(e)}"
+    by = [f"from the {e['measured_by']}"] if e.get("measured_by") else []
+    share = [f"{e['gap_share']:.0%} of the torque residual"] if e["gap_share"] or not by else []
+    return f"{words(e['effect'], e.get('joint'))} ({'; '.join([values, *by, *share])}){_or(e)}"
 
 
 def _or(e: Numbers) -> str:

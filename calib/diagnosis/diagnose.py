@@ -14,7 +14,7 @@ from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
-from calib.diagnosis.model_form import as_written_too, form_std
+from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.pairs import paired
@@ -98,13 +98,15 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
     for a in names.kept:
         item = promotion.written(a.effect)
         std = names.std_of(a.effect) | dict(item.std)
-        by_law = as_written_too(laws[key(a.effect)], a.effect, item)
+        by_law = with_shift(laws[key(a.effect)], a.effect, item)
         made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law)
         if (a.effect.effect, a.effect.joint) in observed:
             made["measured_by"] = "following error"
         entries.append(made | {"false_name_rate": names.null.rate(a.over_price)})
     entries.sort(key=lambda x: -x["gap_share"])
-    return entries + [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
+    # a limit is fitted to no torque: the arm did what it allowed
+    limits = [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
+    return entries + [x | {"measured_by": "lag behind the command"} for x in limits]
 
 
 def _false_names(found: SearchResult, names: Names) -> dict[str, Any]:

@@ -136,9 +136,9 @@ class LogModel:
         out[:, -2:] = own[:, len(OWN) :]
         return out
 
-    def tail(self, j: int, own: Sequence[ArmEffect], law: Effect | None = None, **changes: float) -> np.ndarray:
-        """tau (N,) of joint j with `own` as its joint effects, from the present load; law: in place of one; changes: width, lead."""
-        tau = self._state(j, own, law, **changes).tau[:, 0]
+    def tail(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> np.ndarray:
+        """tau (N,) of joint j with `own` as its joint effects, from the present load; instead: a law in place of one; changes: width, lead."""
+        tau = self._state(j, own, instead, **changes).tau[:, 0]
         return tau - self.hypothesis.delay * self.gradient(tau)
 
     def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:

@@ -37,8 +37,8 @@ def form_std(f: Fit) -> list[dict[str, float]]:
     return out
 
 
-def as_written_too(std: Mapping[str, float], fitted: ArmEffect, written: ArmEffect) -> dict[str, float]:
-    """The same, with what a parameter moved when the effect was fitted as an arm folder can hold it, whose dry friction has no damping."""
+def with_shift(std: Mapping[str, float], fitted: ArmEffect, written: ArmEffect) -> dict[str, float]:
+    """`form_std` of one effect with the shift of each parameter from the fit to the arm folder, whose dry friction has no bristle damping."""
     return {k: float(np.hypot(s, written.parameters[k] - fitted.parameters[k])) for k, s in std.items()}
 
 

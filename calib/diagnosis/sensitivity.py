@@ -27,7 +27,7 @@ def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[list[np.n
 
 
 def other_law(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, law: Effect) -> np.ndarray:
-    """(R, n) change of predicted torque where the accepted effect `item` follows `law` with the same parameters."""
+    """(R, n) change of predicted torque where `item`, an effect of the arm or the contact, follows `law` with the same parameters."""
     if item.joint is None or effect_named(item.effect).stage not in LATE:
         event = hypothesis.event(log)
         tau = _predicted(model, hypothesis, hypothesis.arm, event, law)

@@ -94,6 +94,7 @@ def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording
         assert set(found_effects) == {("joint_spring", "elbow_joint"), ("torque_saturation", "shoulder_pan_joint")}
         assert found_effects["torque_saturation", "shoulder_pan_joint"]["parameters"]["limit"]["value"] == 150.0
         assert found_effects["torque_saturation", "shoulder_pan_joint"]["confidence"] == pytest.approx(400 / 530)
+        assert found_effects["torque_saturation", "shoulder_pan_joint"]["measured_by"] == "lag behind the command"
         found.write(tmp_path, ur10e)
         written = load_arm(tmp_path / "arm").effect("torque_saturation", "shoulder_pan_joint")
         assert written is not None

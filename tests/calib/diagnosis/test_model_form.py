@@ -9,7 +9,7 @@ from calib.diagnosis import selection
 from calib.diagnosis.answer import entry
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
-from calib.diagnosis.model_form import as_written_too, form_std
+from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
 from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS, effect_named
@@ -80,7 +80,7 @@ def test_what_is_known_of_a_load_hardly_depends_on_the_law_of_friction(ur10e: Ar
 
 def test_what_writing_moved_a_parameter_is_a_difference_between_laws() -> None:
     fitted, written = (ArmEffect("time_delay", None, {"delay": d}) for d in (6e-3, 4.5e-3))
-    assert as_written_too({"delay": 2e-3}, fitted, written) == pytest.approx({"delay": 2.5e-3})
+    assert with_shift({"delay": 2e-3}, fitted, written) == pytest.approx({"delay": 2.5e-3})
 
 
 def test_an_entry_holds_both_parts_of_a_standard_deviation(ur10e: Arm) -> None:

@@ -30,12 +30,30 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     assert words in diagnosis.sentence(examples.diagnosis(verdict)[0])
 
 
-def test_a_limit_explains_no_share_of_the_torque() -> None:
+@pytest.mark.parametrize(
+    ("more", "said", "unsaid"),
+    [
+        (
+            {"gap_share": 0.0, "measured_by": "lag behind the command"},
+            "; from the lag behind the command)",
+            "of the torque residual",
+        ),
+        ({"gap_share": 0.0, "measured_by": "following error"}, "; from the following error)", "of the torque residual"),
+        (
+            {"gap_share": 0.4, "measured_by": "following error"},
+            "; from the following error; 40% of the torque residual)",
+            "lag",
+        ),
+        ({"gap_share": 0.4}, "; 40% of the torque residual)", "from the"),
+    ],
+)
+def test_an_effect_says_what_it_is_measured_by(more: dict[str, object], said: str, unsaid: str) -> None:
+    """A torque limit explains no share of a torque, nor need what another channel shows."""
     data = examples.diagnosis()[0]
-    data["effects"][0] |= {"gap_share": 0.0}
+    data["effects"][0] |= more
     text = diagnosis.sentence(data)
-    assert "seen where the joint falls behind its command" in text
-    assert "of the torque residual" not in text
+    assert said in text
+    assert unsaid not in text
 
 
 def test_a_refused_correction_is_no_agreement() -> None:
