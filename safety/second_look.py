@@ -28,8 +28,8 @@ class Watch:
     ) -> None:
         self.trip: str | None = None
         self.deaf = ""  # why no reading comes
-        self.monitor = Monitor(arm, cell, rate, clearance, first, latency)
-        self.tube, self._silence = tube, silence_of(rate, latency)
+        self._monitor = Monitor(arm, cell, rate, clearance, first, latency)
+        self._tube, self._silence = tube, silence_of(rate, latency)
         self._steps = 1 + int(np.ceil(self._silence * rate))
         self._noise = STANDSTILL + 8 * np.array(arm.sensors.velocity_noise)
         self._leg, self._k, self._still = -1, ENDED, 0
@@ -75,18 +75,18 @@ class Watch:
             return f"the monitor process hears no readings any more: {self.deaf}"
         found = None
         if sign.k != HOLDS:
-            found = self.tube.sample(sign.leg, sign.k)
+            found = self._tube.sample(sign.leg, sign.k)
             if found is None or sign.q.tobytes() != found[0].tobytes():
                 return f"command {sign.k} of motion {sign.leg} is not one that was verified"
-        elif self._q is not None and sign.q.tobytes() not in (q.tobytes() for q in (self._q, *self.tube.last(self._leg))):
+        elif self._q is not None and sign.q.tobytes() not in (q.tobytes() for q in (self._q, *self._tube.last(self._leg))):
             return "the command changes while the guard holds the arm"
         if (sign.leg, sign.k == HOLDS) != (self._leg, self._k == HOLDS):
-            self.monitor.pause()
+            self._monitor.pause()
             before = -1
         else:
             before = self._k
         if sign.k != HOLDS and not before <= sign.k <= before + self._steps:
             return f"command {sign.k} of motion {sign.leg} comes after {before}"
         self._leg, self._k, self._q = sign.leg, sign.k, sign.q
-        trip = self.monitor.check(state, now, sign.q, None if found is None else found[1])
+        trip = self._monitor.check(state, now, sign.q, None if found is None else found[1])
         return None if trip is None else str(trip)
