@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sim.arm import load_arm
+from sim.usual_arm import COULOMB, INERTIA, VISCOUS
 
 # m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
 FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
@@ -76,7 +77,7 @@ GIVEN = {
     "limits.dq_max = 100": "a lower dq_max",
 }
 # what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
-DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": 0.03, "viscous": 0.03, "inertia": 0.1})
+DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": COULOMB, "viscous": VISCOUS, "inertia": INERTIA})
 SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]
 CELL = 'schema = "cell/1"\nname = "{name}"\narm = "{arm}"\ndriver = "mock"\nhome = {home}\n'
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,8 @@ from sim.errors import DeviceError
 from sim.finite import is_finite
 from sim.joint_state import JointState, Status
 from sim.plant import Plant
-from sim.prior import usual_sensors
 from sim.strict import Positive, StrictTable, validated
+from sim.usual_arm import usual_arm
 
 
 class MockOptions(StrictTable):
@@ -56,15 +55,15 @@ class MockDriver(Driver):
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> MockDriver:
-        """The mock of a cell: nominal arm as its drive, the cell's hidden effects in its plant.
+        """The mock of a cell: the nominal arm in its drive, the cell's hidden effects in its plant.
 
-        Sensors that nobody stated are noisy as an ordinary drive's: without noise a millionth of a torque is a finding.
+        Where nobody stated its sensors and drives it has ordinary ones (`sim.usual_arm`); its drive knows of those, the tool does not.
         """
         options = validated(MockOptions, cell.table.options, cell.path)
-        truth = replace(arm, sensors=usual_sensors(arm))
+        drive = truth = usual_arm(arm)
         for item in cell.table.emulation.effects:
             truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
-        plant = Plant(truth, drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
+        plant = Plant(truth, drive=drive, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
         rate = options.rate or arm.sensors.rate
         clock: Clock = MonotonicClock() if options.realtime else SimulatedClock()
         return cls(plant, arm, rate, clock, options.stop_deceleration, cell.table.home)

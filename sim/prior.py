@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.arm_table import Numbers, PriorTable, SensorsTable
+from sim.arm_table import Numbers, PriorTable
 from sim.tree import KinematicTree
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ WIDTHS: dict[Numbers, tuple[float, float, float]] = {
 }
 # share of the largest torque that dry friction, viscous friction at full speed, and an offset of the reading take in an ordinary drive
 FRICTION_SHARE = 0.1
-# standard deviations of readings where nobody stated them: torque as a share of the largest, speed in rad/s (those of the UR arms of configs/)
-TORQUE_NOISE, SPEED_NOISE = 0.0075, 0.003
 STATED = {"coulomb": "frictionloss", "viscous": "damping", "rotor": "armature"}
 
 
@@ -51,24 +49,12 @@ def bare_prior(tree: KinematicTree) -> PriorTable:
 
 def torque_scale(arm: Arm) -> np.ndarray:
     """(n,) N m: the arm's tau_max, or where nobody stated it the weight of the links behind the joint at full reach."""
-    return np.where(np.isfinite(arm.tau_max), arm.tau_max, _weight(arm.tree))
+    return np.where(np.isfinite(arm.tau_max), arm.tau_max, weight(arm.tree))
 
 
-def _weight(tree: KinematicTree) -> np.ndarray:
+def weight(tree: KinematicTree) -> np.ndarray:
     """(n,) N m: the weight of the links behind each joint at full reach."""
     return np.array([9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3) for j in range(tree.n)])
-
-
-def usual_sensors(arm: Arm) -> SensorsTable:
-    """The arm's sensors, with the noise of an ordinary drive where nobody stated them: one that is made for what it carries, whatever
-    tau_max its model file has."""
-    if "sensors" not in arm.incomplete:
-        return arm.sensors
-    noise = {
-        "torque_noise": (TORQUE_NOISE * np.minimum(torque_scale(arm), _weight(arm.tree))).tolist(),
-        "velocity_noise": [SPEED_NOISE] * arm.n,
-    }
-    return arm.sensors.model_copy(update=noise)
 
 
 def spread(arm: Arm) -> dict[str, np.ndarray]:
