@@ -17,6 +17,7 @@ import numpy as np
 
 from logs.bridging import bridge, bridging_error
 from logs.elapsed import LEAST_INFORMATIVE, SHARE_OF_SIGMA, TRUST, elapsed_between
+from logs.lost_time import finding, lost_time
 from logs.sampling_clock import rebuilt_clock
 from logs.sampling_findings import MATTERS, of_jitter, of_speed, repeats
 
@@ -114,6 +115,8 @@ def examine(
             "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
         )
     findings += of_speed(scale)
+    unseen = finding(lost_time(clock, qf, vf))
+    findings += [unseen] if unseen else []
     count = _missing(np.diff(clock), period, rebuilt, informative)
     missing = int(count.sum())
     wide = int(count.max(initial=0))

@@ -58,6 +58,7 @@ def _thinned(m: Measurement) -> Measurement:
         starts=np.searchsorted(at, m.starts),
         decimator=Decimator.of_cutoff(m.rate / k, ROW_CUTOFF),
         doubt=None,
+        unseen=None if m.unseen is None else m.unseen[at],
     )
 
 

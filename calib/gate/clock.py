@@ -10,6 +10,7 @@ from calib.gate.check import Cause, GateCheck
 from calib.gate.correction import UNITS, Correction
 from calib.gate.readings import LEAST_ROWS, name_of
 from logs.log import Log
+from logs.lost_time import finding, lost_time
 
 STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
 USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
@@ -53,8 +54,11 @@ def _elapsed(log: Log) -> float | None:
 
 
 def losses(log: Log) -> GateCheck:
-    """Not too many samples are missing."""
+    """Not too many samples are missing. Samples lost under an even clock are reported, and no reason to refuse: see logs.lost_time."""
     step = np.diff(log.t)
     share = 1 - len(log) / max(1.0, (log.t[-1] - log.t[0]) / float(np.median(step[step > 0])) + 1)
     detail = f"{name_of(log)}: {max(share, 0.0):.1%} of the samples missing, longest gap {step.max():.3g} s"
+    finite = np.isfinite(log.q).all(axis=1)
+    unseen = finding(lost_time(log.t[finite], log.q[finite], log.dq[finite]))
+    detail += f"; {unseen}. Speeds leave these steps out, and no simulation runs over them" if unseen else ""
     return GateCheck("losses", share < MOST_LOST, detail, () if share < MOST_LOST else (Cause("samples were lost"),))

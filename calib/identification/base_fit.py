@@ -20,8 +20,9 @@ from calib.identification.rows import RegressorRows
 from calib.identification.slip_width import fitted_slip_width
 from calib.identification.sums import Reference, Sums
 from calib.measurement.exclusions import Exclusion
+from calib.measurement.filtering import motion_cutoff
 from calib.measurement.periods import averaged
-from calib.measurement.preprocessing import Measurement, motion_cutoff, prepare
+from calib.measurement.preprocessing import Measurement, prepare
 from calib.measurement.reversals import reversal_rows, reverses_often
 from calib.regression.stored import Kept, digest_of
 from logs import Log, Pieces

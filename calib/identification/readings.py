@@ -16,7 +16,8 @@ import numpy as np
 from calib.identification.law import smoothing, speed_reading
 from calib.identification.model import TorqueModel
 from calib.identification.prior import nominal_prior
-from calib.measurement.preprocessing import CUTOFF_LEAST, Measurement, motion_cutoff, prepare
+from calib.measurement.filtering import CUTOFF_LEAST, motion_cutoff
+from calib.measurement.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
 from sim.arm_table import SpeedFrom

@@ -12,7 +12,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import firwin
 
+from logs.log import Log
+
 ROWS_PER_CUTOFF = 2.5
+CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0  # Hz
 
 
 @dataclass(frozen=True)
@@ -67,3 +70,25 @@ class Decimator:
         """(R, ...) in [0, 1]: how much of every row's weight falls on marked samples (N, ...)."""
         weight = np.abs(self.taps)
         return Decimator(self.rate, self.cutoff, self.step, weight).rows(marked) / weight.sum()
+
+
+def motion_cutoff(log: Log) -> float:
+    """Hz: one and a half times the frequency below which 99 % of the speed's power lies, as far as it stands out of the noise.
+
+    Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
+    """
+    rate = 1 / float(np.median(np.diff(log.t)))
+    q = log.q[np.isfinite(log.q).all(axis=1)]
+    if len(q) < 64:
+        return min(CUTOFF_LEAST, 0.1 * rate)
+    spectrum = np.abs(np.fft.rfft((q - q.mean(axis=0)) * np.hanning(len(q))[:, None], axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(q), 1 / rate)
+    bins = np.minimum((frequency / 0.25).astype(int), int(0.5 * rate / 0.25) - 1)
+    count = np.maximum(np.bincount(bins), 1)
+    power = np.stack([np.bincount(bins, s) / count for s in spectrum.T], axis=1)
+    centre = (np.arange(len(power)) + 0.5) * 0.25
+    floor = np.median(power[len(power) // 2 :], axis=0)
+    speed = np.where(power > 20 * floor, power, 0.0) * centre[:, None] ** 2
+    share = np.cumsum(speed, axis=0) / np.maximum(speed.sum(axis=0), 1e-300)
+    highest = centre[np.argmax(share >= 0.99, axis=0)].max()
+    return float(min(np.clip(1.5 * highest, CUTOFF_LEAST, CUTOFF_MOST), 0.1 * rate))

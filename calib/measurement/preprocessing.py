@@ -21,16 +21,15 @@ from calib.measurement.exclusions import (
     listed_exclusions,
     standing_samples,
 )
-from calib.measurement.filtering import Decimator
+from calib.measurement.filtering import Decimator, motion_cutoff
 from calib.measurement.joint_torque import joint_torque
 from calib.measurement.observed import Key, Observed
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
+from logs.lost_time import lost_time, without_jumps
 from sim.arm import Arm
 from sim.errors import BadLog
 from sim.trajectory import Trajectory
-
-CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,7 @@ class Measurement:
                 where nothing was read or nothing warmed
     doubt       (N, n) (N m)^2, what bridging a gap adds to the torque's variance, so stated that the samples of a gap count as independent;
                 None where nothing was bridged
+    unseen      (N,) s lost up to a sample although the stamps do not show it (logs.lost_time); None where nothing was
     followed    per effect and joint a parameter as the following error shows it (calib.measurement.following)
     period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
     """
@@ -65,6 +65,7 @@ class Measurement:
     temperature: np.ndarray | None = None
     warming: np.ndarray | None = None
     doubt: np.ndarray | None = None
+    unseen: np.ndarray | None = None
     followed: Mapping[Key, Observed] = field(default_factory=dict)
     period: float | None = None
     noise: np.ndarray | None = None
@@ -166,7 +167,13 @@ def prepare(
     decimator = Decimator.of_cutoff(rate, cutoff)
     measured = arm.speed_from == "measured" and bool(np.isfinite(log.dq[finite]).all())
     readings = np.column_stack([torque, log.dq]) if measured else torque
-    t, q, tau, starts, lost = resampled(log.t[finite], log.q[finite], readings[finite], rate, 2 * decimator.reach + smooth.size)
+    unseen = lost_time(log.t[finite], log.q[finite], log.dq[finite])
+    even = [without_jumps(log.q[finite], log.dq[finite], unseen)] if unseen.any() else []
+    positions = np.column_stack([log.q[finite], *even])
+    t, positions, tau, starts, lost = resampled(
+        log.t[finite], positions, readings[finite], rate, 2 * decimator.reach + smooth.size
+    )
+    q, steady = positions[:, : arm.n], positions[:, -arm.n :]
     tau, speed = tau[:, : arm.n], tau[:, arm.n :]
     excluded = [Exclusion(None, "gaps and readings that are not finite", lost)] if lost > 0.5 / rate else []
     if len(t) < 2:
@@ -174,7 +181,7 @@ def prepare(
             f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.size) / rate:.2f} s, which a filter "
             f"of {cutoff:.3g} Hz needs; record again without losses, or give a higher --cutoff"
         )
-    of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (q, 1), (q, 2)]
+    of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (steady, 1), (steady, 2)]
     q_s, dq, ddq = (by_stretch(starts, partial(smooth.derivative, order=k), x) for x, k in of)
     q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
     usable = np.isfinite(tau)
@@ -192,31 +199,11 @@ def prepare(
     trajectory = Trajectory(t, q_s, dq, ddq)
     tau = np.where(np.isfinite(tau), tau, 0.0)
     doubt = bridging_doubt(log.t[finite], torque[finite], t, rate)
+    at = np.searchsorted(log.t[finite], t + 0.01 / rate, side="right") - 1
     return Measurement(
-        name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt
-    )
-
-
-def motion_cutoff(log: Log) -> float:
-    """Hz: one and a half times the frequency below which 99 % of the speed's power lies, as far as it stands out of the noise.
-
-    Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
-    """
-    rate = 1 / float(np.median(np.diff(log.t)))
-    q = log.q[np.isfinite(log.q).all(axis=1)]
-    if len(q) < 64:
-        return min(CUTOFF_LEAST, 0.1 * rate)
-    spectrum = np.abs(np.fft.rfft((q - q.mean(axis=0)) * np.hanning(len(q))[:, None], axis=0)) ** 2
-    frequency = np.fft.rfftfreq(len(q), 1 / rate)
-    bins = np.minimum((frequency / 0.25).astype(int), int(0.5 * rate / 0.25) - 1)
-    count = np.maximum(np.bincount(bins), 1)
-    power = np.stack([np.bincount(bins, s) / count for s in spectrum.T], axis=1)
-    centre = (np.arange(len(power)) + 0.5) * 0.25
-    floor = np.median(power[len(power) // 2 :], axis=0)
-    speed = np.where(power > 20 * floor, power, 0.0) * centre[:, None] ** 2
-    share = np.cumsum(speed, axis=0) / np.maximum(speed.sum(axis=0), 1e-300)
-    highest = centre[np.argmax(share >= 0.99, axis=0)].max()
-    return float(min(np.clip(1.5 * highest, CUTOFF_LEAST, CUTOFF_MOST), 0.1 * rate))
+        name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt,
+        unseen=np.concatenate([[0.0], np.cumsum(unseen)])[at] if unseen.any() else None,
+    )  # fmt: skip
 
 
 def _check(log: Log, arm: Arm, name: str) -> None:

@@ -25,6 +25,7 @@ LOOP = 2 * np.pi * 1.0  # rad/s, natural frequency of the closed loop
 DAMPING = 0.7
 MEMORY = 1.0  # s
 PARTS = 5
+MOST_UNSEEN = 0.01  # of a window: time that was lost although the stamps do not show it
 
 
 @dataclass(frozen=True)
@@ -156,6 +157,8 @@ def whole_windows(m: Measurement, horizon: Horizon) -> np.ndarray:
     count = np.concatenate([[0], np.cumsum(read & same)])
     first = np.arange(max(len(read) - steps, 0))
     whole = (count[first + steps] - count[first] == steps) & read[first + steps]
+    if m.unseen is not None:
+        whole &= m.unseen[first + steps] - m.unseen[first] <= MOST_UNSEEN * horizon.seconds
     return np.flatnonzero(whole & moving[first])
 
 

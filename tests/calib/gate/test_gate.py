@@ -223,3 +223,19 @@ def test_readings_that_are_mostly_noise_are_no_other_clock() -> None:
         noise = np.random.default_rng(seed).normal(size=log.tau.shape) * of.tau_max
         found = gate(of, [replace(log, tau=log.tau + noise)], family=family)
         assert not any(c.kind == "shift" for cause in found.causes for c in cause.corrections), found.refusal
+
+
+def test_samples_lost_under_an_even_clock_are_reported() -> None:
+    of, log = base(BASES[0])
+    kept = np.flatnonzero(np.arange(len(log)) % 52 < 50)
+    part = replace(
+        log,
+        **{
+            name: getattr(log, name)[kept]
+            for name in ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
+        },
+    )
+    even = replace(part, t=log.t[: len(kept)], t_host=log.t_host[: len(kept)])
+    details = [next(c.detail for c in gate(of, [x]).checks if c.check == "losses") for x in (log, even)]
+    assert "the recorder lost samples and counted on" in details[1]
+    assert "counted on" not in details[0]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from calib.measurement.derivatives import DerivativeFilter
-from calib.measurement.filtering import Decimator
-from calib.measurement.preprocessing import motion_cutoff, prepare
+from calib.measurement.filtering import Decimator, motion_cutoff
+from calib.measurement.preprocessing import prepare
+from calib.validation.forward import SHORT, whole_windows
 from logs.log import Log
 from sim.arm import load_arm
 from sim.errors import BadLog, ConfigError
@@ -163,3 +164,20 @@ def test_bridged_rows_are_as_wrong_as_stated() -> None:
     assert np.sqrt(np.mean(error**2, axis=0)) / stated == pytest.approx(np.ones(6), abs=0.35)
     rows = m.row_samples
     assert not m.row_doubt[rows < 150 - m.decimator.reach].any()
+
+
+def test_samples_lost_under_an_even_clock_leave_speeds_as_they_were() -> None:
+    t, q = sine(24.0)
+    kept = np.flatnonzero(np.arange(len(t)) % 70 < 50)
+    dq = 2 * np.pi * 0.5 * np.cos(2 * np.pi * 0.5 * t[:, None] + np.arange(6))
+    stamps = t[: len(kept)]
+    log = replace(log_of(stamps, q[kept], q[kept]), dq=dq[kept])
+    m, blind = prepare(log, ARM, 8.0), prepare(log_of(stamps, q[kept], q[kept]), ARM, 8.0)
+    true = np.stack([np.interp(m.trajectory.t, stamps, x) for x in dq[kept].T], axis=1)
+    rms = [np.sqrt(np.mean((x.trajectory.dq - true)[x.inside] ** 2)) for x in (m, blind)]
+    assert rms[0] < 0.03 * np.pi
+    assert rms[1] > 5 * rms[0]
+    assert m.unseen is not None
+    assert m.unseen[-1] == pytest.approx(0.04 * (len(kept) // 50 - 1), rel=0.05)
+    assert not len(whole_windows(m, SHORT))
+    assert len(whole_windows(blind, SHORT))
