@@ -27,6 +27,7 @@ from sim.tree import KinematicTree
 UNBOUNDED = "effects-without-a-bound"
 # these three every arm has: what nobody stated of them is as large as in an ordinary drive (safety.parameters)
 EVERY_ARM = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+PORTION = 2048  # states whose regressors, 10 n numbers for each joint, are in memory together
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,7 @@ class TorqueBounds:
     def _links(self, box: TorqueBox, fast: np.ndarray, steep: bool, wide: bool, y: np.ndarray | None) -> None:
         """Stages RIGID and FORCE: the torque that links and outer forces put on the gears, and, of boxes or where asked, how steep it is."""
         q, dq, ddq = box.q.middle, box.dq.middle, box.ddq.middle
-        y = self._body.regressor(q, dq, ddq) if y is None else y
-        centre, half = y @ self._pi, np.abs(y) @ self._delta
+        centre, half = self._of_links(q, dq, ddq, y)
         w_q, w_v, w_a = box.q.half, box.dq.half, box.ddq.half
         if wide or steep:
             by_angle = self._slopes.by_angle(fast, np.abs(ddq) + w_a)
@@ -126,6 +126,15 @@ class TorqueBounds:
             side = np.einsum("kcj,kc->kj", np.abs(linear), box.force.half) + strong * (w_q @ turned)
             box.load = box.load - Interval.around(middle, side)
             box.steep += strong * (turned @ box.stretch)
+
+    def _of_links(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, y: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """(C, n) N m of the links at states (C, n), and its half-width over the parameter box; y the regressor, where it is known."""
+        centre, half = np.empty_like(q), np.empty_like(q)
+        for first in range(0, len(q), PORTION):
+            rows = slice(first, first + PORTION)
+            part = self._body.regressor(q[rows], dq[rows], ddq[rows]) if y is None else y[rows]
+            centre[rows], half[rows] = part @ self._pi, np.abs(part) @ self._delta
+        return centre, half
 
     def _mass(self, q: np.ndarray) -> np.ndarray:
         """Bound of |M(q)| (C, n, n) of the links over the parameter box."""
