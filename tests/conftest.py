@@ -7,6 +7,7 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +34,10 @@ LONG = (
 # one test of these takes hundreds of megabytes: while its process holds nothing of other files yet
 LARGE = ("calib/test_claims.py", "safety/test_execution.py", "safety/test_tube.py")
 
+STATM = Path("/proc/self/statm")
+MUCH = 10_000  # pages: 40 MB
+_least = 0  # pages in memory when they were given back last
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The files above come first; `make test` has xdist keep this order."""
@@ -42,6 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """What importing and collecting made stays to the end, half a million objects: the collector looks at it no more."""
     _set_aside()
+    _give_back()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -49,9 +55,28 @@ def freed() -> Iterator[None]:
     """What the tests of a file let go of goes back to the system: the C library would keep it, scattered, for each file more."""
     yield
     _set_aside()
+    _give_back()
+
+
+@pytest.fixture(autouse=True)
+def trimmed() -> Iterator[None]:
+    """So does what one test lets go of, if it is much: the next test's would come on top of it."""
+    yield
+    if _resident() > _least + MUCH:
+        _give_back()
+
+
+def _give_back() -> None:
+    global _least
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's alone
     if trim is not None:
         trim(0)
+    _least = _resident()
+
+
+def _resident() -> int:
+    """Pages of this process in memory; 0 where no file tells them."""
+    return int(STATM.read_text().split()[1]) if STATM.exists() else 0
 
 
 def _set_aside() -> None:
