@@ -32,7 +32,7 @@ def averaged(m: Measurement) -> Measurement:
     period in which the motion of the periods differs by more than the noise of the reading, such as the first moment after a start from rest, stay as
     they were; where that is more than MOST_APART of the period, all of it does: then it was not the same motion.
     """
-    found = _repeated(m)
+    found = _repeated(m) if m.unseen is None else None  # over time that the stamps do not show, no period is one
     if found is None:
         return m
     start, samples, count = found
