@@ -13,8 +13,12 @@ $(VENV)/ready: pyproject.toml constraints.txt
 demo: $(VENV)/ready  ## the whole story on the mock arm
 	$(BIN)/calib demo
 
+# these take hundreds of megabytes and compile most kernels: in processes of their own, which end with them
+LARGE := tests/calib/test_claims.py tests/safety/test_execution.py tests/safety/test_tube.py
+
 test: $(VENV)/ready  ## the tests that CI runs, in two processes; the drivers', which keep real time and mostly wait, after the others, in three
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore=tests/drivers
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE:%=--ignore=%) --ignore=tests/drivers
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder tests/drivers
 
 test-docs: $(VENV)/ready  ## every command block of README and docs, in the order of a reader

@@ -31,8 +31,6 @@ LONG = (
     "tests/test_installed_wheel.py",
     "tests/test_style.py",
 )
-# one test of these takes hundreds of megabytes: while its process holds nothing of other files yet
-LARGE = ("calib/test_claims.py", "safety/test_execution.py", "safety/test_tube.py")
 
 STATM = Path("/proc/self/statm")
 MUCH = 10_000  # pages: 40 MB
@@ -41,7 +39,7 @@ _least = 0  # pages in memory when they were given back last
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The files above come first; `make test` has xdist keep this order."""
-    items.sort(key=lambda item: not item.path.as_posix().endswith(LARGE + LONG))
+    items.sort(key=lambda item: not item.path.as_posix().endswith(LONG))
 
 
 def pytest_collection_finish() -> None:
