@@ -11,8 +11,9 @@ import numpy as np
 from logs.elapsed import elapsed_between
 
 LEAST_SAMPLES = 32
-# A loss lasts this share of a period at least, this many standard deviations of d, and the speed goes on over it, to within a share.
-LEAST, DEVIATIONS, GOES_ON = 0.5, 8.0, 0.3
+# A loss lasts this share of a period at least, this many standard deviations of d, and the speed goes on over it, to within a share. Over
+# a gap that the stamps show, the speed may have been any.
+LEAST, DEVIATIONS, GOES_ON, SHOWN = 0.5, 8.0, 0.3, 2.0
 # Stamps that jitter and speeds that lag err to both sides, losses only lengthen: so many of them, and so little time gained beside the lost.
 FEWEST, MOST_GAINED = 5, 0.1
 
@@ -30,8 +31,8 @@ def lost_time(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     speed, change = 0.5 * (dq[1:] + dq[:-1]), np.diff(dq, axis=0)
     with np.errstate(invalid="ignore"):
         steady = np.nansum(change**2, axis=1) < GOES_ON**2 * np.nansum(speed**2, axis=1)
-    over = elapsed - steps
-    clear = steady & (np.abs(over) > np.maximum(LEAST * np.median(steps), DEVIATIONS * error))
+    over, period = elapsed - steps, float(np.median(steps))
+    clear = steady & (steps < SHOWN * period) & (np.abs(over) > np.maximum(LEAST * period, DEVIATIONS * error))
     lost = clear & (over > 0)
     if lost.sum() < FEWEST or -over[clear & ~lost].sum() > MOST_GAINED * over[lost].sum():
         return nothing

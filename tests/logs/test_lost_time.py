@@ -55,3 +55,10 @@ def test_nothing_is_found_in_clean_jittered_or_slow_readings() -> None:
     assert not lost_time(t[:20], q[:20], dq[:20]).any()
     assert not lost_time(t[::-1], q, dq).any()
     assert without_jumps(q, dq, np.zeros(len(t) - 1)) is q
+
+
+def test_a_gap_that_the_stamps_show_is_no_loss() -> None:
+    t = PERIOD * np.arange(8000)
+    kept = np.arange(8000) % 700 < 500
+    q, dq = motion(t)
+    assert not lost_time(t[kept], q[kept], dq[kept]).any()
