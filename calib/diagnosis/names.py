@@ -10,6 +10,7 @@ import numpy as np
 from calib.diagnosis.acceptance import Assessed, assess, is_nothing, with_rivals
 from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import acts_at
+from calib.diagnosis.change_rules import LEFT_OVER
 from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.pairs import with_rival_pairs
@@ -78,6 +79,7 @@ def names_of(
     odd = not_left_by_observed(unexplained(found.baseline, found.best, apart), kept, found.best)
     if odd:
         kept = _beside(odd, kept, found.best.hypothesis.arm.joint_names)
+        odd = not_left_by_form(odd, kept)
     kept = [a for a in kept if null.rate(a.over_price) <= MOST_FALSE]
     named = found.best
     while len(kept) < len(named.accepted):
@@ -120,6 +122,13 @@ def not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit
     """
     brings = {a.effect.joint: a.lost for a in kept if _key(a.effect) in best.hypothesis.observed}
     return [u for u in odd if not u.fitted < MOST_LEFT * brings.get(u.joint, 0.0)]
+
+
+def not_left_by_form(odd: Sequence[Odd], kept: Sequence[Assessed]) -> list[Odd]:
+    """The structure without that at the joint of a name, where it is so small beside what the name brings that another form of the same
+    effect may leave it. `kept` are names that stay beside structure, so recordings held out agree with them."""
+    brings = {joint: max(a.lost for a in kept if a.effect.joint == joint) for joint in {a.effect.joint for a in kept}}
+    return [u for u in odd if not u.fitted < LEFT_OVER * brings.get(u.joint, 0.0)]
 
 
 def _beside(odd: Sequence[Odd], kept: Sequence[Assessed], joint_names: Sequence[str]) -> list[Assessed]:

@@ -11,7 +11,7 @@ from calib.diagnosis import diagnose as module
 from calib.diagnosis.acceptance import Assessed
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.names import not_left_by_observed
+from calib.diagnosis.names import not_left_by_form, not_left_by_observed
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.selection import add, started
 from calib.diagnosis.unexplained import Odd
@@ -68,6 +68,17 @@ def test_structure_that_an_observed_gap_leaves_at_its_joint_is_no_second_answer(
     odd = Odd(arm.joint_names[joint], ("resonance:x",), 0.1, fitted)
     assert (not_left_by_observed([odd], [gap], best) == [odd]) == reported
     assert not_left_by_observed([odd], [], best) == [odd]
+
+
+@pytest.mark.parametrize(("joint", "fitted", "reported"), [(0, 14.0, False), (0, 16.0, True), (1, 14.0, True)])
+def test_structure_that_another_form_of_a_name_leaves_at_its_joint_is_no_second_answer(
+    arm: Arm, joint: int, fitted: float, reported: bool
+) -> None:
+    gain = Assessed(ArmEffect("torque_gain", arm.joint_names[0], {"gain": 1.2}), 100.0, (), 30.0)
+    load = Assessed(ArmEffect("payload", None, {"mass": 1.0}), 1e4, (), 30.0)
+    odd = Odd(arm.joint_names[joint], ("resonance:x",), 0.1, fitted)
+    assert (not_left_by_form([odd], [gain, load]) == [odd]) == reported
+    assert not_left_by_form([odd], []) == [odd]
 
 
 def test_the_following_error_of_a_held_out_recording_counts(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
