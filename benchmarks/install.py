@@ -25,6 +25,7 @@ GIVES = {
     "arm-calib": "the program itself, its arms and cells",
     "cantools": "signals of CAN frames from .dbc files, for the emulated drives",
     "clarabel": "the cone program of physically consistent inertias",
+    "filterpy": "the smoothed course of friction over runs (Kalman)",
     "jinja2": "templates of the pages",
     "lz4": "MCAP chunks compressed with LZ4",
     "markupsafe": "escaping in the pages",

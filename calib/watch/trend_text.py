@@ -5,6 +5,7 @@ from __future__ import annotations
 import plotext
 from numpy import ptp
 
+from calib.watch.course import course
 from calib.watch.trend import Slope, series
 from calib.watch.trend_table import WATCHED, RunRecord
 
@@ -40,13 +41,14 @@ def doubtful_dates(runs: list[RunRecord]) -> str:
 
 
 def terminal_plot(runs: list[RunRecord], slopes: list[Slope]) -> str:
-    """Friction over days with 95 % intervals, of the joints that change most, as text."""
+    """Friction over days with 95 % intervals and its smoothed course, of the joints that change most, as text."""
     shown = sorted(slopes, key=lambda s: (-int(s.wears), -abs(s.per_100_days or 0.0)))[:PLOTS_MOST]
     return "\n".join(_plot(runs, s) for s in shown)
 
 
 def _plot(runs: list[RunRecord], s: Slope) -> str:
-    days, value, std, _ = series(runs, s.joint, s.kind)
+    days, value, std, warm = series(runs, s.joint, s.kind)
+    smooth = course(days, value, std, warm)
     unit = "N m" if s.kind == "coulomb" else "N m s/rad"
     figure = plotext.figure
     figure.clear()
@@ -54,5 +56,7 @@ def _plot(runs: list[RunRecord], s: Slope) -> str:
     if ptp(days) < 1e-3:
         days = days + range(len(days))
     figure.draw(figure.error(list(days), list(value), list(2 * 1.96 * std), [0.0] * len(days)))
+    if smooth is not None:
+        figure.draw(figure.signal(list(days), list(smooth.level), marker="·"))
     figure.title(f"{s.joint}: {s.kind} [{unit}] over days")
     return str(plotext.uncolorize(str(figure.build())))
