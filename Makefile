@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: real figures mutants faults kills wrong hostile arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: real figures mutants faults kills wrong hostile arms test-arms peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -95,9 +95,16 @@ peers:  ## figaroh and mujoco.sysid in an environment of their own, for `make be
 coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; some ten minutes
 	$(BIN)/python -m benchmarks coverage
 
-arms: $(VENV)/ready  ## 29 published arms through the whole line on the mock, half an hour of them at a time; writes results/arms.json
+$(VENV)/arms: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --no-deps "example-robot-data==6.0.0"
+	touch $@
+
+arms: $(VENV)/arms  ## 29 published arms through the whole line on the mock, half an hour of them at a time; writes results/arms.json
 	$(BIN)/python -m benchmarks arms
+
+test-arms: $(VENV)/arms  ## all of them as far as `calib arm new`, two through the whole line; some minutes
+	$(BIN)/python -m benchmarks.arms --new
+	$(BIN)/python -m benchmarks.arms so101 panda
 
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
 	cd calib/report/web && npm ci && npm run build
