@@ -20,7 +20,7 @@ from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque
 from calib.gate.mounting import is_mounting, mounting_torque
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
-from calib.gate.search import GainStep, steps
+from calib.gate.search import GainStep, doubtful, steps
 from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
 from sim.arm import Arm
@@ -160,7 +160,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         return [*out, GateCheck("torque", True, detail)]
     before = s = s.rows(below)
     found, rivals, s = steps(arm, s, SHIFTS)
-    if found and is_mounting(arm, before, found[0].gain):
+    if found and (doubtful(arm, found[0]) or is_mounting(arm, before, found[0].gain)):
         found, s = [], before
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))

@@ -36,6 +36,15 @@ class GainStep:
     gain: float
 
 
+def doubtful(arm: Arm, found: GainStep) -> bool:
+    """Whether a correction gains little and concerns a joint whose friction law was fitted to such readings.
+
+    Little is left of them beside the law, and that little goes with many a column: an arm refused the recording that it was identified from.
+    """
+    by_law = {e.joint for e in arm.effects if e.effect == "friction_law"}
+    return found.gain < ALONE_GAIN and any(arm.joint_names[j] in by_law for j in found.correction.joints)
+
+
 def read_as(s: Signals, c: Correction) -> Signals:
     """The rows read that way."""
     n = s.n

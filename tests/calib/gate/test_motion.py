@@ -10,7 +10,9 @@ import pytest
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_data import within
 from calib.gate import gate
+from calib.gate.correction import Correction
 from calib.gate.motion import speed
+from calib.gate.search import GainStep, doubtful
 from calib.gate.signals import signals
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
@@ -76,3 +78,11 @@ def test_laws_of_the_arm_are_taken_away_from_several_logs(servo6: Arm) -> None:
     assert "wrong sign" in (gate(servo6, logs).refusal or ""), "without its laws the arm would not explain these signs"
     wrong = [replace(log, tau=log.tau * np.array([1, -1, 1, 1, 1, 1])) for log in logs]
     assert f"sign:tau:{servo6.joint_names[1]}" in (gate(fitted, wrong).refusal or "")
+
+
+@pytest.mark.parametrize(("gain", "joint", "expected"), [(0.5, 0, True), (2.5, 0, False), (0.5, 1, False)])
+def test_a_small_gain_at_a_joint_whose_law_was_fitted_names_no_column(gain: float, joint: int, expected: bool) -> None:
+    arm = load_arm("servo6")
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters}
+    arm = with_effect(arm, ArmEffect("friction_law", arm.joint_names[0], law | {"slip_1e-1": 1.0}))
+    assert doubtful(arm, GainStep(Correction("swap", "all", (joint, 5)), gain)) == expected
