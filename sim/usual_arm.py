@@ -15,8 +15,8 @@ from sim.prior import EFFECT, torque_scale, unstated, weight
 TORQUE_NOISE, SPEED_NOISE = 0.0075, 0.003
 # The weakest drive of an arm beside its strongest: a UR10e has 54 and 330 N m, a UR5e 28 and 150, a Panda 12 and 87.
 WEAKEST = 1 / 6
-# Shares of what the drive is made for: dry friction, viscous friction at dq_max, reflected inertia at ddq_max. The UR arms of configs/ have
-# 0.04 to 0.06, 0.1 to 0.25 and 0.04 to 0.11; those of the lightest geared servos are lower.
+# Shares of what the drive is made for: dry friction, viscous friction at dq_max, reflected inertia at ddq_max. Chosen, not measured, of the
+# order of the arms of configs/, which have 0.04 to 0.06, 0.07 to 0.25 and 0.03 to 0.11 of tau_max.
 COULOMB, VISCOUS, INERTIA = 0.03, 0.03, 0.1
 
 
