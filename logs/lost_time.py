@@ -12,7 +12,8 @@ from logs.elapsed import elapsed_between
 
 LEAST_SAMPLES = 32
 # A loss lasts this share of a period at least, this many standard deviations of d, and the speed goes on over it, to within a share. Over
-# a gap that the stamps show, the speed may have been any.
+# a gap that the stamps show, the speed may have been any. Chosen on the real UR5e joint, whose losses are of 1 and of some 20 periods; no
+# other real recording and none of 264 logs of an exam (seed 26112931) shows any.
 LEAST, DEVIATIONS, GOES_ON, SHOWN = 0.5, 8.0, 0.3, 2.0
 # Stamps that jitter and speeds that lag err to both sides, losses only lengthen: so many of them, and so little time gained beside the lost.
 FEWEST, MOST_GAINED = 5, 0.1

@@ -47,7 +47,7 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
         ["joint", "friction", "level", "at the last run", "unit", "change in 100 days", "95 % interval", "runs"],
         [
             [
-                s.joint, WORDS[s.kind], s.level, "–" if (smooth := courses[s.joint, s.kind]) is None else float(smooth.level[-1]), UNITS[s.kind], "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
+                s.joint, WORDS[s.kind], s.level, _last(courses[s.joint, s.kind]), UNITS[s.kind], "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
                 "too few runs" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs,
             ]
             for s in slopes
@@ -65,3 +65,8 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
         ],
     )  # fmt: skip
     return page.write(path)
+
+
+def _last(found: Course | None) -> float | str:
+    """The friction at the last run."""
+    return "–" if found is None else float(found.level[-1])
