@@ -35,6 +35,7 @@ DOSES: dict[str, tuple[dict[str, float], ...]] = {
     "load_dependent_friction": ({"coefficient": 0.15},),
     "thermal_friction": ({"relative_drop": 0.6, "time_constant": 2.0},),
     "presliding_friction": ({"stiffness": 300.0},),
+    "gear_ripple": ({"amplitude": 2.0, "cycles": 200.0, "phase": 0.5},),
     "friction_law": ({"slip_3e-3": 8.0, "power_0.6": 6.0, "stribeck_0.1": 5.0, "load": 0.05},),
     "rotor_inertia": ({"inertia": 12.0},),
     "joint_elasticity": ({"stiffness": 5000.0},),

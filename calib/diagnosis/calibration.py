@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.corrected import ripples
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.link_side import centre_size
 from calib.diagnosis.nuisance import DELAY_MEAN, DELAY_SPREAD, ROTOR_TOGETHER, spreads
@@ -56,7 +57,7 @@ class Moved:
 
 
 def calibration(refit: Fit) -> list[Moved]:
-    """The numbers that moved by more than a prior standard deviation and significantly, farthest first."""
+    """The numbers that moved by more than a prior standard deviation and significantly, farthest first; every gear's ripple is one."""
     arm, solved = refit.hypothesis.start, refit.solved
     names, brought, out = refit.models[0].names, _brought(solved), []
     for k, name in enumerate(names):
@@ -71,6 +72,10 @@ def calibration(refit: Fit) -> list[Moved]:
         if abs(moved) >= MOVED * size and moved**2 >= EVIDENT * variance:
             share = min(1.0, moved**2 / variance / max(brought, 1e-12))
             out.append(Moved(what, joint, value, value + moved, unit, float(np.sqrt(variance)), size, share))
+    for e in ripples(refit):
+        size, std = e.parameters["amplitude"], e.std["amplitude"]
+        what = f"gear ripple of {e.parameters['cycles']:.0f} cycles a turn"
+        out.append(Moved(what, e.joint, 0.0, size, "N*m", std, size, min(1.0, (size / std) ** 2 / max(brought, 1e-12))))
     return sorted(out, key=lambda x: -abs(x.deviations))
 
 

@@ -70,7 +70,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
         for e in start.effects
         if e.effect in ORDINARY and (e.effect, e.joint) not in have
     ]
-    built = [e for e in _build_up(f.hypothesis, effects) if e.joint in moving]
+    built = [e for e in (*_build_up(f.hypothesis, effects), *ripples(f)) if e.joint in moving]
     return ArmChange(inertials, (*effects, *built, *limits))
 
 
@@ -91,6 +91,21 @@ def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmE
         level = next((e.parameters["coulomb"] for e in effects if e.effect == "coulomb_friction" and e.joint == joint), 0.0)
         if width > WIDER * SLIP_WIDTH and level > 0 and ("presliding_friction", joint) not in have:
             out += built_up(joint, float(level), float(width))
+    return out
+
+
+def ripples(f: Fit) -> list[ArmEffect]:
+    """The ripple of every gear that has one, where the fit puts it, with its standard deviations."""
+    names, out = f.models[0].names, []
+    for j, (joint, mesh) in enumerate(zip(f.hypothesis.start.joint_names, f.hypothesis.mesh, strict=False)):
+        if mesh is None:
+            continue
+        first = names.index(f"mesh_sin_{j + 1}")
+        c = -mesh.size * f.solved.theta[first : first + 2]
+        amplitude = max(float(np.hypot(*c)), 1e-12)
+        std = mesh.size * float(np.sqrt(np.mean(np.diag(f.solved.inverse)[first : first + 2])))
+        values = {"amplitude": amplitude, "cycles": mesh.cycles, "phase": float(np.arctan2(c[1], c[0]))}
+        out.append(ArmEffect("gear_ripple", joint, values, {"amplitude": std, "phase": min(std / amplitude, np.pi)}))
     return out
 
 

@@ -10,7 +10,18 @@ import numpy as np
 
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.link_side import LinkSide
-from calib.diagnosis.nuisance import LATER, OWN, POSITIVE, WIDER, first_own, friction_lost, nuisance_names, own_columns, spreads
+from calib.diagnosis.nuisance import (
+    LATER,
+    OWN,
+    POSITIVE,
+    WIDER,
+    first_own,
+    friction_lost,
+    nuisance_names,
+    own_columns,
+    ripple,
+    spreads,
+)
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named
@@ -182,7 +193,7 @@ class LogModel:
         """What the torque of joint j depends on, beside its link side."""
         h = self.hypothesis
         items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
-        return float(h.width[j]), float(h.lead[j]), h.delay, h.written, tuple(items)
+        return float(h.width[j]), float(h.lead[j]), h.delay, h.written, h.mesh_of(j), tuple(items)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows of samples."""
@@ -221,9 +232,9 @@ class LogModel:
         spread = {key: values[j] for key, values in self._spreads.items()}
         wider = self.tail(j, own, width=self.hypothesis.width[j] * WIDER)
         later = self.tail(j, own, lead=self.hypothesis.lead[j] + LATER)
-        columns = own_columns(
-            state, own, spread, rate, wider - tau_hat, later - tau_hat, self._friction_lost(j), self.hypothesis.written
-        )
+        lost, waves = self._friction_lost(j), ripple(self.hypothesis.mesh_of(j), self.reading[:, j])
+        changes = wider - tau_hat, later - tau_hat
+        columns = own_columns(state, own, spread, rate, *changes, lost, self.hypothesis.written, waves)
         rows = self.rows(np.stack((*columns, self.measurement.tau[:, j] - tau_hat), axis=1))
         return JointPath(key, tau_hat, rate, rows[:, -1], rows[:, :-1])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,13 +24,21 @@ WARMING_SPREAD = 0.03
 # of the differences that stand for the derivatives by width (a factor) and lead (s)
 WIDER, LATER = 1.3, 1e-3
 BEYOND = 3.0  # prior standard deviations
-OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth")
+OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth", "mesh_sin", "mesh_cos")
 # effect, parameter and prior of the first of OWN: none of them can be negative
 POSITIVE = (
     ("coulomb_friction", "coulomb", "coulomb"),
     ("viscous_friction", "viscous", "viscous"),
     ("rotor_inertia", "inertia", "rotor"),
 )
+
+
+@dataclass(frozen=True)
+class GearMesh:
+    """A ripple along a joint's angle: cycles in a turn, and size N m, the amplitude by which its prior is scaled."""
+
+    cycles: float
+    size: float
 
 
 def nuisance_names(n: int) -> list[str]:
@@ -60,11 +69,13 @@ def own_columns(
     later: np.ndarray,
     lost: np.ndarray,
     written: bool,
+    waves: np.ndarray,
 ) -> tuple[np.ndarray, ...]:
     """(N,) N m per prior standard deviation of OWN, of all rotors together and of the delay: for one joint, whose path has arrays (N, 1).
 
     own: the joint's effects; spread: its standard deviations; rate (N,): d tau / dt; wider, later (N,): change of torque with a width
-    WIDER times as large and a lead longer by LATER; lost: `friction_lost`; written: as an arm folder can hold it, without lead.
+    WIDER times as large and a lead longer by LATER; lost: `friction_lost`; written: as an arm folder can hold it, without lead; waves
+    (N, 2): `ripple`.
     """
     friction = state.warmth[:, 0] * state.slip[:, 0]
     viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
@@ -78,6 +89,7 @@ def own_columns(
         WIDTH_SPREAD / np.log(WIDER) * wider,
         (0.0 if written else LEAD_SPREAD / LATER) * later,
         -lost * (friction * state.level[:, 0] + viscous * speed),
+        *waves.T,
         ROTOR_TOGETHER * rotor * push,
         -DELAY_SPREAD * rate,
     )
@@ -86,6 +98,13 @@ def own_columns(
 def friction_lost(t: np.ndarray, warming: np.ndarray | None) -> np.ndarray:
     """(N,) share of friction lost at times t (N,) s, one standard deviation of the prior; warming (N,): of the joint, None if not measured."""
     return WARMTH_SPREAD * t / 60.0 if warming is None else WARMING_SPREAD * warming
+
+
+def ripple(mesh: GearMesh | None, angle: np.ndarray) -> np.ndarray:
+    """(N, 2) N m of sine and cosine along a joint's angle (N,) rad, one standard deviation of the prior; nothing without a mesh."""
+    if mesh is None:
+        return np.zeros((len(angle), 2))
+    return mesh.size * np.stack((np.sin(mesh.cycles * angle), np.cos(mesh.cycles * angle)), axis=1)
 
 
 def within_prior(names: Sequence[str], theta: np.ndarray) -> np.ndarray:

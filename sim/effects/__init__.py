@@ -15,6 +15,7 @@ from sim.effects.encoder_eccentricity import EncoderEccentricity
 from sim.effects.encoder_offset import EncoderOffset
 from sim.effects.external_contact import ExternalContact
 from sim.effects.friction_law import FrictionLaw
+from sim.effects.gear_ripple import GearRipple
 from sim.effects.joint_elasticity import JointElasticity
 from sim.effects.joint_spring import JointSpring
 from sim.effects.link_inertia import LinkInertia
@@ -68,7 +69,7 @@ OWN_EFFECTS: tuple[Effect, ...] = (
 )
 
 # what a regression writes into an arm beside the named effects; nobody looks for it by name
-LAWS: tuple[Effect, ...] = (FrictionLaw(),)
+LAWS: tuple[Effect, ...] = (FrictionLaw(), GearRipple())
 
 # effects of other packages that cannot be used -> why; the others are as good as our own
 BROKEN: dict[str, str] = {}

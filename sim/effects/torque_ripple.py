@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class TorqueRipple(Effect):
     many = True
     stage = Stage.JOINT
     surcharge = 10.0  # many cycles are tried
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("amplitude", "N*m", "peak torque", lower=0.0, grid=(0.5,)),
         Parameter(
             "cycles",
@@ -77,7 +78,7 @@ class TorqueRipple(Effect):
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
         """A passive dcmotor with cogging."""
-        motor = passive(f"calib_torque_ripple_{joint}", p["amplitude"], p["cycles"], p["phase"], joint=joint)
+        motor = passive(f"calib_{self.name}_{joint}", p["amplitude"], p["cycles"], p["phase"], joint=joint)
         return Mjcf(elements=(("actuator", "dcmotor", motor),))
 
     def probes(self, own: Values | None) -> list[Probe]:

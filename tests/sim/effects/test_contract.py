@@ -13,8 +13,7 @@ import pytest
 import sim.effects
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
-from sim.effects import EFFECTS, Effect, Stage, checked, effect_named, with_effect
-from sim.effects.friction_law import FrictionLaw
+from sim.effects import EFFECTS, LAWS, Effect, Stage, checked, effect_named, with_effect
 from sim.errors import ConfigError
 from sim.prediction import predict, torque_path
 from sim.trajectory import Trajectory
@@ -69,7 +68,7 @@ def test_the_catalogue_is_the_public_one() -> None:
 
 def test_one_file_an_effect() -> None:
     folder = Path(str(sim.effects.__file__)).parent
-    assert {f.stem for f in folder.glob("*.py")} - {"__init__", "effect"} == {e.name for e in (*EFFECTS, FrictionLaw())}
+    assert {f.stem for f in folder.glob("*.py")} - {"__init__", "effect"} == {e.name for e in (*EFFECTS, *LAWS)}
     assert all(type(e).__module__ == f"sim.effects.{e.name}" for e in EFFECTS)
 
 

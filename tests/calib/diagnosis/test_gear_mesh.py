@@ -1,0 +1,78 @@
+"""The ripple of a gear's mesh is found and fitted before any effect is looked for, and is no effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.known_truth import fourier_motion
+from calib.diagnosis import gear_mesh
+from calib.diagnosis.calibration import calibration
+from calib.diagnosis.corrected import correction
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.nuisance import GearMesh
+from calib.diagnosis.scoring import scored
+from calib.diagnosis.selection import started
+from sim.arm import Arm
+from sim.effects import with_effect
+from sim.effects.gear_ripple import FEWEST
+from sim.effects.torque_ripple import CYCLES as CANDIDATES
+from sim.prediction import predict
+from tests.calib.diagnosis.conftest import at, recording
+
+WRIST, CYCLES, AMPLITUDE = 4, 61.3, 0.5
+
+
+def fitted(arm: Arm, amplitude: float) -> Fit:
+    hidden = at(WRIST, lambda q, dq: amplitude * np.sin(CYCLES * q + 0.7))
+    return started(warmed([measured(recording(arm, seed, hidden), arm) for seed in (1, 2)]), Hypothesis.nominal(arm))
+
+
+def test_a_ripple_is_found_with_its_cycles_and_size(ur10e: Arm) -> None:
+    f = fitted(ur10e, AMPLITUDE)
+    found = {j: mesh for j, mesh in enumerate(f.hypothesis.mesh) if mesh is not None}
+    assert set(found) == {WRIST}
+    mesh, names = found[WRIST], f.models[0].names
+    sine, cosine = (mesh.size * f.solved.theta[names.index(f"mesh_{of}_{WRIST + 1}")] for of in ("sin", "cos"))
+    assert mesh.cycles == pytest.approx(CYCLES, abs=0.3)
+    assert np.hypot(sine, cosine) == pytest.approx(AMPLITUDE, rel=0.15)
+    # nothing that has a name explains what is no longer there
+    assert max(s.gain for s in scored(f, set()) if s.effect.joint == ur10e.joint_names[WRIST]) < 30
+
+
+def test_no_ripple_is_found_where_there_is_none(ur10e: Arm) -> None:
+    assert fitted(ur10e, 0.0).hypothesis.mesh == (None,) * ur10e.n
+
+
+def test_left_out_it_is_in_the_noise(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST]
+    monkeypatch.setattr(gear_mesh, "LEAST_GAIN", np.inf)
+    assert fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST] > 1.1 * quiet
+
+
+def test_slow_ripple_is_left_to_the_catalogue() -> None:
+    assert max(CANDIDATES) < FEWEST
+
+
+def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm) -> None:
+    f, joint = fitted(ur10e, AMPLITUDE), ur10e.joint_names[WRIST]
+    (ripple,) = [e for e in correction(f).effects if e.effect == "gear_ripple"]
+    assert ripple.joint == joint
+    motion = fourier_motion(ur10e, 1, 16.0, 125.0)
+    holding = with_effect(ur10e, ripple)
+    added = (predict(holding, motion) - predict(ur10e, motion))[:, WRIST]
+    true = AMPLITUDE * np.sin(CYCLES * motion.q[:, WRIST] + 0.7)
+    assert np.std(added - true) < 0.25 * np.std(true)
+    (listed,) = [m for m in calibration(f) if m.name.startswith("gear ripple")]
+    assert (listed.joint, listed.before, listed.after) == (joint, 0.0, ripple.parameters["amplitude"])
+    assert 0.5 < listed.gap_share <= 1.0
+
+
+def test_one_hypothesis_has_the_same_ripple_with_other_effects(ur10e: Arm) -> None:
+    mesh = (None, GearMesh(100.0, 0.1), None, None, None, None)
+    hypothesis = Hypothesis(ur10e, np.full(6, 1e-4), np.zeros(6), mesh=mesh)
+    assert hypothesis.with_effects(()).mesh_of(1) == mesh[1]
+    assert hypothesis.as_written().mesh_of(1) == mesh[1]
+    assert Hypothesis.nominal(ur10e).mesh_of(1) is None
