@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.measurement.preprocessing import Measurement, prepare
+from calib.measurement.ripple_cycles import ripple_cycles
 from logs.log import Log
 from sim.arm import Arm
 from sim.errors import BadLog
@@ -74,12 +75,11 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
     if use.sum() < ROWS_LEAST:
         return np.nan, np.nan
     samples = np.column_stack([model, dq, np.sign(dq), np.ones(len(dq))])
-    samples = samples[:, np.abs(samples).max(axis=0) > 0]
-    size = np.linalg.norm(samples, axis=0)
-    rows = m.rows(samples / size)[use]
-    u, s, vt = np.linalg.svd(rows, full_matrices=False)
-    rank = int((s > 1e-6 * s[0]).sum())
-    u, inverse = u[:, :rank], vt[:rank].T / s[:rank]
+    u, rows, inverse, size = _factors(m, samples, use)
+    waves = _ripple(m, j, m.rows(m.tau[:, j])[use], u, use)
+    if waves is not None:
+        samples = np.column_stack([samples, waves])
+        u, rows, inverse, size = _factors(m, samples, use)
     delay = 0.0
     for _ in range(ROUNDS):
         torque = m.rows(_earlier(m, m.tau[:, j], delay))[use]
@@ -94,6 +94,33 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
     batch = np.unique(m.row_samples[use] // max(int(BATCH_SECONDS * m.rate), 1), return_inverse=True)[1]
     std = float(np.sqrt(np.sum(np.bincount(batch, score) ** 2)) / (slope @ slope))
     return delay, max(std, 1e-6)
+
+
+def _factors(m: Measurement, samples: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of columns (N, k): a basis u (R, r) of their rows, the rows (R, k) per unit column, their inverse (k, r), and the columns' sizes (k,)."""
+    size = np.maximum(np.linalg.norm(samples, axis=0), 1e-300)
+    rows = m.rows(samples / size)[use]
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    rank = int((s > 1e-6 * s[0]).sum())
+    return u[:, :rank], rows, vt[:rank].T / s[:rank], size
+
+
+def _ripple(m: Measurement, j: int, torque: np.ndarray, u: np.ndarray, use: np.ndarray) -> np.ndarray | None:
+    """(N, 2) sine and cosine of the ripple of the joint's gear in the residual of torque (R,) beside the basis u; None without one."""
+    q, at = m.trajectory.q[:, j], m.row_samples[use]
+    left = torque - u @ (u.T @ torque)
+    left /= max(float(np.std(left)), 1e-300)
+
+    def waves(cycles: float) -> np.ndarray:
+        return np.stack((np.sin(cycles * q), np.cos(cycles * q)), axis=1)
+
+    def gain(cycles: float) -> float:
+        x = m.rows(waves(cycles))[use]
+        x -= u @ (u.T @ x)
+        return float(np.sum((np.linalg.qr(x)[0].T @ left) ** 2))
+
+    cycles = ripple_cycles(left, q[at], m.trajectory.dq[at, j], m.decimator, gain)
+    return None if cycles is None else waves(cycles)
 
 
 def _earlier(m: Measurement, tau: np.ndarray, by: float) -> np.ndarray:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.known_truth import fourier_motion
-from calib.diagnosis import gear_mesh
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.fit import Fit
@@ -15,6 +14,7 @@ from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.nuisance import GearMesh
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.selection import started
+from calib.measurement import ripple_cycles
 from sim.arm import Arm
 from sim.effects import with_effect
 from sim.effects.gear_ripple import FEWEST
@@ -48,7 +48,7 @@ def test_no_ripple_is_found_where_there_is_none(ur10e: Arm) -> None:
 
 def test_left_out_it_is_in_the_noise(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     quiet = fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST]
-    monkeypatch.setattr(gear_mesh, "LEAST_GAIN", np.inf)
+    monkeypatch.setattr(ripple_cycles, "LEAST_GAIN", np.inf)
     assert fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST] > 1.1 * quiet
 
 

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.exam import motions
+from benchmarks.exam.arms import HARDWARE, write_model
+from benchmarks.exam.recording import sample, write
+from benchmarks.exam.true_arm import AMBIENT, build, run
+from calib.measurement import ripple_cycles
 from calib.measurement.torque_delay import torque_delay
 from logs.log import Log
+from logs.read import read_log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog
 from sim.prediction import predict
@@ -72,3 +79,23 @@ def test_a_log_in_which_nothing_moves_cannot_tell(motion: Trajectory) -> None:
     still = replace(motion, q=np.tile(motion.q[:1], (len(motion), 1)), dq=0 * motion.dq, ddq=0 * motion.ddq)
     with pytest.raises(BadLog):
         torque_delay(delayed(arm, still, 0.0, seed=3), arm)
+
+
+@pytest.mark.parametrize("delay", [0.0, 5e-3])
+def test_a_drive_that_answers_the_ripple_of_its_gears_is_not_early(
+    delay: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A closed loop around an arm of another form than the model: what the drive does about the ripple is in the motion and in the torque."""
+    nominal = write_model("servo6", tmp_path / "arm.xml")
+    rng, hardware = np.random.default_rng(5), HARDWARE["servo6"]
+    home = motions.draw_home(rng)
+    reference = motions.fourier_motion(rng, home, hardware.speed, 12.0, 5, hardware.control_period)
+    truth = build("servo6", nominal.tree, nominal.tau_max, hardware, home, rng, hard=True)
+    truth.sensors.delay += delay
+    warm = np.full(6, AMBIENT)
+    write(tmp_path / "log.mcap", sample(truth, run(truth, reference, motions.SETTLE, warm), rng), nominal.joint_names, 0)
+    log = read_log(tmp_path / "log.mcap", nominal.joint_names)
+    found = torque_delay(log, nominal)
+    assert abs(found.delay - truth.sensors.delay) < 3e-3
+    monkeypatch.setattr(ripple_cycles, "LEAST_GAIN", np.inf)
+    assert torque_delay(log, nominal).delay < found.delay - 6e-3
