@@ -42,7 +42,7 @@ class CacheBudget:
         self._owners.pop(id(values), None)
 
 
-SHARED = CacheBudget(80e6)
+SHARED = CacheBudget(110e6)
 
 
 class ArrayCache:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -9,10 +11,10 @@ import numpy as np
 
 from calib.diagnosis.array_cache import ArrayCache
 from calib.measurement.preprocessing import Measurement
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 from sim.effects.effect import Values
 from sim.effects.friction_law import FrictionLaw
-from sim.prediction import Stages, link_side
+from sim.prediction import Stages, by_stage, link_side, motor_side
 from sim.rigid_body import RigidBody, link_parameters
 from sim.torque_path import PathState
 
@@ -52,7 +54,7 @@ class LinkSide:
     """
 
     def __init__(self, measurement: Measurement, arm: Arm, stages: Stages, like: LinkSide | None = None) -> None:
-        self.measurement = measurement
+        self.measurement, self.arm = measurement, arm
         self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
         self.bodies = RigidBody(arm)
         if like is not None and not (like.measurement is measurement and _move_alike(self, like)):
@@ -87,16 +89,18 @@ class LinkSide:
             **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
         )
 
-    def law(self, j: int, p: Values) -> np.ndarray:
-        """(N, 1) N m of a friction law of joint j on the motion and the load of the links."""
+    def law(self, j: int, p: Values, before: Sequence[ArmEffect]) -> np.ndarray:
+        """(N, 1) N m of a friction law of joint j on the motion and the load that the effects `before` it leave of the links'."""
 
         def torque() -> np.ndarray:
-            state = self.joint(j)
-            state.q_motor[:], state.dq_motor[:] = state.q, state.dq
+            state, arm = self.joint(j), self.arm
+            motor_side(state, by_stage([replace(e, joint=arm.joint_names[0]) for e in before], arm))
+            state.tau[:] = 0.0
             FRICTION_LAW.apply(state, 0, p)
             return state.tau
 
-        found: np.ndarray = self.joints[j].columns.of(("law", *p.values()), torque)
+        key = tuple((e.effect, *sorted(e.parameters.items())) for e in before)
+        found: np.ndarray = self.joints[j].columns.of(("law", *p.values(), key), torque)
         return found
 
     def posture_slopes(self, j: int) -> np.ndarray:

@@ -209,15 +209,20 @@ class LogModel:
     def _state(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> PathState:
         state = self.side.joint(j)
         law = next((e for e in own if e.effect == "friction_law"), None)
-        if law is not None and not any(effect_named(e.effect).stage in (Stage.JOINT, Stage.TRANSMISSION) for e in own):
-            # nothing changes the motion and the load that it depends on: once for all
-            state.tau += self.side.law(j, law.parameters)
+        before = self._before_friction(own)
+        if law is not None and instead is None and before == self._before_friction(self.own_effects(j)):
+            # nothing that is tried changes the motion and the load that it depends on: once for all
+            state.tau += self.side.law(j, law.parameters, before)
             own = [e for e in own if e is not law]
         items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
         width = np.array([changes.get("width", self.hypothesis.width[j])])
         lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
         motor_side(state, by_stage([*items, *self._channel()], self.arm, instead), width, lead)
         return state
+
+    @staticmethod
+    def _before_friction(own: Sequence[ArmEffect]) -> list[ArmEffect]:
+        return [e for e in own if effect_named(e.effect).stage in (Stage.JOINT, Stage.TRANSMISSION)]
 
     def _joint_path(self, j: int) -> JointPath:
         key = self.joint_key(j)

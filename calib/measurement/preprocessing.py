@@ -102,7 +102,26 @@ class Measurement:
 
     def rate_of_change(self, x: np.ndarray) -> np.ndarray:
         """d x / dt of samples (N, ...) by central differences."""
-        return self.by_stretch(lambda part, t: np.gradient(part, t, axis=0), x, self.trajectory.t)
+        before, own, after = (w.reshape(-1, *(1,) * (x.ndim - 1)) for w in self._difference)
+        out = own * x
+        out[1:] += before[1:] * x[:-1]
+        out[:-1] += after[:-1] * x[1:]
+        return out
+
+    @cached_property
+    def _difference(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N,) weights, 1/s, of the sample before, of its own and of the one after it, as numpy.gradient has them."""
+        before, own, after = np.zeros((3, len(self.trajectory.t)))
+        for lo, hi in itertools.pairwise(self.starts):
+            step = np.diff(self.trajectory.t[lo:hi])
+            if not len(step):
+                continue
+            a, b = step[:-1], step[1:]
+            before[lo + 1 : hi - 1], after[lo + 1 : hi - 1] = -b / (a * (a + b)), a / (b * (a + b))
+            own[lo + 1 : hi - 1] = (b - a) / (a * b)
+            own[lo], after[lo] = -1 / step[0], 1 / step[0]
+            before[hi - 1], own[hi - 1] = -1 / step[-1], 1 / step[-1]
+        return before, own, after
 
     @cached_property
     def row_samples(self) -> np.ndarray:
