@@ -96,6 +96,12 @@ def refit(n: Numbers) -> str:
     return f"A parameter refit without any effect moves {listed(moves)}"
 
 
+def ripple(n: Numbers) -> str:
+    first, more = n["parameters"][:3], len(n["parameters"]) - 3
+    found = [f"{significant(m['to'])} {unit(m['unit'])} at {m['joint']} ({m['name'].partition(' of ')[2]})" for m in first]
+    return f"The gears' own ripple is fitted beside every effect: {listed([*found, f'smaller at {more} more'] if more > 0 else found)}"
+
+
 def alike(n: Numbers) -> str:
     others = listed([words(o["effect"], o.get("joint")) for o in n["others"]])
     return f"From this data {words(n['effect'], n.get('joint'))} cannot be distinguished from {others}"

@@ -11,7 +11,9 @@ from calib.claims.claim import Claim
 
 FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
-REMARKS = ("removed", "motion", "law", "possible", "refused", "refit")
+# how a number of `calibration` begins that is a ripple of a gear
+RIPPLE = "gear ripple"
+REMARKS = ("removed", "motion", "law", "possible", "refused", "ripple", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
@@ -31,7 +33,10 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     keys = ("effect", "joint", "chance", "experiment")
     out += [Claim("possible", {key: x[key] for key in keys}) for x in answer.get("possible", [])]
     out += [Claim("refused", {"text": text}) for text in answer.get("refused", [])]
-    far = [m for m in answer.get("calibration", []) if abs(m["to"] - m["from"]) > FAR * m["prior_std"]]
+    moved = answer.get("calibration", [])
+    if ripples := [m for m in moved if m["name"].startswith(RIPPLE)]:
+        out.append(Claim("ripple", {"parameters": sorted(ripples, key=lambda m: -m["gap_share"])}))
+    far = [m for m in moved if abs(m["to"] - m["from"]) > FAR * m["prior_std"]]
     return (*out, Claim("refit", {"parameters": far})) if far else tuple(out)
 
 

@@ -127,6 +127,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "possible": diagnosis.possible,
     "refused": diagnosis.refused,
     "refit": diagnosis.refit,
+    "ripple": diagnosis.ripple,
     "alike": diagnosis.alike,
     "removed": diagnosis.removed,
     "motion": diagnosis.motion,

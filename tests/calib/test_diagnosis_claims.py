@@ -133,6 +133,26 @@ def test_recordings_that_cannot_be_used_claim_their_causes_and_nothing_else(
     assert not list(tmp_path.rglob("arm.toml"))
 
 
+def test_the_ripples_of_gears_are_those_of_the_refit(spring: Written) -> None:
+    answer = spring.answer | {"calibration": [*MOVES, *RIPPLES]}
+    (claim,) = [c for c in claims(answer) if c.name == "ripple"]
+    assert [m["joint"] for m in claim.numbers["parameters"]] == ["wrist_1_joint", "elbow_joint"]
+    assert "0.2 N m at wrist_1_joint (201 cycles a turn) and 0.3 N m at elbow_joint (128 cycles a turn)" in claim.sentence
+    assert not [c for c in claims(spring.answer | {"calibration": MOVES}) if c.name == "ripple"]
+
+
+RIPPLES = [
+    {
+        "name": f"gear ripple of {k} cycles a turn",
+        "joint": j,
+        "from": 0.0,
+        "to": a,
+        "unit": "N*m",
+        "prior_std": a,
+        "gap_share": s,
+    }
+    for j, k, a, s in (("elbow_joint", 128, 0.3, 0.1), ("wrist_1_joint", 201, 0.2, 0.4))
+]
 MOVES = [
     {"name": "mass", "joint": "elbow_joint", "from": 12.0, "to": 12.0 + 0.1 * d, "unit": "kg", "prior_std": 0.1}
     for d in (9.0, -2.0)
