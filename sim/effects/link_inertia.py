@@ -9,6 +9,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
 from sim.motion_view import CandidateColumns, MotionView, by_joint
+from sim.rigid_body import link_parameters
 from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
@@ -33,20 +34,24 @@ class LinkInertia(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in the change of m and m c; the last link's cannot be distinguished from a payload's."""
+        """Linear in the change of m and c, with the moments about the joint that follow; the last link's cannot be distinguished from a payload's."""
         tree = views[0].tree
         if joint is None or joint == views[0].n - 1:
             return
-        mass, com = tree.mass[joint], tree.com[joint]
-        step = 0.1 * mass
+        mass, com, inertia = tree.mass[joint], tree.com[joint], tree.inertia[joint]
+        moves = [0.1 * link_parameters(mass, com, inertia)]
+        for way in 0.1 * np.eye(3):
+            ahead, behind = (link_parameters(mass, com + by, inertia) for by in (way, -way))
+            moves.append((ahead - behind) / 2)
 
         def combine(c: np.ndarray) -> dict[str, float]:
-            new = mass * (1.0 + 0.1 * float(c[0]))
-            centre = (mass * com + 0.1 * mass * c[1:4]) / new if new > 0 else com
-            return {"mass": new, "com_x": float(centre[0]), "com_y": float(centre[1]), "com_z": float(centre[2])}
+            centre = com + 0.1 * c[1:4]
+            return {"mass": mass * (1.0 + 0.1 * float(c[0]))} | dict(
+                zip(("com_x", "com_y", "com_z"), map(float, centre), strict=True)
+            )
 
-        block = slice(10 * joint, 10 * joint + 4)
-        yield CandidateColumns([by_joint(step * v.regressor_rows[:, :, block]) for v in views], combine, SPREAD)
+        block, by = slice(10 * joint, 10 * joint + 10), np.stack(moves, axis=1)
+        yield CandidateColumns([by_joint(v.regressor_rows[:, :, block] @ by) for v in views], combine, SPREAD)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with that link's mass and centre of mass replaced."""

@@ -1,0 +1,49 @@
+"""What a candidate promises is what it does: for small values its columns are the change of the predicted torque."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.candidates import candidates
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.model import LogModel
+from calib.diagnosis.motion import measured
+from sim.arm import Arm, ArmEffect
+from sim.effects import EFFECTS
+from tests.calib.diagnosis.conftest import recording
+
+# effects without a small value: a stiff spring behind a joint, bristles, a limit, a spring that pushes, an event, a gap, a memory of temperature
+WITHOUT = {
+    "joint_elasticity", "presliding_friction", "torque_saturation", "joint_spring", "external_contact", "backlash", "thermal_friction",
+}  # fmt: skip
+SMALL, ALIKE, SIZE = 0.02, 0.98, 0.15
+
+
+@pytest.fixture(scope="module")
+def model(ur10e: Arm) -> LogModel:
+    return LogModel(measured(recording(ur10e, 1, seconds=12.0), ur10e), Hypothesis.nominal(ur10e))
+
+
+@pytest.mark.parametrize("effect", [e.name for e in EFFECTS if e.name not in WITHOUT])
+def test_the_columns_of_a_candidate_are_the_slope_of_its_law(model: LogModel, effect: str) -> None:
+    rng, m, seen = np.random.default_rng(0), model.measurement, set()
+    for c in candidates([model]):
+        (columns,) = c.columns
+        width = next(iter(columns.values())).shape[1]
+        if c.effect != effect or (c.joint, width) in seen:
+            continue
+        seen.add((c.joint, width))
+        small = SMALL * rng.uniform(0.5, 1.0, width) * np.array(c.spread or 1.0)
+        item = ArmEffect(effect, c.joint, {name: float(x) for name, x in c.combine(small).items()})
+        with_it = LogModel(m, model.hypothesis.with_effects((item,)), like=model)
+        exact = np.where(m.row_usable, model.residual - with_it.residual, 0.0)
+        promised = np.zeros_like(exact)
+        for j, x in columns.items():
+            promised[:, j] = np.where(m.row_usable[:, j], x @ small, 0.0)
+        size = float(np.linalg.norm(exact))
+        if size < 1e-6 * np.linalg.norm(m.tau):  # such as the angle of a vertical axis, which shows in no torque
+            continue
+        assert float(np.sum(exact * promised)) > ALIKE * size * np.linalg.norm(promised), (effect, c.joint)
+        assert np.linalg.norm(promised) == pytest.approx(size, rel=SIZE), (effect, c.joint)
+    assert seen
