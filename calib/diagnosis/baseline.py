@@ -15,7 +15,7 @@ import numpy as np
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.change_rules import dominates, holds, left_by_form, left_over
 from calib.diagnosis.fit import fit
-from calib.diagnosis.gear_mesh import with_gear_mesh
+from calib.diagnosis.gear_ripples import with_gear_ripples
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
@@ -63,7 +63,7 @@ class Healthy:
     def __init__(self, arm: Arm, baseline: Sequence[Measurement]) -> None:
         self.arm = arm
         fitted = fit(baseline, Hypothesis.nominal(arm))
-        fitted = fit(baseline, with_gear_mesh(fitted), 2, like=fitted.models)
+        fitted = fit(baseline, with_gear_ripples(fitted), 2, like=fitted.models)
         self.hypothesis = fitted.hypothesis
         self._folds = Folds(fitted.models)
         self.noise = self._folds.noise

@@ -97,14 +97,14 @@ def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmE
 def ripples(f: Fit) -> list[ArmEffect]:
     """The ripple of every gear that has one, where the fit puts it, with its standard deviations."""
     names, out = f.models[0].names, []
-    for j, (joint, mesh) in enumerate(zip(f.hypothesis.start.joint_names, f.hypothesis.mesh, strict=False)):
-        if mesh is None:
+    for j, (joint, ripple) in enumerate(zip(f.hypothesis.start.joint_names, f.hypothesis.ripples, strict=False)):
+        if ripple is None:
             continue
-        first = names.index(f"mesh_sin_{j + 1}")
-        c = -mesh.size * f.solved.theta[first : first + 2]
+        first = names.index(f"ripple_sin_{j + 1}")
+        c = -ripple.size * f.solved.theta[first : first + 2]
         amplitude = max(float(np.hypot(*c)), 1e-12)
-        std = mesh.size * float(np.sqrt(np.mean(np.diag(f.solved.inverse)[first : first + 2])))
-        values = {"amplitude": amplitude, "cycles": mesh.cycles, "phase": float(np.arctan2(c[1], c[0]))}
+        std = ripple.size * float(np.sqrt(np.mean(np.diag(f.solved.inverse)[first : first + 2])))
+        values = {"amplitude": amplitude, "cycles": ripple.cycles, "phase": float(np.arctan2(c[1], c[0]))}
         out.append(ArmEffect("gear_ripple", joint, values, {"amplitude": std, "phase": min(std / amplitude, np.pi)}))
     return out
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.diagnosis.nuisance import DELAY_MEAN, LEAD_SPREAD, WIDTH_SPREAD, GearMesh
+from calib.diagnosis.nuisance import DELAY_MEAN, LEAD_SPREAD, WIDTH_SPREAD, Ripple
 from calib.measurement.observed import Key, Observed
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
@@ -22,7 +22,7 @@ class Hypothesis:
 
     observed: parameters of effects as another channel than the torque shows them, in any of the recordings, held-out ones too.
     written: as an arm folder can hold it, where dry friction has no lead.
-    mesh: per joint the ripple of its gear, found before any effect (calib.diagnosis.gear_mesh); empty: not looked for.
+    ripples: per joint the ripple of its gear, found before any effect (calib.diagnosis.gear_ripples); empty: not looked for.
     """
 
     arm: Arm
@@ -34,7 +34,7 @@ class Hypothesis:
     event_log: int | None = None
     written: bool = False
     observed: Mapping[Key, Observed] = field(default_factory=dict)
-    mesh: tuple[GearMesh | None, ...] = ()
+    ripples: tuple[Ripple | None, ...] = ()
 
     @property
     def start(self) -> Arm:
@@ -56,9 +56,9 @@ class Hypothesis:
             return None
         return next((e for e in self.accepted if e.effect == CONTACT), None)
 
-    def mesh_of(self, j: int) -> GearMesh | None:
+    def ripple_of(self, j: int) -> Ripple | None:
         """The ripple of joint j's gear, if one was found."""
-        return self.mesh[j] if self.mesh else None
+        return self.ripples[j] if self.ripples else None
 
     def as_written(self) -> Hypothesis:
         """The same without what an arm folder cannot hold."""

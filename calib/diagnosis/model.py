@@ -19,8 +19,8 @@ from calib.diagnosis.nuisance import (
     friction_lost,
     nuisance_names,
     own_columns,
-    ripple,
     spreads,
+    waves_of,
 )
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
@@ -193,7 +193,7 @@ class LogModel:
         """What the torque of joint j depends on, beside its link side."""
         h = self.hypothesis
         items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
-        return float(h.width[j]), float(h.lead[j]), h.delay, h.written, h.mesh_of(j), tuple(items)
+        return float(h.width[j]), float(h.lead[j]), h.delay, h.written, h.ripple_of(j), tuple(items)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
         """Filtered rows of samples."""
@@ -237,7 +237,7 @@ class LogModel:
         spread = {key: values[j] for key, values in self._spreads.items()}
         wider = self.tail(j, own, width=self.hypothesis.width[j] * WIDER)
         later = self.tail(j, own, lead=self.hypothesis.lead[j] + LATER)
-        lost, waves = self._friction_lost(j), ripple(self.hypothesis.mesh_of(j), self.reading[:, j])
+        lost, waves = self._friction_lost(j), waves_of(self.hypothesis.ripple_of(j), self.reading[:, j])
         changes = wider - tau_hat, later - tau_hat
         columns = own_columns(state, own, spread, rate, *changes, lost, self.hypothesis.written, waves)
         rows = self.rows(np.stack((*columns, self.measurement.tau[:, j] - tau_hat), axis=1))

@@ -24,7 +24,7 @@ WARMING_SPREAD = 0.03
 # of the differences that stand for the derivatives by width (a factor) and lead (s)
 WIDER, LATER = 1.3, 1e-3
 BEYOND = 3.0  # prior standard deviations
-OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth", "mesh_sin", "mesh_cos")
+OWN = ("Fc", "Fv", "Ia", "offset", "width", "lead", "warmth", "ripple_sin", "ripple_cos")
 # effect, parameter and prior of the first of OWN: none of them can be negative
 POSITIVE = (
     ("coulomb_friction", "coulomb", "coulomb"),
@@ -34,7 +34,7 @@ POSITIVE = (
 
 
 @dataclass(frozen=True)
-class GearMesh:
+class Ripple:
     """A ripple along a joint's angle: cycles in a turn, and size N m, the amplitude by which its prior is scaled."""
 
     cycles: float
@@ -75,7 +75,7 @@ def own_columns(
 
     own: the joint's effects; spread: its standard deviations; rate (N,): d tau / dt; wider, later (N,): change of torque with a width
     WIDER times as large and a lead longer by LATER; lost: `friction_lost`; written: as an arm folder can hold it, without lead; waves
-    (N, 2): `ripple`.
+    (N, 2): `waves_of`.
     """
     friction = state.warmth[:, 0] * state.slip[:, 0]
     viscous = sum((e.parameters["viscous"] for e in own if e.effect == "viscous_friction"), 0.0)
@@ -100,11 +100,11 @@ def friction_lost(t: np.ndarray, warming: np.ndarray | None) -> np.ndarray:
     return WARMTH_SPREAD * t / 60.0 if warming is None else WARMING_SPREAD * warming
 
 
-def ripple(mesh: GearMesh | None, angle: np.ndarray) -> np.ndarray:
-    """(N, 2) N m of sine and cosine along a joint's angle (N,) rad, one standard deviation of the prior; nothing without a mesh."""
-    if mesh is None:
+def waves_of(ripple: Ripple | None, angle: np.ndarray) -> np.ndarray:
+    """(N, 2) N m of sine and cosine along a joint's angle (N,) rad, one standard deviation of the prior; zeros without a ripple."""
+    if ripple is None:
         return np.zeros((len(angle), 2))
-    return mesh.size * np.stack((np.sin(mesh.cycles * angle), np.cos(mesh.cycles * angle)), axis=1)
+    return ripple.size * np.stack((np.sin(ripple.cycles * angle), np.cos(ripple.cycles * angle)), axis=1)
 
 
 def within_prior(names: Sequence[str], theta: np.ndarray) -> np.ndarray:

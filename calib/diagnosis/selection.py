@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from calib.diagnosis.admissible import admissible
 from calib.diagnosis.candidates import Key, acts_at, acts_everywhere
 from calib.diagnosis.fit import Fit, fit
-from calib.diagnosis.gear_mesh import with_gear_mesh
+from calib.diagnosis.gear_ripples import with_gear_ripples
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.prices import THRESHOLD, cost, price
 from calib.diagnosis.pure_error import measured_noise
@@ -48,7 +48,7 @@ class SearchResult:
 def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
     """The fit of a hypothesis under the noise of its recordings, which is measured here."""
     guess = fit(measurements, hypothesis)
-    guess = fit(measurements, with_gear_mesh(guess), 2, like=guess.models)
+    guess = fit(measurements, with_gear_ripples(guess), 2, like=guess.models)
     return fit(measurements, guess.hypothesis, noise=measured_noise(guess), like=guess.models)
 
 

@@ -56,7 +56,7 @@ class Point:
     def digest(self) -> str:
         """Changes with anything that the factors depend on beside the piece."""
         h = self.hypothesis
-        words = f"{program_version()} {h.start.sha256} {[(e.effect, e.joint, sorted(e.parameters.items())) for e in h.accepted]} {h.delay!r} {h.mesh}"
+        words = f"{program_version()} {h.start.sha256} {[(e.effect, e.joint, sorted(e.parameters.items())) for e in h.accepted]} {h.delay!r} {h.ripples}"
         digest = hashlib.sha256(words.encode())
         for values in (h.width, h.lead, self.noise.sigma, self.noise.ar, *(self.warming or ())):
             digest.update(np.ascontiguousarray(values).tobytes())

@@ -1,4 +1,4 @@
-"""The ripple of a gear's mesh is found and fitted before any effect is looked for, and is no effect."""
+"""The ripple of a gear is found and fitted before any effect is looked for, and is no effect."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calib.diagnosis.corrected import correction
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.nuisance import GearMesh
+from calib.diagnosis.nuisance import Ripple
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.selection import started
 from calib.measurement import ripple_cycles
@@ -32,18 +32,18 @@ def fitted(arm: Arm, amplitude: float) -> Fit:
 
 def test_a_ripple_is_found_with_its_cycles_and_size(ur10e: Arm) -> None:
     f = fitted(ur10e, AMPLITUDE)
-    found = {j: mesh for j, mesh in enumerate(f.hypothesis.mesh) if mesh is not None}
+    found = {j: ripple for j, ripple in enumerate(f.hypothesis.ripples) if ripple is not None}
     assert set(found) == {WRIST}
-    mesh, names = found[WRIST], f.models[0].names
-    sine, cosine = (mesh.size * f.solved.theta[names.index(f"mesh_{of}_{WRIST + 1}")] for of in ("sin", "cos"))
-    assert mesh.cycles == pytest.approx(CYCLES, abs=0.3)
+    ripple, names = found[WRIST], f.models[0].names
+    sine, cosine = (ripple.size * f.solved.theta[names.index(f"ripple_{of}_{WRIST + 1}")] for of in ("sin", "cos"))
+    assert ripple.cycles == pytest.approx(CYCLES, abs=0.3)
     assert np.hypot(sine, cosine) == pytest.approx(AMPLITUDE, rel=0.15)
     # nothing that has a name explains what is no longer there
     assert max(s.gain for s in scored(f, set()) if s.effect.joint == ur10e.joint_names[WRIST]) < 30
 
 
 def test_no_ripple_is_found_where_there_is_none(ur10e: Arm) -> None:
-    assert fitted(ur10e, 0.0).hypothesis.mesh == (None,) * ur10e.n
+    assert fitted(ur10e, 0.0).hypothesis.ripples == (None,) * ur10e.n
 
 
 def test_left_out_it_is_in_the_noise(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,21 +58,21 @@ def test_slow_ripple_is_left_to_the_catalogue() -> None:
 
 def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm) -> None:
     f, joint = fitted(ur10e, AMPLITUDE), ur10e.joint_names[WRIST]
-    (ripple,) = [e for e in correction(f).effects if e.effect == "gear_ripple"]
-    assert ripple.joint == joint
+    (written,) = [e for e in correction(f).effects if e.effect == "gear_ripple"]
+    assert written.joint == joint
     motion = fourier_motion(ur10e, 1, 16.0, 125.0)
-    holding = with_effect(ur10e, ripple)
+    holding = with_effect(ur10e, written)
     added = (predict(holding, motion) - predict(ur10e, motion))[:, WRIST]
     true = AMPLITUDE * np.sin(CYCLES * motion.q[:, WRIST] + 0.7)
     assert np.std(added - true) < 0.25 * np.std(true)
     (listed,) = [m for m in calibration(f) if m.name.startswith("gear ripple")]
-    assert (listed.joint, listed.before, listed.after) == (joint, 0.0, ripple.parameters["amplitude"])
+    assert (listed.joint, listed.before, listed.after) == (joint, 0.0, written.parameters["amplitude"])
     assert 0.5 < listed.gap_share <= 1.0
 
 
 def test_one_hypothesis_has_the_same_ripple_with_other_effects(ur10e: Arm) -> None:
-    mesh = (None, GearMesh(100.0, 0.1), None, None, None, None)
-    hypothesis = Hypothesis(ur10e, np.full(6, 1e-4), np.zeros(6), mesh=mesh)
-    assert hypothesis.with_effects(()).mesh_of(1) == mesh[1]
-    assert hypothesis.as_written().mesh_of(1) == mesh[1]
-    assert Hypothesis.nominal(ur10e).mesh_of(1) is None
+    ripples = (None, Ripple(100.0, 0.1), None, None, None, None)
+    hypothesis = Hypothesis(ur10e, np.full(6, 1e-4), np.zeros(6), ripples=ripples)
+    assert hypothesis.with_effects(()).ripple_of(1) == ripples[1]
+    assert hypothesis.as_written().ripple_of(1) == ripples[1]
+    assert Hypothesis.nominal(ur10e).ripple_of(1) is None

@@ -14,17 +14,17 @@ import numpy as np
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.nuisance import GearMesh, ripple
+from calib.diagnosis.nuisance import Ripple, waves_of
 from calib.diagnosis.rows import Solved
 from calib.measurement.ripple_cycles import ripple_cycles
 
 
-def with_gear_mesh(f: Fit) -> Hypothesis:
+def with_gear_ripples(f: Fit) -> Hypothesis:
     """The hypothesis of a fit with the ripple of each joint whose residual shows one clearly."""
-    return replace(f.hypothesis, mesh=tuple(_mesh(f.models, f.solved, j) for j in range(f.hypothesis.arm.n)))
+    return replace(f.hypothesis, ripples=tuple(_ripple(f.models, f.solved, j) for j in range(f.hypothesis.arm.n)))
 
 
-def _mesh(models: Sequence[LogModel], solved: Solved, j: int) -> GearMesh | None:
+def _ripple(models: Sequence[LogModel], solved: Solved, j: int) -> Ripple | None:
     """The strongest ripple of joint j, None where none stands out."""
     rows, at = solved.rows, [m.measurement.row_samples for m in models]
     q = rows.take(j, [m.reading[k, j] for m, k in zip(models, at, strict=True)])
@@ -32,8 +32,8 @@ def _mesh(models: Sequence[LogModel], solved: Solved, j: int) -> GearMesh | None
 
     def brought(cycles: float) -> tuple[float, float]:
         """Fall of -2 log likelihood, and amplitude N m."""
-        unit = GearMesh(cycles, 1.0)
-        waves = rows.take(j, [m.rows(ripple(unit, m.reading[:, j])) for m in models])
+        unit = Ripple(cycles, 1.0)
+        waves = rows.take(j, [m.rows(waves_of(unit, m.reading[:, j])) for m in models])
         gain, c, _ = solved.gain({j: rows.whiten(solved.noise, j, waves)})
         return gain, float(np.hypot(*c))
 
@@ -45,4 +45,4 @@ def _mesh(models: Sequence[LogModel], solved: Solved, j: int) -> GearMesh | None
         lambda k: brought(k)[0],
         lambda x: rows.whiten(solved.noise, j, x),
     )
-    return None if cycles is None else GearMesh(cycles, brought(cycles)[1])
+    return None if cycles is None else Ripple(cycles, brought(cycles)[1])
