@@ -16,6 +16,7 @@ from calib.diagnosis.link_side import centre_size
 from calib.diagnosis.nuisance import ROTOR_TOGETHER, spreads
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
+from sim.effects.gear_ripple import GearRipple
 from sim.effects.presliding_friction import built_up
 from sim.slip import SLIP_WIDTH
 
@@ -105,7 +106,7 @@ def ripples(f: Fit) -> list[ArmEffect]:
         amplitude = max(float(np.hypot(*c)), 1e-12)
         std = ripple.size * float(np.sqrt(np.mean(np.diag(f.solved.inverse)[first : first + 2])))
         values = {"amplitude": amplitude, "cycles": ripple.cycles, "phase": float(np.arctan2(c[1], c[0]))}
-        out.append(ArmEffect("gear_ripple", joint, values, {"amplitude": std, "phase": min(std / amplitude, np.pi)}))
+        out.append(ArmEffect(GearRipple.name, joint, values, {"amplitude": std, "phase": min(std / amplitude, np.pi)}))
     return out
 
 

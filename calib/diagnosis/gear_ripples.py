@@ -17,11 +17,14 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.nuisance import Ripple, waves_of
 from calib.diagnosis.rows import Solved
 from calib.measurement.ripple_cycles import ripple_cycles
+from sim.effects.gear_ripple import GearRipple
 
 
 def with_gear_ripples(f: Fit) -> Hypothesis:
-    """The hypothesis of a fit with the ripple of each joint whose residual shows one clearly."""
-    return replace(f.hypothesis, ripples=tuple(_ripple(f.models, f.solved, j) for j in range(f.hypothesis.arm.n)))
+    """The hypothesis of a fit with the ripple of each joint whose residual shows one clearly; a joint whose ripple the arm holds has it already."""
+    start = f.hypothesis.start
+    held = [start.effect(GearRipple.name, joint) is not None for joint in start.joint_names]
+    return replace(f.hypothesis, ripples=tuple(None if held[j] else _ripple(f.models, f.solved, j) for j in range(start.n)))
 
 
 def _ripple(models: Sequence[LogModel], solved: Solved, j: int) -> Ripple | None:

@@ -70,6 +70,14 @@ def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm) -> None:
     assert 0.5 < listed.gap_share <= 1.0
 
 
+def test_a_ripple_that_the_arm_holds_is_neither_fitted_again_nor_lost(ur10e: Arm) -> None:
+    arm = correction(fitted(ur10e, AMPLITUDE)).of(ur10e)
+    again = fitted(arm, AMPLITUDE)
+    assert again.hypothesis.ripples == (None,) * arm.n
+    joint = ur10e.joint_names[WRIST]
+    assert correction(again).of(arm).effect("gear_ripple", joint) == arm.effect("gear_ripple", joint)
+
+
 def test_one_hypothesis_has_the_same_ripple_with_other_effects(ur10e: Arm) -> None:
     ripples = (None, Ripple(100.0, 0.1), None, None, None, None)
     hypothesis = Hypothesis(ur10e, np.full(6, 1e-4), np.zeros(6), ripples=ripples)
