@@ -57,6 +57,13 @@ def test_noise_above_the_limit_hides_neither_it_nor_its_level(ur10e: Arm) -> Non
     assert found.effect.parameters["limit"] == pytest.approx(40.0, rel=0.02)
 
 
+def test_levels_that_spread_a_little_are_of_one_limit(ur10e: Arm) -> None:
+    """Noise and a drive's warmth move a limit by some per cent from one stand to the next."""
+    (found,) = limits_reached(ur10e, [asked(ur10e, 48.8, 0.08), asked(ur10e, 51.2, 0.08, seed=2)])
+    assert 0.02 < found.std / found.effect.parameters["limit"] < 0.03
+    assert limits_reached(ur10e, [asked(ur10e, 47.5, 0.08), asked(ur10e, 52.5, 0.08, seed=2)]) == []
+
+
 def test_the_way_back_from_a_limit_is_no_usual_error(ur10e: Arm) -> None:
     """A joint that fell behind catches up for seconds after its torque has left the limit."""
     log = asked(ur10e, 50.0, 0.08)
