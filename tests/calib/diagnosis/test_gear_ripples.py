@@ -30,8 +30,13 @@ def fitted(arm: Arm, amplitude: float) -> Fit:
     return started(warmed([measured(recording(arm, seed, hidden), arm) for seed in (1, 2)]), Hypothesis.nominal(arm))
 
 
-def test_a_ripple_is_found_with_its_cycles_and_size(ur10e: Arm) -> None:
-    f = fitted(ur10e, AMPLITUDE)
+@pytest.fixture(scope="module")
+def rippling(ur10e: Arm) -> Fit:
+    return fitted(ur10e, AMPLITUDE)
+
+
+def test_a_ripple_is_found_with_its_cycles_and_size(ur10e: Arm, rippling: Fit) -> None:
+    f = rippling
     found = {j: ripple for j, ripple in enumerate(f.hypothesis.ripples) if ripple is not None}
     assert set(found) == {WRIST}
     ripple, names = found[WRIST], f.models[0].names
@@ -46,8 +51,8 @@ def test_no_ripple_is_found_where_there_is_none(ur10e: Arm) -> None:
     assert fitted(ur10e, 0.0).hypothesis.ripples == (None,) * ur10e.n
 
 
-def test_left_out_it_is_in_the_noise(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    quiet = fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST]
+def test_left_out_it_is_in_the_noise(ur10e: Arm, rippling: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = rippling.solved.noise.sigma[WRIST]
     monkeypatch.setattr(ripple_cycles, "LEAST_GAIN", np.inf)
     assert fitted(ur10e, AMPLITUDE).solved.noise.sigma[WRIST] > 1.1 * quiet
 
@@ -56,8 +61,8 @@ def test_slow_ripple_is_left_to_the_catalogue() -> None:
     assert max(CANDIDATES) < FEWEST
 
 
-def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm) -> None:
-    f, joint = fitted(ur10e, AMPLITUDE), ur10e.joint_names[WRIST]
+def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm, rippling: Fit) -> None:
+    f, joint = rippling, ur10e.joint_names[WRIST]
     (written,) = [e for e in correction(f).effects if e.effect == "gear_ripple"]
     assert written.joint == joint
     motion = fourier_motion(ur10e, 1, 16.0, 125.0)
@@ -70,8 +75,8 @@ def test_the_corrected_arm_holds_it_and_the_refit_lists_it(ur10e: Arm) -> None:
     assert 0.5 < listed.gap_share <= 1.0
 
 
-def test_a_ripple_that_the_arm_holds_is_neither_fitted_again_nor_lost(ur10e: Arm) -> None:
-    arm = correction(fitted(ur10e, AMPLITUDE)).of(ur10e)
+def test_a_ripple_that_the_arm_holds_is_neither_fitted_again_nor_lost(ur10e: Arm, rippling: Fit) -> None:
+    arm = correction(rippling).of(ur10e)
     again = fitted(arm, AMPLITUDE)
     assert again.hypothesis.ripples == (None,) * arm.n
     joint = ur10e.joint_names[WRIST]
