@@ -99,7 +99,9 @@ def refit(n: Numbers) -> str:
 def ripple(n: Numbers) -> str:
     first, more = n["parameters"][:3], len(n["parameters"]) - 3
     found = [f"{significant(m['to'])} {unit(m['unit'])} at {m['joint']} ({m['name'].partition(' of ')[2]})" for m in first]
-    return f"The gears' own ripple is fitted beside every effect: {listed([*found, f'smaller at {more} more'] if more > 0 else found)}"
+    if more > 0:
+        found.append(f"at {more} more joint{'s' if more > 1 else ''}")
+    return f"The gears' own ripple is fitted beside every effect: {listed(found)}"
 
 
 def alike(n: Numbers) -> str:

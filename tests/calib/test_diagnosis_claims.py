@@ -139,6 +139,8 @@ def test_the_ripples_of_gears_are_those_of_the_refit(spring: Written) -> None:
     assert [m["joint"] for m in claim.numbers["parameters"]] == ["wrist_1_joint", "elbow_joint"]
     assert "0.2 N m at wrist_1_joint (201 cycles a turn) and 0.3 N m at elbow_joint (128 cycles a turn)" in claim.sentence
     assert not [c for c in claims(spring.answer | {"calibration": MOVES}) if c.name == "ripple"]
+    (claim,) = [c for c in claims(spring.answer | {"calibration": [*RIPPLES, *RIPPLES]}) if c.name == "ripple"]
+    assert claim.sentence.endswith(" and at 1 more joint")
 
 
 RIPPLES = [
