@@ -26,7 +26,7 @@ class GearRipple(TorqueRipple):
     parameters = tuple(replace(p, lower=FEWEST) if p.name == "cycles" else p for p in TorqueRipple.parameters)
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """None: it is fitted beside every effect (calib.diagnosis.gear_mesh), and no candidate among them."""
+        """None: a fit has it beside every effect; it is no candidate among them."""
         return iter(())
 
     def probes(self, own: Values | None) -> list[Probe]:
