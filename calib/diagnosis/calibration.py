@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.claims.of_diagnosis import RIPPLE
 from calib.diagnosis.corrected import ripples
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.link_side import centre_size
@@ -74,7 +75,7 @@ def calibration(refit: Fit) -> list[Moved]:
             out.append(Moved(what, joint, value, value + moved, unit, float(np.sqrt(variance)), size, share))
     for e in ripples(refit):
         size, std = e.parameters["amplitude"], e.std["amplitude"]
-        what = f"gear ripple of {e.parameters['cycles']:.0f} cycles a turn"
+        what = f"{RIPPLE} of {e.parameters['cycles']:.0f} cycles a turn"
         out.append(Moved(what, e.joint, 0.0, size, "N*m", std, size, min(1.0, (size / std) ** 2 / max(brought, 1e-12))))
     return sorted(out, key=lambda x: -abs(x.deviations))
 

@@ -14,9 +14,9 @@ import numpy as np
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.nuisance import Ripple, waves_of
+from calib.diagnosis.nuisance import Ripple
 from calib.diagnosis.rows import Solved
-from calib.measurement.ripple_cycles import ripple_cycles
+from calib.measurement.ripple_cycles import ripple_cycles, waves
 from sim.effects.gear_ripple import GearRipple
 
 
@@ -33,19 +33,16 @@ def _ripple(models: Sequence[LogModel], solved: Solved, j: int) -> Ripple | None
     q = rows.take(j, [m.reading[k, j] for m, k in zip(models, at, strict=True)])
     dq = rows.take(j, [m.measurement.trajectory.dq[k, j] for m, k in zip(models, at, strict=True)])
 
-    def brought(cycles: float) -> tuple[float, float]:
-        """Fall of -2 log likelihood, and amplitude N m."""
-        unit = Ripple(cycles, 1.0)
-        waves = rows.take(j, [m.rows(waves_of(unit, m.reading[:, j])) for m in models])
-        gain, c, _ = solved.gain({j: rows.whiten(solved.noise, j, waves)})
-        return gain, float(np.hypot(*c))
+    def white(cycles: float) -> np.ndarray:
+        """(R, 2) whitened rows of a ripple of unit size."""
+        return rows.whiten(solved.noise, j, rows.take(j, [m.rows(waves(cycles, m.reading[:, j])) for m in models]))
 
     cycles = ripple_cycles(
         solved.left()[j],
         q,
         dq,
         models[0].measurement.decimator,
-        lambda k: brought(k)[0],
+        lambda k: solved.gain({j: white(k)})[0],
         lambda x: rows.whiten(solved.noise, j, x),
     )
-    return None if cycles is None else Ripple(cycles, brought(cycles)[1])
+    return None if cycles is None else Ripple(cycles, float(np.hypot(*solved.gain({j: white(cycles)})[1])))

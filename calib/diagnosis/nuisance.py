@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.measurement.ripple_cycles import waves
 from sim.arm import Arm, ArmEffect
 from sim.prior import spread
 from sim.torque_path import PathState
@@ -104,7 +105,7 @@ def waves_of(ripple: Ripple | None, angle: np.ndarray) -> np.ndarray:
     """(N, 2) N m of sine and cosine along a joint's angle (N,) rad, one standard deviation of the prior; zeros without a ripple."""
     if ripple is None:
         return np.zeros((len(angle), 2))
-    return ripple.size * np.stack((np.sin(ripple.cycles * angle), np.cos(ripple.cycles * angle)), axis=1)
+    return ripple.size * waves(ripple.cycles, angle)
 
 
 def within_prior(names: Sequence[str], theta: np.ndarray) -> np.ndarray:

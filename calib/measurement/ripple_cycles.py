@@ -23,6 +23,11 @@ SCANNED, NEAR = 0.5, (-0.6, -0.3, 0.0, 0.3, 0.6)
 CHUNK = 64  # numbers of cycles at a time, for memory
 
 
+def waves(cycles: float, angle: np.ndarray) -> np.ndarray:
+    """(N, 2) sine and cosine of so many cycles in a turn, along a joint's angle (N,) rad."""
+    return np.stack((np.sin(cycles * angle), np.cos(cycles * angle)), axis=1)
+
+
 def ripple_cycles(
     left: np.ndarray,
     q: np.ndarray,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.measurement.preprocessing import Measurement, prepare
-from calib.measurement.ripple_cycles import ripple_cycles
+from calib.measurement.ripple_cycles import ripple_cycles, waves
 from logs.log import Log
 from sim.arm import Arm
 from sim.errors import BadLog
@@ -76,9 +76,9 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
         return np.nan, np.nan
     samples = np.column_stack([model, dq, np.sign(dq), np.ones(len(dq))])
     u, rows, inverse, size = _factors(m, samples, use)
-    waves = _ripple(m, j, m.rows(m.tau[:, j])[use], u, use)
-    if waves is not None:
-        samples = np.column_stack([samples, waves])
+    ripple = _ripple(m, j, m.rows(m.tau[:, j])[use], u, use)
+    if ripple is not None:
+        samples = np.column_stack([samples, ripple])
         u, rows, inverse, size = _factors(m, samples, use)
     delay = 0.0
     for _ in range(ROUNDS):
@@ -111,16 +111,13 @@ def _ripple(m: Measurement, j: int, torque: np.ndarray, u: np.ndarray, use: np.n
     left = torque - u @ (u.T @ torque)
     left /= max(float(np.std(left)), 1e-300)
 
-    def waves(cycles: float) -> np.ndarray:
-        return np.stack((np.sin(cycles * q), np.cos(cycles * q)), axis=1)
-
     def gain(cycles: float) -> float:
-        x = m.rows(waves(cycles))[use]
+        x = m.rows(waves(cycles, q))[use]
         x -= u @ (u.T @ x)
         return float(np.sum((np.linalg.qr(x)[0].T @ left) ** 2))
 
     cycles = ripple_cycles(left, q[at], m.trajectory.dq[at, j], m.decimator, gain)
-    return None if cycles is None else waves(cycles)
+    return None if cycles is None else waves(cycles, q)
 
 
 def _earlier(m: Measurement, tau: np.ndarray, by: float) -> np.ndarray:
