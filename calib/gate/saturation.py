@@ -22,9 +22,9 @@ LEAST_SHARE, PILED = 0.03, 3.0  # of the rows near the largest; how many times t
 
 
 def below_limits(arm: Arm, logs: Sequence[Log], s: Signals) -> np.ndarray:
-    """(R,) the rows in which no drive is at a torque limit that was seen to be reached once or more (calib.measurement.limits)."""
+    """(R,) the rows in which no drive is at a torque limit that was seen to be reached (calib.measurement.limits)."""
     keep = np.ones(len(s), dtype=bool)
-    for reached in limits_reached(arm, logs, times=1):
+    for reached in limits_reached(arm, logs):
         j = arm.joint_index(str(reached.effect.joint))
         keep &= np.abs(s.load[:, j]) < TOP * reached.effect.parameters["limit"]
     return keep
