@@ -44,4 +44,6 @@ def plausible(item: ArmEffect, models: Sequence[LogModel], gain: float) -> bool:
     arm = models[0].arm
     joints = range(arm.n) if item.joint is None else [arm.joint_index(item.joint)]
     load = max(float(np.max(m.side.largest_load[joints])) for m in models)
-    return effect_named(item.effect).plausible(item.parameters, load, gain)
+    effect = effect_named(item.effect)
+    whole = any(e.effect == effect.part_of and e.joint == item.joint for e in models[0].hypothesis.accepted)
+    return effect.plausible(item.parameters, load, 0.0 if whole else gain)

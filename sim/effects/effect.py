@@ -79,6 +79,8 @@ class Effect:
     many: ClassVar[bool] = False
     # fall of -2 log likelihood that naming it must bring beyond that of an ordinary effect; each was tuned on clean recordings of the exam
     surcharge: ClassVar[float] = 0.0
+    # the effect at the same joint that in nature holds a little of this one: beside it, no evidence makes a small one sure
+    part_of: ClassVar[str] = ""
     # whether its law holds by definition, so that what is left beside it is never the error of its form
     exact: ClassVar[bool] = False
     # whether its joint is driven through the one right before it in the chain, on which it acts too; the first joint has no such effect

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.acceptance import Assessed, assess
-from calib.diagnosis.admissible import admissible
+from calib.diagnosis.admissible import admissible, plausible
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import _beyond_ordinary
 from calib.diagnosis.parameters import parameters_of
@@ -36,7 +37,14 @@ def test_a_wave_of_the_joint_repeats_after_a_turn(effect: str, cycles: float, wh
 
 @pytest.mark.parametrize(
     ("twist", "evidence", "there"),
-    [(2.1e-3, 0.0, True), (1.9e-3, 0.0, False), (0.5e-3, 90.0, True), (0.5e-3, 70.0, False), (0.3e-3, np.inf, False)],
+    [
+        (2.1e-3, 0.0, True),
+        (1.9e-3, 0.0, False),
+        (0.5e-3, 90.0, True),
+        (0.5e-3, 70.0, False),
+        (0.3e-3, 90.0, True),
+        (0.05e-3, np.inf, False),
+    ],
 )
 def test_a_gear_that_twists_little_needs_more_evidence(twist: float, evidence: float, there: bool) -> None:
     assert effect_named("joint_elasticity").plausible({"stiffness": 100.0 / twist}, 100.0, evidence) == there
@@ -54,6 +62,17 @@ def test_a_motor_that_couples_two_joints_has_friction(viscous: float, coulomb: f
 @pytest.fixture(scope="module")
 def clean(ur10e: Arm) -> Fit:
     return started(warmed([measured(recording(ur10e, seed), ur10e) for seed in (1, 2)]), Hypothesis.nominal(ur10e))
+
+
+def test_what_the_sides_of_a_gap_give_is_no_elasticity(clean: Fit) -> None:
+    gap = ArmEffect("backlash", "elbow_joint", {"half_gap": 2e-3})
+    load = max(float(m.side.largest_load[2]) for m in clean.models)
+    little = ArmEffect("joint_elasticity", "elbow_joint", {"stiffness": load / 1e-3})
+    assert plausible(little, clean.models, np.inf)
+    models = [LogModel(m.measurement, clean.hypothesis.with_effects((gap,)), like=m) for m in clean.models]
+    assert not plausible(little, models, np.inf)
+    assert plausible(replace(little, joint="shoulder_lift_joint"), models, np.inf)
+    assert plausible(replace(little, parameters={"stiffness": load / 3e-3}), models, np.inf)
 
 
 def push(start: float, duration: float = 1.0) -> ArmEffect:
@@ -157,6 +176,26 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
     (found,) = assess(fitted, beside, [])
     assert found.lost > 50
     assert found.one_sided != both
+
+
+def test_a_joint_whose_share_of_a_coupling_is_too_small_to_be_seen_decides_nothing(ur10e: Arm) -> None:
+    """Of the shoulder's torque, whose noise is many times as large, a weak coupling changes what noise may hide."""
+    rng = np.random.default_rng(0)
+
+    def drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        speed = motion.dq[:, 0] + motion.dq[:, 1]
+        through = speed + 0.8 * np.tanh(speed / 0.05)
+        return np.outer(through, [1.0, 1.0, 0, 0, 0, 0]) + rng.standard_normal(tau.shape) * [90.0, 0, 0, 0, 0, 0]
+
+    fitted = warmed([measured(recording(ur10e, seed, drag), ur10e) for seed in (1, 2)])
+    base = started(fitted, Hypothesis.nominal(ur10e))
+    item = ArmEffect(
+        "transmission_coupling", "shoulder_lift_joint", {"ratio": 1.0, "inertia": 0.1, "viscous": 1.0, "coulomb": 1.0}
+    )
+    beside = fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models)
+    (found,) = assess(fitted, beside, [])
+    assert found.lost > 20
+    assert not found.one_sided
 
 
 def test_a_wave_with_two_angles_for_one_reading_is_no_encoder() -> None:
