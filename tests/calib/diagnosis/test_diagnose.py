@@ -11,7 +11,16 @@ import pytest
 
 from calib import evidence
 from calib.diagnosis import selection
-from calib.diagnosis.acceptance import APART, LEAST, LEAST_STATED, SECOND, SECOND_ALONE, Assessed, strongest_beside
+from calib.diagnosis.acceptance import (
+    APART,
+    LEAST,
+    LEAST_AGAINST,
+    LEAST_STATED,
+    SECOND,
+    SECOND_ALONE,
+    Assessed,
+    strongest_beside,
+)
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.contact import contacts
 from calib.diagnosis.diagnose import diagnose
@@ -206,6 +215,14 @@ def test_friction_and_rotors_need_less_beyond_their_price() -> None:
     assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 20.0).doubtful  # held-out recordings alone prove no name
     assert not Assessed(item, price(item) + LEAST_STATED + 1.0, (), 0.0).doubtful
     assert LEAST_STATED < LEAST
+
+
+def test_held_out_recordings_that_speak_against_a_name_by_chance_ask_for_more_evidence() -> None:
+    little = price(assessed(0.0).effect) + LEAST_AGAINST
+    assert replace(assessed(little + 0.5), held_out=-1.0).vetoed
+    assert not replace(assessed(little + 1.5), held_out=-1.0).vetoed
+    assert not replace(assessed(little - 7.0), held_out=0.5).vetoed
+    assert not replace(assessed(little - 7.0), held_out=0.5).doubtful
 
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
