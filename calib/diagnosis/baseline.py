@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from calib.diagnosis.candidates import Key
-from calib.diagnosis.change_rules import dominates, holds, left_by_form, left_over
+from calib.diagnosis.change_rules import explains_more, holds, indistinguishable, left_by_form, left_over
 from calib.diagnosis.fit import fit
 from calib.diagnosis.gear_ripples import with_gear_ripples
 from calib.diagnosis.healthy import Folds
@@ -30,7 +31,6 @@ from sim.arm import Arm, ArmEffect
 
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
 THRESHOLD = 8.0
-APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
 MOST_CHANGES = 4
 WIDE = 1e3
 
@@ -81,15 +81,12 @@ class Healthy:
         while len(accepted) < MOST_CHANGES:
             scored = self._beside(accepted, dropped, rows, new)
             ranking = ranking or scored
-            worth = (s for s in scored if s.worth > THRESHOLD and not left_over(s, accepted))
-            first = next((s for s in worth if holds(s, kept, self.noise, held)), None)
+            agrees = partial(self._agrees, accepted=accepted, kept=kept, held=held)
+            first = next((s for s in scored if s.worth > THRESHOLD and agrees(s)), None)
             if first is None:
                 break
-            first = next(
-                (s for s in scored if dominates(s, first) and not left_over(s, accepted) and holds(s, kept, self.noise, held)),
-                first,
-            )
-            near = [s.key for s in scored if s is not first and s.brings > first.brings - max(APART, ALIKE * first.brings)]
+            first = next((s for s in scored if explains_more(s, first) and agrees(s)), first)
+            near = [s.key for s in scored if s is not first and s.brings > first.brings - indistinguishable(first)]
             first.rivals = tuple(near[:2])
             needless = {
                 a.key for a in accepted if not self._needed(a, [first, *(b for b in accepted if b is not a)], rows, new)
@@ -100,6 +97,10 @@ class Healthy:
         odd = [x for x in new_structure(solved, new, self._folds, self.noise) if not left_by_form(x, accepted, self.arm)]
         return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]], accepted)
 
+    def _agrees(self, s: ScoredChange, accepted: list[ScoredChange], kept: ResidualRows | None, held: list[LogModel]) -> bool:
+        """Whether a candidate is more than the form of a named change leaves, and the logs kept apart agree."""
+        return not left_over(s, accepted) and holds(s, kept, self.noise, held)
+
     def _beside(
         self, accepted: list[ScoredChange], skip: set[Key], rows: ResidualRows, new: list[LogModel]
     ) -> list[ScoredChange]:
@@ -109,7 +110,9 @@ class Healthy:
 
     def _needed(self, a: ScoredChange, others: list[ScoredChange], rows: ResidualRows, new: list[LogModel]) -> bool:
         """Whether a change would still be named beside the others."""
-        return any(s.key == a.key and s.worth > THRESHOLD for s in self._beside(others, set(), rows, new))
+        scored = self._beside(others, set(), rows, new)
+        same = next((s for s in scored if s.key == a.key), None)
+        return same is not None and any(s.worth > THRESHOLD and (s is same or explains_more(same, s)) for s in scored)
 
 
 def _joined(rows: ResidualRows, accepted: list[ScoredChange]) -> ResidualRows:

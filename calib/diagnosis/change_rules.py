@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import chi2
 
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import white
@@ -11,7 +12,8 @@ from calib.diagnosis.scored_changes import ScoredChange, same_candidate
 from calib.regression.noise import Noise
 from sim.arm import Arm
 
-DOMINATES = 2.0
+APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
+UNUSUAL = 0.05  # chance of a size in healthy logs
 LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
 # and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %
 LEFT_OVER_ANYWHERE = 0.01
@@ -25,12 +27,20 @@ def left_over(s: ScoredChange, accepted: list[ScoredChange]) -> bool:
     )
 
 
-def dominates(s: ScoredChange, named: ScoredChange) -> bool:
-    """Whether a candidate at the same joint explains far more than one that stands out of the healthy logs.
+def explains_more(s: ScoredChange, named: ScoredChange) -> bool:
+    """Whether a candidate at the joint, or on all joints, of one which stands out of the healthy logs explains distinguishably more.
 
-    That something has changed there is then settled; what it is, the evidence decides, though the candidate's size varies more by itself.
+    That something has changed there is then settled; what it is, the evidence decides, though the candidate's size varies more by
+    itself. It must be a size that healthy logs do not show.
     """
-    return s.key[1] in (named.key[1], None) and s.brings > DOMINATES * named.brings and s.worth > 0.0
+    there = s.key[1] == named.key[1] or named.columns.keys() <= s.columns.keys()
+    unusual = s.worth > 0.0 and chi2.sf(s.gain, len(s.coefficients)) < UNUSUAL
+    return bool(there and unusual and s.brings - indistinguishable(s) > named.brings)
+
+
+def indistinguishable(s: ScoredChange) -> float:
+    """How much less than a candidate brings others may bring and be indistinguishable from it."""
+    return max(APART, ALIKE * s.brings)
 
 
 def left_by_form(odd: tuple[int, str, float, float], accepted: list[ScoredChange], arm: Arm) -> bool:

@@ -10,9 +10,11 @@ import pytest
 
 from calib.diagnosis import baseline, change_rules
 from calib.diagnosis.baseline import Healthy
+from calib.diagnosis.change_rules import explains_more
 from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.motion import measured
-from sim.arm import Arm, load_arm
+from calib.diagnosis.scored_changes import ScoredChange
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
@@ -66,6 +68,21 @@ def test_a_change_that_a_later_one_explains_is_dropped(ur10e: Arm, healthy: Heal
     named_first = found.ranking[0].effect
     assert named_first.joint == "wrist_1_joint"
     assert [(c.effect.effect, c.effect.joint) for c in found.changes] == [("torque_offset", "wrist_1_joint")]
+
+
+def test_what_has_changed_at_a_joint_the_evidence_decides() -> None:
+    out, link = scored("torque_gain", "shoulder_lift_joint", 11.0, 91.0, (1,)), ("link_inertia", "elbow_joint")
+    assert explains_more(scored(*link, 6.0, 119.0, (0, 1, 2)), out)
+    # indistinguishable, a size that healthy logs show, or nothing at that joint
+    assert not explains_more(scored(*link, 6.0, 97.0, (0, 1, 2)), out)
+    assert not explains_more(scored(*link, 2.0, 119.0, (0, 1, 2)), out)
+    assert not explains_more(scored("coulomb_friction", "elbow_joint", 6.0, 119.0, (2,)), out)
+
+
+def scored(effect: str, joint: str, worth: float, brings: float, joints: tuple[int, ...]) -> ScoredChange:
+    one = np.ones(1)
+    columns = dict.fromkeys(joints, one[:, None])
+    return ScoredChange(None, ArmEffect(effect, joint, {}), columns, one, one[:, None], worth, worth, brings)
 
 
 def test_logs_kept_apart_can_refuse_a_change(ur10e: Arm, healthy: Healthy) -> None:
