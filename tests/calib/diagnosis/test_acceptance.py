@@ -1,0 +1,62 @@
+"""How much evidence a name needs: of its own recordings, beside other names and where held-out recordings speak against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from calib.diagnosis.acceptance import (
+    APART,
+    LEAST,
+    LEAST_AGAINST,
+    LEAST_STATED,
+    SECOND,
+    SECOND_ALONE,
+    Assessed,
+    strongest_beside,
+)
+from calib.diagnosis.prices import price
+from sim.arm import ArmEffect
+
+
+def assessed(lost: float, *rivals: tuple[str, str | None]) -> Assessed:
+    return Assessed(ArmEffect("torque_offset", "elbow_joint", {"offset": 2.0}), lost, rivals, held_out=5.0)
+
+
+def test_weak_evidence_is_no_name() -> None:
+    least = price(assessed(0.0).effect) + LEAST - assessed(0.0).held_out
+    assert assessed(least - 1.0).doubtful
+    assert not assessed(least + 1.0).doubtful
+    assert not assessed(least + 1.0, ("asymmetric_friction", "elbow_joint")).doubtful
+
+
+def test_an_effect_beside_one_with_an_exact_law_is_not_measured_by_it() -> None:
+    """A constant offset leaves nothing that a second effect could owe to its form; friction does."""
+    pairs = [("torque_offset", "a"), ("viscous_friction", "a"), ("encoder_offset", "a"), ("stribeck_friction", "b")]
+    accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
+    assert strongest_beside(accepted, [900.0, 50.0, 30.0, 80.0], ("a", "b")) == [50.0, 0.0, 50.0, 0.0]
+
+
+def test_friction_and_rotors_need_less_beyond_their_price() -> None:
+    """How far they may be off is stated, and counts by itself."""
+    item = ArmEffect("rotor_inertia", "elbow_joint", {"inertia": 2.0})
+    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 0.0).doubtful
+    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 20.0).doubtful  # held-out recordings alone prove no name
+    assert not Assessed(item, price(item) + LEAST_STATED + 1.0, (), 0.0).doubtful
+    assert LEAST_STATED < LEAST
+
+
+def test_held_out_recordings_that_speak_against_a_name_by_chance_ask_for_more_evidence() -> None:
+    little = price(assessed(0.0).effect) + LEAST_AGAINST
+    assert replace(assessed(little + 0.5), held_out=-1.0).vetoed
+    assert not replace(assessed(little + 1.5), held_out=-1.0).vetoed
+    assert not replace(assessed(little - 7.0), held_out=0.5).vetoed
+    assert not replace(assessed(little - 7.0), held_out=0.5).doubtful
+
+
+def test_a_small_second_name_at_a_joint_is_no_name() -> None:
+    rival = ("asymmetric_friction", "elbow_joint")
+    clear = price(assessed(0.0).effect) + APART + 40.0
+    assert replace(assessed(clear, rival), first=clear / SECOND + 1.0).doubtful
+    assert not replace(assessed(clear, rival), first=clear / SECOND - 1.0).doubtful
+    assert replace(assessed(clear), first=clear / SECOND_ALONE + 1.0).doubtful
+    assert not replace(assessed(clear), first=clear / SECOND_ALONE - 1.0).doubtful
