@@ -50,17 +50,20 @@ class LinkSide:
     """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
 
     Models whose links move alike share it. like: of the same measurement; lends the regressor where the links move alike with other
-    masses, and the joints that other masses leave as they are. kept: columns that depend on all joints.
+    masses, and the joints that other masses leave as they are. kept: columns that depend on all joints. mass (n,) kg of the links without any
+    accepted effect.
     """
 
-    def __init__(self, measurement: Measurement, arm: Arm, stages: Stages, like: LinkSide | None = None) -> None:
+    def __init__(
+        self, measurement: Measurement, arm: Arm, stages: Stages, mass: np.ndarray, like: LinkSide | None = None
+    ) -> None:
         self.measurement, self.arm = measurement, arm
         self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
         self.bodies = RigidBody(arm)
         if like is not None and not (like.measurement is measurement and _move_alike(self, like)):
             like = None
         self.regressor_rows: np.ndarray = self._regressor_rows() if like is None else like.regressor_rows
-        rows = _inertial_rows(arm, self.regressor_rows, self.bodies.parameters())
+        rows = _inertial_rows(arm, self.regressor_rows, self.bodies.parameters(), mass)
         self.joints = [self._joint(like, rows[:, j], j) for j in range(arm.n)]
         self.kept = ArrayCache()
 
@@ -139,8 +142,11 @@ def _move_alike(a: LinkSide, b: LinkSide) -> bool:
     )
 
 
-def _inertial_rows(arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarray:
-    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link, from the regressor's rows; a link moves no joint behind it."""
+def _inertial_rows(arm: Arm, regressor: np.ndarray, pi: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link, from the regressor's rows; a link moves no joint behind it.
+
+    Nobody knows the moments of what an effect adds to a link or takes from it: those of the link may follow its mass, or stay.
+    """
     prior, tree, n = arm.prior, arm.tree, arm.n
     out = np.zeros((len(regressor), n, 5 * n))
     for i in range(n):
@@ -150,6 +156,7 @@ def _inertial_rows(arm: Arm, regressor: np.ndarray, pi: np.ndarray) -> np.ndarra
         for axis in np.eye(3):
             ahead, behind = (link_parameters(link[0], link[1] + way * axis, link[2]) for way in (1.0, -1.0))
             moves.append(prior.com * size * (ahead - behind) / 2)  # exact: quadratic in the centre
-        moves.append(prior.inertia * link_parameters(0.0, *link[1:]))
+        changed = abs(mass[i] / link[0] - 1.0) if link[0] > 0 else 0.0
+        moves.append(max(prior.inertia, changed) * link_parameters(0.0, *link[1:]))
         out[:, : i + 1, 5 * i : 5 * i + 5] = regressor[:, : i + 1, block] @ np.stack(moves, axis=1)
     return out

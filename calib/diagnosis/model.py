@@ -66,7 +66,7 @@ class LogModel:
         self.stages: Stages = by_stage(effects, arm)
         lender = None if like is None else like.side
         if like is None or lender is None or not like.same_link(measurement, arm, self.stages):
-            lender = LinkSide(measurement, arm, self.stages, lender)
+            lender = LinkSide(measurement, arm, self.stages, hypothesis.start.tree.mass, lender)
         self.side: LinkSide = lender
         self.joints = [self._joint_path(j) for j in range(arm.n)]
         self.tau_hat = np.stack([x.tau_hat for x in self.joints], axis=1)

@@ -13,7 +13,7 @@ from sim.rigid_body import link_parameters
 from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
-SPREAD = (5.0, 1.0, 1.0, 1.0)  # half the link's mass, or 0.1 m of its centre, in units of the columns
+SPREAD = (5.0, 1.0, 1.0, 1.0, 5.0)  # half the link's mass, 0.1 m of its centre, half of its moments, in units of the columns
 
 
 class LinkInertia(Effect):
@@ -34,7 +34,10 @@ class LinkInertia(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in the change of m and c, with the moments about the joint that follow; the last link's cannot be distinguished from a payload's."""
+        """Linear in the change of m and c, with the moments about the joint that follow, and of moments that do not.
+
+        The last link's cannot be distinguished from a payload's.
+        """
         tree = views[0].tree
         if joint is None or joint == views[0].n - 1:
             return
@@ -43,6 +46,7 @@ class LinkInertia(Effect):
         for way in 0.1 * np.eye(3):
             ahead, behind = (link_parameters(mass, com + by, inertia) for by in (way, -way))
             moves.append((ahead - behind) / 2)
+        moves.append(0.1 * link_parameters(0.0, com, inertia))
 
         def combine(c: np.ndarray) -> dict[str, float]:
             centre = com + 0.1 * c[1:4]
