@@ -7,7 +7,7 @@ from dataclasses import replace
 from calib.diagnosis.acceptance import (
     APART,
     LEAST,
-    LEAST_AGAINST,
+    LEAST_EVENT,
     LEAST_STATED,
     SECOND,
     SECOND_ALONE,
@@ -45,12 +45,11 @@ def test_friction_and_rotors_need_less_beyond_their_price() -> None:
     assert LEAST_STATED < LEAST
 
 
-def test_held_out_recordings_that_speak_against_a_name_by_chance_ask_for_more_evidence() -> None:
-    little = price(assessed(0.0).effect) + LEAST_AGAINST
-    assert replace(assessed(little + 0.5), held_out=-1.0).vetoed
-    assert not replace(assessed(little + 1.5), held_out=-1.0).vetoed
-    assert not replace(assessed(little - 7.0), held_out=0.5).vetoed
-    assert not replace(assessed(little - 7.0), held_out=0.5).doubtful
+def test_a_push_needs_less_because_no_held_out_recording_holds_it() -> None:
+    push = ArmEffect("external_contact", None, {"start": 1.0, "duration": 1.0, "force_x": 3.0, "force_y": 0.0, "force_z": 0.0})
+    assert Assessed(push, price(push) + LEAST_EVENT - 1.0, (), 0.0).doubtful
+    assert not Assessed(push, price(push) + LEAST_EVENT + 1.0, (), 0.0).doubtful
+    assert LEAST_EVENT < LEAST
 
 
 def test_a_small_second_name_at_a_joint_is_no_name() -> None:
