@@ -23,7 +23,7 @@ from calib.diagnosis.significance import positive, standard_error
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 from sim.trajectory import Trajectory
-from tests.calib.diagnosis.conftest import recording
+from tests.calib.diagnosis.conftest import Hidden, recording
 
 
 @pytest.mark.parametrize(
@@ -158,6 +158,16 @@ def test_a_delay_that_the_written_arm_does_not_need_is_none(ur10e: Arm, delay: f
     assert [e.effect for e in gone] == ["time_delay"][len(names) :]
 
 
+def coupled(arm: Arm, hidden: Hidden, size: float) -> Assessed:
+    """A coupling of the shoulder's joints, fitted from friction of that size to two recordings with a hidden torque."""
+    fitted = warmed([measured(recording(arm, seed, hidden), arm) for seed in (1, 2)])
+    base = started(fitted, Hypothesis.nominal(arm))
+    values = {"ratio": 1.0, "inertia": 0.1, "viscous": size, "coulomb": size}
+    item = ArmEffect("transmission_coupling", "shoulder_lift_joint", values)
+    (found,) = assess(fitted, fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models), [])
+    return found
+
+
 @pytest.mark.parametrize("both", [False, True])
 def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> None:
     def drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -167,13 +177,7 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
             through = 4.0 * speed + 3.0 * np.tanh(speed / 0.05)
         return np.outer(through, [1.0, float(both), 0, 0, 0, 0])
 
-    fitted = warmed([measured(recording(ur10e, seed, drag), ur10e) for seed in (1, 2)])
-    base = started(fitted, Hypothesis.nominal(ur10e))
-    item = ArmEffect(
-        "transmission_coupling", "shoulder_lift_joint", {"ratio": 1.0, "inertia": 0.1, "viscous": 2.0, "coulomb": 2.0}
-    )
-    beside = fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models)
-    (found,) = assess(fitted, beside, [])
+    found = coupled(ur10e, drag, 2.0)
     assert found.lost > 50
     assert found.one_sided != both
 
@@ -187,13 +191,7 @@ def test_a_joint_whose_share_of_a_coupling_is_too_small_to_be_seen_decides_nothi
         through = speed + 0.8 * np.tanh(speed / 0.05)
         return np.outer(through, [1.0, 1.0, 0, 0, 0, 0]) + rng.standard_normal(tau.shape) * [90.0, 0, 0, 0, 0, 0]
 
-    fitted = warmed([measured(recording(ur10e, seed, drag), ur10e) for seed in (1, 2)])
-    base = started(fitted, Hypothesis.nominal(ur10e))
-    item = ArmEffect(
-        "transmission_coupling", "shoulder_lift_joint", {"ratio": 1.0, "inertia": 0.1, "viscous": 1.0, "coulomb": 1.0}
-    )
-    beside = fit(fitted, base.hypothesis.with_effects((item,)), 5, base.solved.noise, base.models)
-    (found,) = assess(fitted, beside, [])
+    found = coupled(ur10e, drag, 1.0)
     assert found.lost > 20
     assert not found.one_sided
 
