@@ -110,8 +110,8 @@ class Assessed:
     def doubtful(self) -> bool:
         """Whether it may as well be nothing, or brings too little.
 
-        Too little is less than LEAST beyond its price on all recordings, or LEAST_STATED there and on those that were fitted, or a small share of
-        what a stronger effect of the same joint brings: that one's own law may have another form there.
+        Too little is less than LEAST beyond its price on all recordings (LEAST_EVENT of a contact), or LEAST_STATED there and on those that were
+        fitted, or a small share of what a stronger effect of the same joint brings: that one's own law may have another form there.
         """
         least = LEAST_EVENT if self.effect.effect == CONTACT else LEAST
         little = min(self.left, self.over_price) < LEAST_STATED if self.effect.effect in STATED else self.left < least

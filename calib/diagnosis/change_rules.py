@@ -13,7 +13,7 @@ from calib.regression.noise import Noise
 from sim.arm import Arm
 
 APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
-UNUSUAL = 0.05  # chance of a size in healthy logs
+UNUSUAL = 0.05  # chance of a size in healthy logs; the usual level, not tuned
 LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
 # and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %
 LEFT_OVER_ANYWHERE = 0.01
