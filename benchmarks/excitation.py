@@ -51,7 +51,7 @@ def run() -> list[dict[str, Any]]:
     rows = [
         _row("eight starts, 2 processes, wall", wall, "s", "<= 40", "beside whatever else the computer did"),
         _row("eight starts, processor time of both processes", seconds, "s", "",
-             "their start, short descents from eight, four further, two to their end and once more, the bound; one thread each"),
+             "their start, short descents from eight, four further, two to their end and twice more, the bound; one thread each"),
         _row("condition number (base, raw SI) after safety.clear", worth.condition, "", "<= 35", f"best of 100 random: {random.condition:.0f}"),
         _row("log det after safety.clear", worth.log_det, "nats", "", f"best of 100 random: {random.log_det:.1f}"),
         _row("log det of all columns that the search maximises", found.ends[0].information, "nats", "",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from calib.diagnosis.candidates import Key, acts_at
+from calib.diagnosis.candidates import Key, acts_at, acts_everywhere
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import CONTACT
@@ -17,6 +17,7 @@ from calib.diagnosis.prices import cost, price
 from calib.diagnosis.scoring import Bank, beside
 from calib.diagnosis.selection import add, joints_of, without
 from calib.measurement.preprocessing import Measurement
+from calib.regression.robust import huber
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
@@ -49,7 +50,7 @@ SECOND, SECOND_ALONE = 0.1, 0.04
 class Assessed:
     """One accepted effect.
 
-    lost      rise of -2 log likelihood when it is left out and everything else refitted
+    lost      rise of -2 log likelihood when it is left out and everything else refitted, without that of joints where another effect decides
     rivals    effects that explain the recordings as well in its place, best first
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
     worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart; 0 where it is not significant
@@ -128,20 +129,40 @@ class Assessed:
 
 def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> list[Assessed]:
     """Every accepted effect of a fit, in its order; its rivals, which take most of the time, are asked by `with_rivals`."""
-    out = []
     with_all, stds = HeldOut.of(best, apart), best.std()
-    for i, item in enumerate(best.accepted):
-        rest = without(measurements, best, i)
-        lost = rest.objective - best.objective
+    rests = [without(measurements, best, i) for i in range(len(best.accepted))]
+    lost = [rest.objective - best.objective for rest in rests]
+    joint_names = best.hypothesis.arm.joint_names
+    firsts = strongest_beside(best.accepted, lost, joint_names)
+    out = []
+    for i, (item, rest) in enumerate(zip(best.accepted, rests, strict=True)):
         without_it = HeldOut.of(rest, apart, with_all.models)
-        joints = joints_of(item, best.hypothesis.arm)
-        worse = with_all.rise(without_it, joints)
-        nothing = is_nothing(item, stds[i])
-        held_out = without_it.loss - with_all.loss
-        one_sided, imitator = _one_sided(item, rest, best), _imitator(item, rest, lost)
-        out.append(Assessed(item, lost, (), held_out, worse, nothing, one_sided=one_sided, imitator=imitator, rest=rest))
-    firsts = strongest_beside(best.accepted, [a.lost for a in out], best.hypothesis.arm.joint_names)
-    return [replace(a, first=x) for a, x in zip(out, firsts, strict=True)]
+        worse = with_all.rise(without_it, joints_of(item, best.hypothesis.arm))
+        counts = ~joints_of_other_form(best.accepted, lost, i, joint_names)
+        at_others = _fall(rest, best)[~counts]
+        brings = lost[i] - float(np.maximum(at_others, 0.0).sum())
+        held_out = float((without_it.losses - with_all.losses)[counts].sum()) + without_it.beside - with_all.beside
+        nothing, one_sided, imitator = is_nothing(item, stds[i]), _one_sided(item, rest, best), _imitator(item, rest, lost[i])
+        out.append(Assessed(item, brings, (), held_out, worse, nothing, firsts[i], one_sided, imitator, rest))
+    return out
+
+
+def _fall(rest: Fit, best: Fit) -> np.ndarray:
+    """(n,) fall of -2 log likelihood at every joint from one fit to the other."""
+    return np.array([huber(a) - huber(b) for a, b in zip(rest.solved.left(), best.solved.left(), strict=True)])
+
+
+def joints_of_other_form(
+    accepted: Sequence[ArmEffect], lost: Sequence[float], i: int, joint_names: Sequence[str]
+) -> np.ndarray:
+    """(n,) joints whose torque says nothing of effect i, which acts at many: a stronger one acts there whose law may have another form."""
+    out = np.zeros(len(joint_names), dtype=bool)
+    if acts_everywhere(accepted[i]):
+        for k, other in enumerate(accepted):
+            if lost[k] > lost[i] and not effect_named(other.effect).exact:
+                for joint in acts_at(other, joint_names) - acts_at(accepted[i], joint_names):
+                    out[list(joint_names).index(joint)] = True
+    return out
 
 
 def strongest_beside(accepted: Sequence[ArmEffect], lost: Sequence[float], joint_names: Sequence[str]) -> list[float]:

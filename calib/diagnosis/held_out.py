@@ -19,19 +19,27 @@ from calib.regression.robust import huber
 
 @dataclass(frozen=True)
 class HeldOut:
-    """loss: Huber's, whitened, of rows of logs that were not fitted, with every parameter as it was fitted; errors: per joint (R_j,) N m.
+    """losses (n,): Huber's, whitened, of the rows of every joint in logs that were not fitted, with every parameter as it was fitted.
 
-    What was observed beside the torque was fitted with these logs too; it counts here for what they show of it.
+    beside: the same of what was observed beside the torque; it was fitted with these logs too, and counts here for what they show of it.
+    errors: per joint (R_j,) N m.
     """
 
-    loss: float
+    losses: np.ndarray
+    beside: float
     errors: list[np.ndarray]
     models: Sequence[LogModel] = ()
+
+    @property
+    def loss(self) -> float:
+        """Of all joints, and beside them."""
+        return float(self.losses.sum()) + self.beside
 
     @staticmethod
     def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
         """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
-        noise, loss, theta = f.solved.noise, 0.0, within_prior(f.models[0].names, f.solved.theta)
+        noise, theta = f.solved.noise, within_prior(f.models[0].names, f.solved.theta)
+        losses = np.zeros(f.hypothesis.arm.n)
         errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
         pairs = zip(apart, like or (None,) * len(apart), strict=True)
         models = [LogModel(m, f.hypothesis, like=lender) for m, lender in pairs]
@@ -39,10 +47,10 @@ class HeldOut:
             rows = ResidualRows([model])
             for j, of_joint in enumerate(errors):
                 of_joint.append(rows.r[j] - rows.predicted(j, theta))
-                loss += huber(rows.whiten(noise, j, of_joint[-1]))
+                losses[j] += huber(rows.whiten(noise, j, of_joint[-1]))
         there = together([m.followed for m in apart])
-        loss += loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)
-        return HeldOut(loss, [np.concatenate(parts) for parts in errors], models)
+        beside = loss_of({key: one for key, one in there.items() if key in f.hypothesis.observed}, f.hypothesis.arm)
+        return HeldOut(losses, beside, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
         """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""

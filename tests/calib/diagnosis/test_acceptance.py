@@ -12,6 +12,7 @@ from calib.diagnosis.acceptance import (
     SECOND,
     SECOND_ALONE,
     Assessed,
+    joints_of_other_form,
     strongest_beside,
 )
 from calib.diagnosis.prices import price
@@ -34,6 +35,15 @@ def test_an_effect_beside_one_with_an_exact_law_is_not_measured_by_it() -> None:
     pairs = [("torque_offset", "a"), ("viscous_friction", "a"), ("encoder_offset", "a"), ("stribeck_friction", "b")]
     accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
     assert strongest_beside(accepted, [900.0, 50.0, 30.0, 80.0], ("a", "b")) == [50.0, 0.0, 50.0, 0.0]
+
+
+def test_a_joint_with_a_stronger_effect_of_another_form_says_nothing_of_the_whole_arm() -> None:
+    pairs = [("time_delay", None), ("backlash", "a"), ("torque_offset", "b"), ("link_inertia", "a"), ("stribeck_friction", "b")]
+    accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
+    lost = [200.0, 500.0, 900.0, 100.0, 150.0]
+    silent = [joints_of_other_form(accepted, lost, i, ("a", "b")).tolist() for i in range(len(accepted))]
+    # the offset's law is exact, Stribeck friction is weaker than the delay, and a link's own joint is asked by `strongest_beside`
+    assert silent == [[True, False], [False, False], [False, False], [False, True], [False, False]]
 
 
 def test_friction_and_rotors_need_less_beyond_their_price() -> None:

@@ -101,7 +101,7 @@ def test_a_contact_stays_in_its_recording_when_others_are_left_out(clean: Fit, u
 
 def _held_out(scale: float, seed: int) -> HeldOut:
     rng = np.random.default_rng(seed)
-    return HeldOut(0.0, [rng.standard_normal(800), scale * rng.standard_normal(800), np.zeros(0)])
+    return HeldOut(np.zeros(3), 0.0, [rng.standard_normal(800), scale * rng.standard_normal(800), np.zeros(0)])
 
 
 def test_held_out_errors_speak_against_a_name_where_they_rise_significantly() -> None:

@@ -23,15 +23,19 @@ def arm() -> Arm:
     return load_arm("ur10e")
 
 
-def commanded(arm: Arm, log: Log, gap: float, seed: int = 5) -> Log:
-    """A drive of finite stiffness that is 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms."""
+def commanded(arm: Arm, log: Log, gap: float, seed: int = 5, late_by: float = 0.0) -> Log:
+    """A drive of finite stiffness that is 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms.
+
+    late_by: s by which it crosses later.
+    """
     rng = np.random.default_rng(seed)
     ddq = np.gradient(log.dq, log.t, axis=0)
     load = RigidBody(arm).inverse_dynamics(log.q, log.dq, ddq)
     late = 8e-3 * log.dq + log.tau / 2e5 + 4e-5 * np.tanh(log.dq / 0.01)
     noise = 2e-5 * np.stack([correlated(rng, len(log.t)) for _ in range(arm.n)], axis=1)
     lead = np.zeros(log.q.shape)
-    lead[:, 0] = gap * np.convolve(np.sign(load[:, 0]), np.full(5, 0.2), mode="same")
+    samples = round(late_by / float(np.median(np.diff(log.t))))
+    lead[:, 0] = gap * np.convolve(np.roll(np.sign(load[:, 0]), samples), np.full(5, 0.2), mode="same")
     return replace(log, q_cmd=log.q + late + noise + lead)
 
 
@@ -87,6 +91,12 @@ def test_a_gap_shows_with_its_size_and_a_sound_drive_shows_none(arm: Arm) -> Non
         sound = measured(commanded(arm, log, 0.0, seed), arm).followed
         assert PAN in sound
         assert clear([sound]) == {}
+
+
+def test_a_motor_that_crosses_late_shows_no_smaller_gap(arm: Arm) -> None:
+    log = recording(arm, 3, seconds=40.0)
+    at_once, late = (measured(commanded(arm, log, GAP, late_by=s), arm).followed[PAN].value for s in (0.0, 0.09))
+    assert late == pytest.approx(at_once, rel=0.01)
 
 
 def test_no_commands_or_commands_that_repeat_the_reading_show_nothing(arm: Arm) -> None:
