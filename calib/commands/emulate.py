@@ -22,7 +22,7 @@ def command(
         typer.Option(metavar="NAME@SECONDS", help="Make something go wrong after the start; may be repeated."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time; runs until Ctrl-C if not given.")
+        float | None, typer.Option(min=0.0, max=1e7, help="Stop after this time; runs until Ctrl-C if not given.")
     ] = None,
     configs: options.Configs = None,
 ) -> None:

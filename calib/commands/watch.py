@@ -34,7 +34,7 @@ def command(
         ),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="End after this time; at the log's end or Ctrl-C if not given.")
+        float | None, typer.Option(min=0.0, max=1e7, help="End after this time; at the log's end or Ctrl-C if not given.")
     ] = None,
     samples: Annotated[
         bool,

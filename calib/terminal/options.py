@@ -25,6 +25,7 @@ MaxError = Annotated[
     typer.Option(
         "--max-error",
         min=0.0,
+        max=1000.0,
         metavar="SHARE",
         help="Exit code 1 if at some joint the residual RMS exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
     ),

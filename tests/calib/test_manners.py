@@ -5,12 +5,15 @@
 
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from syrupy.assertion import SnapshotAssertion
+from typer.main import get_command
 
-from calib.main import COMMANDS, main
+from calib.main import COMMANDS, app, main
 from calib.run_folder import new_run
 from sim.resources import config_folders
 from sim.version import software_version
@@ -30,6 +33,7 @@ MISTAKES = [
     "plan ur10e --period twenty",
     "plan ur10e --period -3",
     "validate ur10e excitation.mcap --cutoff nan",
+    "validate ur10e excitation.mcap --max-error inf",
     "plan ur10e --home 0,0,0",
     "plan ./misspelled",
     "plan ./without-limit",
@@ -136,3 +140,23 @@ def test_a_plan_that_no_run_would_take_is_refused_before_it_is_made(tmp_path: Pa
     sentence = " ".join(capsys.readouterr().err.split())
     assert "fast.toml: motion.point_speed_max = 9, usual is 0.01 to 3" in sentence
     assert not (tmp_path / "plan").exists()
+
+
+def options_of(command: Any, words: str = "") -> Iterator[tuple[str, Any]]:
+    """Every option of a command and of those below it, with the words that lead to it."""
+    if hasattr(command, "list_commands"):
+        for name in command.list_commands(None):
+            yield from options_of(command.get_command(None, name), f"{words} {name}".strip())
+    else:
+        yield from ((f"{words} {option.opts[0]}", option) for option in command.params)
+
+
+def test_every_number_has_bounds() -> None:
+    """Infinity reached the report of `validate --max-error`, which cannot hold it."""
+    numbers = {
+        words: option
+        for words, option in options_of(get_command(app))
+        if "float" in str(getattr(getattr(option, "type_descriptor", None), "annotation", ""))
+    }
+    assert "validate --max-error" in numbers
+    assert [words for words, option in numbers.items() if option.min is None or option.max is None] == []
