@@ -25,7 +25,11 @@ def command(
     ] = None,
     session: Annotated[
         float,
-        typer.Option(min=0.0, max=36500.0, help="Days before an arm's newest recording that say what it is now; older ones say since when."),
+        typer.Option(
+            min=0.0,
+            max=36500.0,
+            help="Days before an arm's newest recording that say what it is now; older ones say since when.",
+        ),
     ] = 1.0,
     no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only.")] = False,
     accept_partial: options.AcceptPartial = False,

@@ -6,6 +6,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Unbounded, Values
 from sim.interval import Interval
+from sim.probes import waves
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
@@ -79,18 +80,8 @@ class EncoderEccentricity(Effect):
         return angle + p["amplitude"] * np.sin(p["cycles"] * angle + p["phase"])
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """A sin(N q + phase) is linear in A cos(phase) and A sin(phase)."""
-        amplitude = 0.1 * self.parameter("amplitude").grid[0]
-
-        def at(cycles: float) -> Probe:
-            def combine(c: np.ndarray) -> dict[str, float]:
-                size, phase = float(np.hypot(c[0], c[1])), float(np.arctan2(c[1], c[0]))
-                return {"amplitude": amplitude * size, "cycles": cycles, "phase": phase}
-
-            points = tuple({"amplitude": amplitude, "cycles": cycles, "phase": p} for p in (0.0, 0.5 * np.pi))
-            return Probe({"amplitude": 0.0, "cycles": cycles, "phase": 0.0}, points, combine)
-
-        return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]
+        """By cosine and sine."""
+        return waves(self) if own is None else []
 
     def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
         """Drag of a gear that sits off its centre: dq sin(N q) and dq cos(N q) for N in TURNS."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Exported, JointSize
+from sim.probes import stiffnesses
 from sim.torque_path import PathState, Stage
 
 LEAST_TWIST = 2e-3  # rad under the largest load
@@ -64,18 +65,8 @@ class JointElasticity(Effect):
         return Exported("native", "second hinge, stiffness", twist={"stiffness": repr(stiffness), "damping": repr(damping)})
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """The torque is nearly linear in 1/stiffness: try a few and scale."""
-        if own is not None:
-            return []
-        none = {"stiffness": self.parameter("stiffness").upper}
-
-        def at(stiffness: float) -> Probe:
-            def combine(c: np.ndarray) -> dict[str, float]:
-                return {"stiffness": stiffness / max(float(c[0]), 1e-6)}
-
-            return Probe(none, ({"stiffness": stiffness},), combine)
-
-        return [at(k) for k in self.parameter("stiffness").grid]
+        """By compliance."""
+        return stiffnesses(self) if own is None else []
 
 
 class _Hardening(JointElasticity):

@@ -9,6 +9,7 @@ import numpy as np
 from sim.arm import ArmEffect
 from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.mjcf_form import Exported, JointSize
+from sim.probes import stiffnesses
 from sim.slip import spring_slip
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
@@ -59,18 +60,8 @@ class PreslidingFriction(Effect):
         return Exported("native", "dcmotor lugre", dry={"stiffness": p["stiffness"]})
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """The torque is nearly linear in 1/stiffness: try a few and scale."""
-        if own is not None:
-            return []
-        none = {"stiffness": self.parameter("stiffness").upper}
-
-        def at(stiffness: float) -> Probe:
-            def combine(c: np.ndarray) -> dict[str, float]:
-                return {"stiffness": stiffness / max(float(c[0]), 1e-6)}
-
-            return Probe(none, ({"stiffness": stiffness},), combine)
-
-        return [at(k) for k in self.parameter("stiffness").grid]
+        """By compliance."""
+        return stiffnesses(self) if own is None else []
 
 
 class _Jenkins(PreslidingFriction):

@@ -12,6 +12,7 @@ from sim.effects.effect import Effect, Parameter, Probe, Values
 from sim.interval import sine
 from sim.mjcf_form import Mjcf, passive
 from sim.motion_view import CandidateColumns, MotionView
+from sim.probes import waves
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
@@ -82,15 +83,5 @@ class TorqueRipple(Effect):
         return Mjcf(elements=(("actuator", "dcmotor", motor),))
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """A sin(N q + phase) is linear in A cos(phase) and A sin(phase)."""
-        amplitude = 0.1 * self.parameter("amplitude").grid[0]
-
-        def at(cycles: float) -> Probe:
-            def combine(c: np.ndarray) -> dict[str, float]:
-                size, phase = float(np.hypot(c[0], c[1])), float(np.arctan2(c[1], c[0]))
-                return {"amplitude": amplitude * size, "cycles": cycles, "phase": phase}
-
-            points = tuple({"amplitude": amplitude, "cycles": cycles, "phase": p} for p in (0.0, 0.5 * np.pi))
-            return Probe({"amplitude": 0.0, "cycles": cycles, "phase": 0.0}, points, combine)
-
-        return [] if own is not None else [at(n) for n in self.parameter("cycles").grid]
+        """By cosine and sine."""
+        return waves(self) if own is None else []
