@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from calib.file_lock import is_locked
 from calib.terminal import console
 from sim.errors import ConfigError
+from sim.file_lock import is_locked
 from sim.files import is_name, read_toml
 from sim.resources import nearest
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import tomli_w
 
-from calib.file_lock import is_locked, locked
 from calib.past_runs import FILE, RUNS, Run, read_run
 from sim.errors import CalibError, ConfigError, DeviceError
+from sim.file_lock import is_locked, locked
 from sim.files import is_name, read_toml
 from sim.version import software_version
 

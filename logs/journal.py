@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
-import fcntl
 import os
 import threading
 import zlib
@@ -21,6 +20,7 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Metadata, Sche
 from logs.mcap_records import JOURNAL, MAGIC, SEAL, SEAL_TAG
 from logs.schemas import FAILURE, RECORDING, SCHEMAS, TOPICS, UNITS
 from sim.errors import DeviceError
+from sim.file_lock import locked
 
 AHEAD = 16 << 20
 SYNC_PERIOD = 0.2  # s: what a power cut can lose
@@ -98,8 +98,7 @@ class Journal:
             raise DeviceError(
                 f"{path}: cannot be created ({error.strerror}); record into a folder that can be written"
             ) from error
-        with contextlib.suppress(OSError):  # a file system without locks: readers then leave the file as it is
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        locked(self._fd)  # where the file system has no locks, readers leave the file as it is
         try:
             self._reserve(reserve)
             self._check()

@@ -6,7 +6,6 @@ its folder cannot be written.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import time
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from logs.mcap_stream import McapStream
 from logs.ring import forget, left_behind
 from logs.schemas import FAILURE, RECORDING, STATES, device_offset
 from sim.errors import BadLog, DeviceError
+from sim.file_lock import locked
 
 FOREIGN_AGE = 60.0  # s without a write, after which a recording of another computer, or of before its last start, is dead
 GONE = "and what its ring still held, which is gone"
@@ -44,7 +44,8 @@ class _Found:
 def is_recording(path: Path) -> bool | None:
     """Whether the program that writes this journal lives; None where the file system has no locks."""
     with path.open("rb") as file:
-        return _held(file.fileno())
+        free = locked(file)
+    return None if free is None else not free
 
 
 def recovered(path: Path) -> str | None:
@@ -52,7 +53,7 @@ def recovered(path: Path) -> str | None:
     if not is_journal(path):
         return None
     with path.open("rb") as file:
-        if _held(file.fileno()) is not False or not is_journal(path):
+        if not locked(file) or not is_journal(path):
             return None
         try:
             found = _read(path)
@@ -83,17 +84,6 @@ def describe(path: Path) -> str:
     if not is_journal(path):
         return found.metadata.get("end_reason", "says nothing of its end")
     return found.failure or killed_sentence(found.counts.get(STATES, 0), found.last)
-
-
-def _held(fd: int) -> bool | None:
-    """Whether another holds the lock; False means that this descriptor holds it now."""
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return False
-    except BlockingIOError:
-        return True
-    except OSError:
-        return None
 
 
 def _read(path: Path) -> _Found:

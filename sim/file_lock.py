@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def locked(stream: BinaryIO) -> bool | None:
-    """Lock an open file for as long as it is open: False where another has it, None where the file system has no locks."""
+def locked(stream: BinaryIO | int) -> bool | None:
+    """Lock an open file, or its descriptor, for as long as it is open: False where another has it, None where the file system has no locks."""
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return True
