@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
@@ -61,12 +61,23 @@ def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
 
 
 def _owner(table: type[BaseModel], location: tuple[Any, ...]) -> type[BaseModel] | None:
-    owner: type[BaseModel] | None = table
+    """The table at `location`; where it is one of several kinds, as an obstacle is, the location names its kind."""
+    owners: list[type[BaseModel]] = [table]
     for key in location:
-        if isinstance(key, int) or owner is None:
+        if isinstance(key, int):
             continue
-        field_info = next((f for n, f in owner.model_fields.items() if key in (n, f.alias)), None)
-        kind = field_info.annotation if field_info else None
-        candidates = [kind, *getattr(kind, "__args__", ())]
-        owner = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
-    return owner
+        kinds = [o for o in owners if any(key in get_args(f.annotation) for f in o.model_fields.values())]
+        if len(owners) > 1 and kinds:
+            owners = kinds
+        else:
+            owners = [
+                t for o in owners for n, f in o.model_fields.items() if key in (n, f.alias) for t in _tables(f.annotation)
+            ]
+    return owners[0] if owners else None
+
+
+def _tables(kind: Any) -> list[type[BaseModel]]:
+    """The tables in a type, such as those of a list."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return [kind]
+    return [table for part in get_args(kind) for table in _tables(part)]

@@ -55,3 +55,13 @@ def test_what_a_cell_assumes(tmp_path: Path) -> None:
     assert "pulling the cable" in load_cell(tmp_path / "cell.toml").assumed["watchdog-works"]
     with pytest.raises(ConfigError, match=r"'watchdog-work' is nothing that can be assumed; did you mean 'watchdog-works'"):
         opened(tmp_path, 'assume = ["watchdog-work"]')
+
+
+def test_a_misspelt_key_of_an_obstacle_is_named_with_the_keys_of_its_kind(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    text = (Path(__file__).parents[2] / "configs" / "cells" / "mock-ur10e.toml").read_text()
+    file.write_text(text.replace("normal =", "normel ="))
+    with pytest.raises(
+        ConfigError, match=r"obstacles.0.plane.normel; did you mean 'normal'. known: kind, name, position, normal"
+    ):
+        load_cell(file)
