@@ -49,7 +49,7 @@ class Route:
             legs[speed] = []
             for motion in self.plan.motions:
                 what = f"{motion.name} at {speed:.0%}" if speed < 1 else motion.name
-                watch(RunProgress(f"proving {what}", done / total, None))
+                watch(RunProgress(f"verifying {what}", done / total, None))
                 legs[speed] += self._to_and_through(q, motion.trajectory.scaled(speed), what, motion.name)
                 q = legs[speed][-1].cleared.q[-1]
                 done += 1

@@ -35,6 +35,7 @@ def command(
     import numpy as np
 
     from calib import demo
+    from calib.claims.diagnosis_sentences import words
     from calib.main import start
     from calib.report import tracking as page
     from sim.arm import load_arm
@@ -73,7 +74,7 @@ def command(
     followed = demo.under_control(arm, hidden, folder, found)
     tracking = {name: t.as_dict() for name, t in followed.items()}
     (folder / "tracking.json").write_text(json.dumps({"schema": "tracking/1", **tracking}) + "\n", encoding="utf-8")
-    what = f"{hidden.effect} at {hidden.joint or 'the whole arm'}"
+    what = words(hidden.effect, hidden.joint)
     shown = page.write(folder, arm.name, arm.joint_names, followed, what, revealed.rows)
     seconds = time.monotonic() - began
     conclude(f"seed {seed}, {hidden.effect} hidden: {revealed.sentence}")

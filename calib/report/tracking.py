@@ -23,13 +23,13 @@ STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itse
 def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
     """What calibration changed in how the arm follows, and whether there was anything to gain."""
     before, after, truth = followed["nominal"], followed["calibrated"], followed["the truth itself"]
-    out = f"With the calibrated model in its controller the arm follows with {significant(1e3 * after.rms)} mrad instead of {significant(1e3 * before.rms)} mrad"
+    out = f"With the calibrated model in its controller the arm follows to {significant(1e3 * after.rms)} mrad instead of {significant(1e3 * before.rms)} mrad"
     each = [np.sqrt(np.mean(t.errors**2, axis=0)) for t in (before, after)]
     worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > WORSE * was]
     if worse and after.rms < before.rms:
-        out += f", but worse at {listed(worse)}"
+        out += f", but less closely than with the nominal one at {listed(worse)}"
     if truth.rms > LEAST_GAIN * before.rms:
-        out += f"; with the truth itself it follows with {significant(1e3 * truth.rms)} mrad, so the hidden effect leaves nothing to gain"
+        out += f"; with the truth itself it follows to {significant(1e3 * truth.rms)} mrad, so the hidden effect leaves nothing to gain"
     return out
 
 

@@ -65,7 +65,7 @@ def test_a_plan_becomes_logs(plan: Plan, arm: Arm, cell: Cell, tmp_path: Path) -
         assert np.min(np.linalg.norm(log.q_cmd - middle, axis=1)) < 1e-3
     assert max(done.stages[0].following_error) < 0.02
     assert [e["event"] for e in audit.verify(tmp_path / "audit.jsonl")] == ["run begins", "device", "run completed"]
-    assert {p.what for p in seen} >= {"friction", "validation", "proving friction"}
+    assert {p.what for p in seen} >= {"friction", "validation", "verifying friction"}
     assert all(0 <= p.share <= 1 for p in seen)
 
 

@@ -104,9 +104,9 @@ def test_a_run_is_shown_from_its_proof_to_its_motion(arm: Arm, tmp_path: Path) -
     state = JointState(0.0, 0.0, still, still, still, still, still)
     cycle = Cycle(499, 1000, state, still)
     with LiveView(arm, "record", KEYS, console=console, now=iter(range(100)).__next__) as view:
-        show(view, RunProgress("proving friction", 0.5, None), tmp_path)
+        show(view, RunProgress("verifying friction", 0.5, None), tmp_path)
         proof = out.getvalue()
-        assert "proving friction" in proof
+        assert "verifying friction" in proof
         assert "Nothing moves yet." in proof
         show(view, RunProgress("friction at 25%", 0.5, cycle, 2, 4, 0.25, 10.0, 45.0, 500, 2), tmp_path)
     moving = out.getvalue()[len(proof) :]
