@@ -45,7 +45,8 @@ def command(
         console.print_json(_plain(found))
         return 0
     console.table(["", ""], [[key.replace("_", " "), value] for key, value in _plain(found).items() if key != "schema"])
-    console.table(["file", "bytes"], [[f.name, f.stat().st_size] for f in sorted(found.folder.iterdir()) if f.is_file()])
+    files = sorted(found.folder.iterdir(), key=lambda f: (f.is_dir(), f.name))
+    console.table(["file", "bytes"], [[f.name, f.stat().st_size] if f.is_file() else [f"{f.name}/", None] for f in files])
     return 0
 
 

@@ -61,7 +61,7 @@ def lines() -> list[str]:
     for heading, tasks in SHEET.items():
         out += ["", heading] if out else [heading]
         for what, call in tasks:
-            line = f"  {what:<44}{call}"
+            line = f"  {what:<44}  {call}"
             out += [line] if len(line) <= 80 else [f"  {what}", f"{'':6}{call}"]
     return [*out, "", *"\n".join(NOTES).splitlines()]
 

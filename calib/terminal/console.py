@@ -12,7 +12,6 @@ import math
 import re
 import shlex
 import sys
-import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
 
 # of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+_BARS: list[Progress] = []  # what `progress` draws now
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
 
@@ -52,14 +52,14 @@ def say(sentence: str) -> None:
     """
     if QUIET.get():
         return
-    _out().print(_wrapped(sentence, _out()), markup=False, highlight=False, soft_wrap=True)
+    _print(_out(), _wrapped(sentence, _out()))
 
 
 def copyable(line: str) -> None:
     """A line to be copied, such as a command or a path, on standard output: whole, however long."""
     if QUIET.get():
         return
-    _out().print(printable(line), markup=False, highlight=False, soft_wrap=True)
+    _print(_out(), printable(line))
 
 
 def next_step(words: Sequence[str | Path]) -> None:
@@ -74,7 +74,7 @@ def command_line(words: Sequence[str | Path]) -> str:
 
 def warn(sentence: str) -> None:
     """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
-    _err().print(_wrapped(f"calib: {sentence}", _err()), markup=False, highlight=False, soft_wrap=True)
+    _print(_err(), _wrapped(f"calib: {sentence}", _err()))
 
 
 def warn_assumed(cell: Cell) -> None:
@@ -103,8 +103,9 @@ def ask(question: str) -> str:
     """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
     console, words = _err(), question.rstrip(" ")
     text = _wrapped(words, console) + question[len(words) :]
-    console.print(text, markup=False, highlight=False, soft_wrap=True, end="")
-    return sys.stdin.readline().rstrip("\n")
+    with _without_bar():
+        console.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+        return sys.stdin.readline().rstrip("\n")
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
@@ -119,9 +120,9 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | No
     out = _out()
     shown = [[cell(value) for value in row] for row in body]
     if title:
-        out.print(Text(printable(title), style="italic"), soft_wrap=True)
+        _print(out, Text(printable(title), style="italic"))
     for line, heading in text_table.lines([printable(h) for h in headers], shown, numeric, out.width):
-        out.print(Text(line, style="bold" if heading else ""), soft_wrap=True)
+        _print(out, Text(line, style="bold" if heading else ""))
 
 
 def cell(value: Any) -> str:
@@ -183,12 +184,34 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
     if total is not None:
         columns.append(MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as bar:
+        _BARS.append(bar)
         task = bar.add_task(description, total=total)
 
         def advance(step: float = 1, text: str | None = None) -> None:
             bar.update(task, advance=step, description=description if text is None else f"{description}: {printable(text)}")
 
-        yield advance
+        try:
+            yield advance
+        finally:
+            _BARS.remove(bar)
+
+
+@contextmanager
+def _without_bar() -> Iterator[None]:
+    """Takes the bar of `progress` away while the block runs: it is drawn again and again, over a question or after half a line."""
+    bar = _BARS[-1] if _BARS else None
+    if bar is not None:
+        bar.stop()
+    try:
+        yield
+    finally:
+        if bar is not None:
+            bar.start()
+
+
+def _print(console: Console, text: str | Text) -> None:
+    with _without_bar():
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def _is_number(value: Any) -> bool:
@@ -202,23 +225,8 @@ def _own(value: Any) -> Any:
 
 
 def _wrapped(text: str, console: Console) -> str:
-    """`text` in lines that fit a terminal; longer words, such as paths, stay whole. Elsewhere, and where it fits, as it is."""
-    text = printable(text)
-    if not console.is_terminal:
-        return text
-    lines = []
-    for line in text.split("\n"):
-        indent = line[: len(line) - len(line.lstrip())]
-        fits = textwrap.wrap(
-            line,
-            console.width,
-            subsequent_indent=indent,
-            break_long_words=False,
-            break_on_hyphens=False,
-            replace_whitespace=False,
-        )
-        lines += fits if len(line) > console.width else [line]
-    return "\n".join(lines)
+    """`text` in lines that fit a terminal; elsewhere, and where it fits, as it is."""
+    return text_table.wrapped(printable(text), console.width) if console.is_terminal else printable(text)
 
 
 def _out() -> Console:

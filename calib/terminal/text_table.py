@@ -1,4 +1,4 @@
-"""A table as lines of text that fit a width: first as it is, then with wrapped words, then in parts of fewer columns."""
+"""A table as lines of text that fit a width: first as it is, then with wrapped words, then in parts of fewer columns. Sentences too."""
 
 from __future__ import annotations
 
@@ -12,17 +12,31 @@ LEAST = 22  # columns of text are not made narrower
 HANGING = 4  # indentation of a long last column below its row
 
 
+def wrapped(text: str, width: int) -> str:
+    """Sentences in lines between words, each below its own indentation; longer words, such as paths, stay whole."""
+    out = []
+    for line in text.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        fits = textwrap.wrap(
+            line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False
+        )
+        out += fits if len(line) > width else [line]
+    return "\n".join(out)
+
+
 def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], width: int) -> list[tuple[str, bool]]:
     """The lines of a table, and whether each is a heading. No line is wider than `width` unless a single word is.
 
-    Numbers stand to the right. Where the table is too wide, a long last column of text goes below its row; what is still too wide is
-    split into parts, each with the first column again.
+    Numbers stand to the right. Where the table is too wide, a long last column of text goes below its row, and its heading below the
+    others; what is still too wide is split into parts, each with the first column again. A list, whose two columns have no headings, is
+    wrapped beside its names.
     """
     natural = [max([cell_len(headers[k]), *(cell_len(row[k]) for row in rows)]) for k in range(len(headers))]
+    listed = not any(headers)
     if sum(natural) + len(GAP) * (len(natural) - 1) <= width or not natural:
-        return _grid(headers, rows, numeric, natural)
+        return _grid(headers, rows, numeric, natural)[listed:]
     last = len(headers) - 1
-    below = last > 0 and not numeric[last] and natural[last] > LEAST
+    below = not listed and last > 0 and not numeric[last] and natural[last] > LEAST
     kept = list(range(last if below else last + 1))
     least = [natural[k] if numeric[k] or k == 0 else min(natural[k], LEAST) for k in range(len(headers))]
     groups: list[list[int]] = [[kept[0]]]
@@ -38,8 +52,10 @@ def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequen
         title = [headers[k] for k in group]
         if number:
             out.append(("", False))
-        out += _grid(title, [[row[k] for k in group] for row in rows], [numeric[k] for k in group], widths, under, width)
-    return out
+        out += _grid(
+            title, [[row[k] for k in group] for row in rows], [numeric[k] for k in group], widths, under, width, headers[last]
+        )
+    return out[listed:]
 
 
 def _shared(natural: list[int], least: list[int], space: int) -> list[int]:
@@ -55,9 +71,11 @@ def _shared(natural: list[int], least: list[int], space: int) -> list[int]:
 
 def _grid(
     headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], widths: Sequence[int],
-    under: Sequence[str] | None = None, width: int = 0,
+    under: Sequence[str] | None = None, width: int = 0, heading: str = "",
 ) -> list[tuple[str, bool]]:  # fmt: skip
     out = [(line, True) for line in _row(headers, numeric, widths)]
+    if under is not None and heading:
+        out.append((" " * HANGING + heading, True))
     for k, row in enumerate(rows):
         out += [(line, False) for line in _row(row, numeric, widths)]
         if under is not None and under[k]:
@@ -72,7 +90,9 @@ def _grid(
 def _row(cells: Sequence[str], numeric: Sequence[bool], widths: Sequence[int]) -> list[str]:
     """A row of the grid, of as many lines as its tallest cell has."""
     folded = [
-        [text] if cell_len(text) <= widths[k] else textwrap.wrap(text, max(widths[k], 1), break_on_hyphens=False) or [""]
+        [text]
+        if cell_len(text) <= widths[k]
+        else textwrap.wrap(text, max(widths[k], 1), break_on_hyphens=False, break_long_words=k + 1 < len(cells)) or [""]
         for k, text in enumerate(cells)
     ]
     lines = []

@@ -33,6 +33,7 @@ def test_every_command_but_itself_is_on_it() -> None:
 def test_it_is_one_page_of_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, lines())) <= 80
     assert len(lines()) <= 50
+    assert all(re.search("  calib ", line) for line in lines() if line.startswith("  ") and "calib" in line)
     assert main(["help"]) == 0
     assert "calib check CELL" in capsys.readouterr().out
 

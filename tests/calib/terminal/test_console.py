@@ -70,6 +70,28 @@ def test_progress_away_from_a_terminal_is_one_line(capsys: pytest.CaptureFixture
     assert captured.err == "reading ...\n"
 
 
+def test_a_question_and_a_warning_stand_alone_while_there_is_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = io.StringIO()
+    terminal = Console(file=screen, width=80, force_terminal=True)
+    monkeypatch.setattr(console, "_err", lambda: terminal)
+    drawn: list[bool] = []
+
+    class Answer(io.StringIO):
+        def readline(self, *_: object) -> str:
+            drawn.append(any(bar.live.is_started for bar in console._BARS))
+            return "y\n"
+
+    monkeypatch.setattr("sys.stdin", Answer())
+    with console.progress("looking"):
+        console.warn("look here")
+        assert console.ask("Ask them? [y/N] ") == "y"
+        assert [bar.live.is_started for bar in console._BARS] == [True]
+    assert drawn == [False]
+    assert not console._BARS
+    lines = screen.getvalue().replace("\x1b[2K", "\r").replace("\n", "\r").split("\r")
+    assert "calib: look here" in lines
+
+
 def test_completion_offers_what_is_shipped() -> None:
     assert "mock-ur10e" in options.cell_names("mock")
     assert options.cell_names("no such") == []

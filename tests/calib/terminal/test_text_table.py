@@ -45,6 +45,26 @@ def test_a_long_last_column_goes_below_its_row() -> None:
     assert " ".join("\n".join(table).split()).count(LONG) == 2
 
 
+def test_a_column_below_its_rows_keeps_its_heading() -> None:
+    assert shown(["joint", "offset [N m]"], [["elbow_joint", "0.083 ± 0.056, written 0.005"]], [False, False], 30) == [
+        "joint",
+        "    offset [N m]",
+        "elbow_joint",
+        "    0.083 ± 0.056, written",
+        "    0.005",
+    ]
+
+
+def test_a_list_is_wrapped_beside_its_names_and_keeps_paths_whole() -> None:
+    rows = [["exit code", "1"], ["command", "calib export a/folder/with-a-long-name/arm"]]
+    assert shown(["", ""], rows, [False, False], 30) == [
+        "exit code  1",
+        "command    calib export",
+        "           a/folder/with-a-long-name/arm",
+    ]
+    assert shown(["", ""], rows, [False, False])[0] == "exit code  1"
+
+
 def test_a_table_that_fits_stays_as_it_is() -> None:
     assert shown(["a", "b"], [["x", "1"], ["yy", "22"]], [False, True]) == ["a    b", "x    1", "yy  22"]
 
