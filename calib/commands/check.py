@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from calib.run_folder import conclude, lock_cell
+from calib.run_folder import SIMULATED, conclude, lock_cell
 from calib.terminal import console, options
 from sim.errors import AnswerIsNo
 
@@ -75,7 +75,10 @@ def command(
     failed = [check for check in checks if check.ok is False]
     noted = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)
-    conclude(f"{passed} checks pass" + (f"; {noted} noted, with nothing to compare" if noted else ""))
+    outcome = f"{passed} checks pass" + (f"; {noted} noted, with nothing to compare" if noted else "")
+    conclude(outcome)
+    # a mock turns the way its model does; on any other the joints are looked at before anything large moves
+    then = ["plan", table.table.arm, "--cell", cell] if move or table.table.driver in SIMULATED else ["check", cell, "--move"]
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
     else:
@@ -86,3 +89,6 @@ def command(
         raise AnswerIsNo(
             f"{table.name}: {', '.join(c.name for c in failed)}: not as it must be before motion; see the remedies"
         )
+    if not as_json:
+        console.say(f"{outcome}.")
+        console.next_step(then)

@@ -45,9 +45,11 @@ def command(
     from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
+    from calib.newest_arm import named
     from sim.arm import load_arm
     from sim.required import require_identified
 
+    arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
     require_identified(subject)
     require_unseen([*given, *(baseline or [])], holdout or [])

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from calib.past_runs import LATEST
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 from sim.errors import ConfigError
 
@@ -51,13 +50,14 @@ def command(
 
         calib export runs/real/arm --out exported
     """
-    from calib.measurement.recordings import latest_arm
+    from calib.newest_arm import named
     from sim.arm import load_arm
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model
     from sim.required import require_limits
 
-    table = load_arm(str(latest_arm()) if arm == LATEST else arm, configs)
+    arm = named(arm)
+    table = load_arm(arm, configs)
     left_out = ""
     formats = tuple(only or FORMATS)
     if not only:
@@ -69,6 +69,8 @@ def command(
     folder = new_run(table, "export", out)
     files = export(table, folder, formats)
     effects = exported_model(table).table["effects"] if "mjcf" in formats else []
+    outcome = f"{arm} is written as {len(files)} file{'s' * (len(files) != 1)}"
+    conclude(outcome)
     if json:
         shown = [{key: row[key] for key in ("effect", "joint", "form", "how", "error")} for row in effects]
         console.print_json({"arm": table.name, "files": files, "effects": shown, "left_out": left_out or None})
@@ -81,6 +83,7 @@ def command(
                 console.say(sentence)
     if left_out:
         console.warn(left_out)
+    console.say(f"{outcome} in {folder}.")
 
 
 SAID = {

@@ -15,6 +15,8 @@ from calib.past_runs import LATEST, RUNS, latest, runs_and_faults
 from calib.run_folder import conclude, lock_cell, new_run
 from calib.terminal import console, options
 
+DECIDES = "discriminate"  # the motion that decides between effects, for the diagnosis that left them open
+
 
 def command(
     cell: options.CellArgument,
@@ -44,6 +46,7 @@ def command(
 
         calib record mock-ur10e runs/plan --yes --out runs/recorded
     """
+    from calib.guided import HELD_OUT
     from calib.terminal.halt_key import HaltKey
     from calib.terminal.live import LiveView, show
     from drivers import open_driver
@@ -108,7 +111,8 @@ def command(
             held=console.warn,
         )
     worst = max(max(stage.following_error) for stage in done.stages)
-    conclude(f"recorded {', '.join(done.logs)}; the arm followed to {1000 * worst:.1f} mrad")
+    outcome = f"recorded {', '.join(done.logs)}; the arm followed to {1000 * worst:.1f} mrad"
+    conclude(outcome)
     if as_json:
         console.print_json({"schema": "record/1", **console.plain(done)})
         return
@@ -133,7 +137,13 @@ def command(
         ],
         "verified before it moved",
     )
+    console.conclusion(outcome, [])
     console.say(f"{folder}: {', '.join(p.name for p in done.logs.values())}")
+    fitted, held = ([log for log in done.logs.values() if (log.name == HELD_OUT) is unseen] for unseen in (False, True))
+    if fitted:
+        then: list[str | Path] = ["diagnose" if DECIDES in done.logs else "identify", where.table.arm, *fitted]
+        then += ["--holdout", *held] if held else []
+        console.next_step(then)
 
 
 def _most(used: Mapping[str, float]) -> tuple[str, str]:

@@ -24,7 +24,9 @@ def test_writes_every_format_and_says_so(tmp_path, capsys):
         "_parameters.json",
     }
     assert {"run.toml", *(f"ur5e{end}" for end in made)} == names
-    assert "ur5e.urdf" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "ur5e.urdf" in out
+    assert "ur5e is written as 8 files in " in out
 
 
 def test_json_names_the_files(tmp_path, capsys):

@@ -11,6 +11,7 @@ from calib import guided
 from calib.guided_answer import answer
 from calib.main import main
 from calib.measurement.recordings import latest_arm
+from calib.newest_arm import named
 from calib.past_runs import newest
 from calib.run_folder import new_run
 from calib.terminal import options
@@ -221,7 +222,9 @@ def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkey
     assert "Continue it: calib go mock-ur10e" in page
 
 
-def test_latest_is_a_session_and_the_arm_of_a_complete_one(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_latest_is_a_session_and_the_arm_of_a_complete_one(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(ConfigError, match="no run of calib go"):
         newest("go")
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
@@ -232,5 +235,7 @@ def test_latest_is_a_session_and_the_arm_of_a_complete_one(desk: Path, monkeypat
     best = guided.best_arm(session(desk))
     best.mkdir(parents=True)
     assert latest_arm().resolve() == best
+    assert Path(named("latest")).resolve() == best
+    assert "latest is runs/" in capsys.readouterr().err
     assert options.calibrated_names("lat") == ["latest"]
     assert "ur10e" in options.calibrated_names("ur")
