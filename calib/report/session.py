@@ -39,7 +39,8 @@ def write(session: GuidedSession) -> Path:
             page.section(f"The residual on held-out motions, from {shown.name}"), session.folder / shown.folder / "report.html"
         )
     page.section("Steps").table(
-        ["step", "result", "exit code", "time [s]"], [[d.name, d.sentence, d.exit_code, d.seconds] for d in session.done]
+        ["step", "result", "exit code", "time [s]"],
+        [[d.name, capital(d.sentence), d.exit_code, d.seconds] for d in session.done],
     )
     links = [
         Markup('<li><a href="{0}">{1}</a></li>').format(f"{d.folder}/{name}", f"{d.name}: {name}")
@@ -49,8 +50,20 @@ def write(session: GuidedSession) -> Path:
     ]
     if links:
         page.section("Pages of the steps").embed(Markup("<ul>{}</ul>").format(Markup("").join(links)))
-    page.section("Do it again").items(f"calib {shlex.join(d.arguments)}" for d in session.done)
+    page.section("Do it again").items(_again(session))
     return page.write(session.folder / FILE)
+
+
+def _again(session: GuidedSession) -> list[str]:
+    """The command of each step that ended well, without its folder: that is a run already, and none is overwritten."""
+    lines = []
+    for done in session.done:
+        if session.finished(done.name) is done:
+            words = list(done.arguments)
+            if "--out" in words:
+                del words[words.index("--out") : words.index("--out") + 2]
+            lines.append(f"calib {shlex.join(words)}")
+    return lines
 
 
 def _style(session: GuidedSession) -> Verdict:

@@ -61,3 +61,15 @@ def test_two_cell_files_of_one_name_have_sessions_of_their_own(
     assert folder is not None
     assert go(stopped, monkeypatch, "--yes", "--session", str(folder.folder), cell="b/robot.toml") == 2
     assert "is a session of a/robot.toml and not of b/robot.toml" in capsys.readouterr().err
+
+
+def test_what_a_page_says_to_do_again_is_what_ended_well_and_overwrites_nothing(
+    desk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands = Commands([NOTHING], lambda count, verb: 4 if count == 3 else 0)
+    assert go(commands, monkeypatch, answers="y\n") == 0
+    page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
+    again = page[page.index("Do it again") :]
+    assert again.count("<li>calib record") == 1
+    assert "--holdout" in again
+    assert "--out" not in again
