@@ -15,6 +15,7 @@ SHORT = 60  # characters of a formula that can be read in a sentence; the page a
 # held-out recording is 1.7 times that of the others.
 DISAGREES = 1.5
 LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
+PEOPLE = ("coulomb", "stribeck")  # whose names an effect bears
 VARIABLES = {
     "q": "position", "dq": "speed", "ddq": "acceleration", "load": "load", "time": "time", "memory": "the recent motion",
     "hysteresis": "the way since a reversal", "resonance": "a resonance that is driven by the acceleration",
@@ -23,12 +24,15 @@ VARIABLES = {
 
 
 def bad_data(n: Numbers) -> str:
-    return f"The data cannot be used: {'; '.join(n['failed']) or 'see the checks below'}"
+    return f"The data cannot be used: {'; '.join(n['failed']) or 'see the checks in the report'}"
 
 
 def complete(n: Numbers) -> str:
     if n["ratio"] is None:
-        return f"No effect is missing from the model of {n['arm']}"
+        return (
+            f"No effect that these recordings show is missing from the model of {n['arm']}; how far the residual is above the noise was not "
+            "measured, so a small effect may be unseen"
+        )
     where = f"after a parameter refit the residual RMS of a sliding joint is at most {n['ratio']:.1f} times the noise, at {n['joint']}"
     if n["ratio"] > DISAGREES:
         return f"No effect is identified, but the model of {n['arm']} does not agree with {n['log']}: {where}"
@@ -128,7 +132,8 @@ def motion(n: Numbers) -> str:
 
 def words(effect: str, joint: str | None) -> str:
     """An effect's name in words, with its joint."""
-    text = effect.replace("_", " ")
+    first, *rest = effect.split("_")
+    text = " ".join([first.capitalize() if first in PEOPLE else first, *rest])
     return f"{text} at {joint}" if joint else text
 
 

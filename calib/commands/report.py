@@ -10,9 +10,12 @@ import typer
 from calib.past_runs import RUNS, read_run, runs_and_faults
 from calib.run_folder import new_run
 from calib.terminal import console, options
+from calib.terminal.quantity import rounded
 
 if TYPE_CHECKING:
-    from calib.validation.comparison import Change
+    from calib.validation.comparison import Number
+
+MOST = 15  # parameters in the table
 
 
 def _names(incomplete: str) -> list[str]:
@@ -71,14 +74,15 @@ def command(
         )
         return
     rows_shown = [
-        [c.name, c.joint or "whole arm", c.a.value if c.a else None, c.b.value if c.b else None, _unit(c), c.sigmas]
-        for c in changes[:15]
+        [c.joint or "whole arm", _shown(c.a), _shown(c.b), f"{c.sigmas:.1f}" if c.sigmas >= 0 else None, c.name]
+        for c in changes[:MOST]
     ]
-    console.table(["parameter", "joint", "first", "second", "unit", "change [std]"], rows_shown)
+    console.table(["joint", "first", "second", "change [std]", "parameter"], rows_shown)
+    if len(changes) > MOST:
+        console.say(f"{len(changes) - MOST} more on the page")
     console.say(f"{sentence(a, b, changes)}.")
     console.say(str(path))
 
 
-def _unit(change: Change) -> str:
-    number = change.a or change.b
-    return number.unit.replace("*", " ") if number else ""
+def _shown(number: Number | None) -> str | None:
+    return rounded(number.value, number.std, number.unit) if number else None

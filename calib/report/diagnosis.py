@@ -17,7 +17,8 @@ from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
 REFIT_HELPS = 0.2  # share of a joint's residual RMS from which a refit is proposed
-LOOK_AGAIN = "Look at that joint's curves below, and record the motion again."
+LOOK_AGAIN = "Look at that joint's curves in the report, and record the motion again."
+MEASURE_NOISE = "Record longer motions, such as those of `calib plan` without --quick, and diagnose with them: then the noise can be measured."
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
     "no_missing_effect": "good",
@@ -103,11 +104,12 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append(
             LOOK_AGAIN
             if _disagrees(diagnosis)
-            else _refit(diagnosis) or "Nothing to do: the model agrees with these recordings."
+            else _refit(diagnosis)
+            or (MEASURE_NOISE if _noise_unknown(diagnosis) else "Nothing to do: the model agrees with these recordings.")
         )
     elif verdict == "unexplained":
         steps.append(
-            "Inspect the joint and what moves with it; the curves below show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."
+            "Inspect the joint and what moves with it; the curves in the report show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."
         )
     elif verdict == "bad_data":
         steps.append("Correct the failed checks, then record again.")
@@ -115,6 +117,12 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append("The arm stays as it was: every effect that was tried is refused.")
         steps += filter(None, [_refit(diagnosis)])
     return steps
+
+
+def _noise_unknown(diagnosis: Mapping[str, Any]) -> bool:
+    """Whether the model was not compared with the noise of the recordings, so that nobody knows how well it agrees."""
+    first = claims(diagnosis)[0]
+    return first.name == "complete" and first.numbers["ratio"] is None
 
 
 def _refit(diagnosis: Mapping[str, Any]) -> str:

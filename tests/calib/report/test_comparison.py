@@ -35,8 +35,17 @@ def test_one_run(capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "report.html").write_text("x")
     assert main(["report", "a"]) == 0
     out = capsys.readouterr().out
-    assert "The model is missing coulomb friction at elbow_joint" in out
+    assert "The model is missing Coulomb friction at elbow_joint" in out
     assert "runs/a/report.html" in out
+
+
+def test_two_runs_are_a_table_of_numbers_with_their_uncertainty(capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosed("runs/a", 8.2)
+    diagnosed("runs/b", 9.2)
+    assert main(["report", "runs/a", "runs/b", "--out", "runs/c"]) == 0
+    out = capsys.readouterr().out
+    assert "8.200 ± 0.041 N m" in out
+    assert "17.2" in out
 
 
 def test_two_diagnoses(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from tests.calib.report.browser import Visit
     [
         (
             "effects_found",
-            "The model is missing coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the torque residual)",
+            "The model is missing Coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the torque residual)",
         ),
         ("no_missing_effect", "No effect is identified, but the model of ur10e does not agree with validation.mcap"),
         (
@@ -93,7 +93,7 @@ def test_what_cannot_be_reported_apart_is_reported_with_the_experiment() -> None
         "experiment": "record the elbow at two loads",
     }
     steps = " ".join(diagnosis.next_steps(data))
-    assert "coulomb friction at elbow_joint cannot be distinguished from load dependent friction at elbow_joint" in steps
+    assert "Coulomb friction at elbow_joint cannot be distinguished from load dependent friction at elbow_joint" in steps
     assert "record the elbow at two loads" in steps
 
 
@@ -123,7 +123,12 @@ def test_only_the_residual_of_a_sliding_joint_is_compared_with_noise() -> None:
     data["gap"]["sliding"]["refit"] = [0.15, 0.9, 0.15, 0.15, 0.15, None]
     assert "does not agree" in diagnosis.sentence(data)
     data["gap"]["sliding"]["refit"] = [None] * 6
-    assert diagnosis.sentence(data) == "No effect is missing from the model of ur10e"
+    assert diagnosis.sentence(data).startswith("No effect that these recordings show is missing from the model of ur10e; ")
+    assert "was not measured" in diagnosis.sentence(data)
+    data["gap"]["before"] = data["gap"]["refit"]
+    assert diagnosis.next_steps(data)[-1] == diagnosis.MEASURE_NOISE
+    assert "Nothing has changed" in diagnosis.sentence(data | {"baseline": ["a", "b", "c"]})
+    assert diagnosis.next_steps(data | {"baseline": ["a", "b", "c"]})[-1].startswith("Nothing to do")
 
 
 def test_a_page_without_a_sliding_joint_has_no_picture_of_noise(tmp_path: Path) -> None:
