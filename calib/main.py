@@ -9,11 +9,11 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_command
 
 from calib.run_folder import INVOCATION, Invocation, end_run
 from calib.terminal import console
+from calib.terminal.group import Group
 from calib.terminal.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError, ConfigError
 from sim.first_use import announce
@@ -58,7 +58,7 @@ OF_FILES = {
 }  # fmt: skip
 
 
-class Commands(TyperGroup):
+class Commands(Group):
     """Imports a command only when it is needed: completion and `calib effects` need not wait for a physics engine."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -85,12 +85,6 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except KeyboardInterrupt:  # Typer would end with a bare exit code, and nobody would say why
             raise typer.Abort from None
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Every command with the whole first sentence of its help, wrapped and not cut off."""
-        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, " ".join((command.help or "").split("\n\n")[0].split())) for name, command in commands])
 
 
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:

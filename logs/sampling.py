@@ -119,10 +119,10 @@ def examine(
     findings += [unseen] if unseen else []
     count = _missing(np.diff(clock), period, rebuilt, informative)
     missing = int(count.sum())
-    wide = int(count.max(initial=0))
+    wide, places = int(count.max(initial=0)), int((count > 0).sum())
     if missing:
         findings.append(
-            f"{missing} samples are missing in {int((count > 0).sum())} places, at most {wide} in a row"
+            f"{missing} sample{'s are' if missing > 1 else ' is'} missing in {places} place{'s' * (places > 1)}, at most {wide} in a row"
             + (f"; gaps of up to {MOST_BRIDGED} are bridged and marked" if bridging else "")
         )
     keep = np.sort(np.concatenate([fresh, np.flatnonzero(stale & first)]))

@@ -12,13 +12,14 @@ import typer
 
 from calib.terminal import console, options
 from calib.terminal.arm_options import At, Drive, Folder, Limit, Name, Numbers, Spring, TorqueAt, locked_joint, numbers_of
+from calib.terminal.group import Group
 from calib.terminal.quantity import significant
 from sim.errors import ConfigError
 
 if TYPE_CHECKING:
     from sim.arm import Arm
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True)
+app = typer.Typer(rich_markup_mode=None, add_completion=False, cls=Group)
 
 
 @app.callback()

@@ -10,6 +10,7 @@ import typer
 
 from calib.run_folder import new_run, require_free
 from calib.terminal import console, options
+from calib.terminal.quantity import rounded, significant
 
 MAP = "map.toml"
 
@@ -197,11 +198,10 @@ def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
             ]
         )
     if delay is not None:
-        verdict = "it looks like an effect: correct for it" if delay.significant else "under half a sample, or not beyond doubt"
-        samples = delay.delay / delay.period
-        rows.append(
-            ["torque delay", f"{delay.delay * 1e3:+.2f} ms (std {delay.std * 1e3:.2f}), {samples:+.2f} samples; {verdict}"]
-        )
+        little = "within five standard deviations of zero" if abs(delay.delay) <= 5 * delay.std else "under half a sample"
+        verdict = "it looks like an effect: correct for it" if delay.significant else f"no delay is certain: {little}"
+        size = rounded(1e3 * delay.delay, 1e3 * delay.std, "ms")
+        rows.append(["torque delay", f"{size}, {significant(delay.delay / delay.period)} samples; {verdict}"])
     return rows
 
 

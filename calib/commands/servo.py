@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from calib.run_folder import lock_cell
 from calib.terminal import console, options
+from calib.terminal.group import Group
 from calib.terminal.turned_by_hand import drives_of_joints
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from drivers.can_servo.service import Look
 
 
-class CellOrVerb(TyperGroup):
+class CellOrVerb(Group):
     """A first word that is no subcommand is a cell to look at."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         return super().resolve_command(ctx, args if args[0] in self.commands else ["look", *args])
 
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True, cls=CellOrVerb)
+app = typer.Typer(rich_markup_mode=None, add_completion=False, cls=CellOrVerb)
 
 
 @app.callback()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 
 from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
-from calib.terminal.quantity import rounded
+from calib.terminal.quantity import rounded, significant
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
 if TYPE_CHECKING:
@@ -112,16 +113,19 @@ def _show(found: Watched) -> None:
          float(p.residual[j]), f.temperature]
         for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
     ]  # fmt: skip
-    console.table(["joint", "motion [s]", "Coulomb [N m]", "viscous [N m s/rad]", "residual RMS [N m]", "[degC]"], rows)
+    console.table(
+        ["joint", "motion [s]", "Coulomb ± 2 std [N m]", "viscous ± 2 std [N m s/rad]", "residual RMS [N m]", "[degC]"], rows
+    )
     com = (
         ""
         if p.com is None
         else ", centre of mass (" + ", ".join(f"{1e3 * c.value:.0f} ± {2e3 * c.std:.0f}" for c in p.com) + ") mm"
     )
     console.say(f"{p.sentence[0].upper()}{p.sentence[1:]}{com}.")
-    console.say(
-        f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s; filter consistency (NIS per degree of freedom, 1 expected): {console.cell(p.nis)}."
+    consistency = (
+        "" if math.isnan(p.nis) else f"; filter consistency (NIS per degree of freedom, 1 expected): {significant(p.nis)}"
     )
+    console.say(f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}.")
     for kind, count in p.faults.items():
         console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")
 
@@ -130,7 +134,7 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
     from calib.report import trend as page
     from calib.watch.trend import slopes
     from calib.watch.trend_table import TrendTable
-    from calib.watch.trend_text import doubtful_dates, sentence, terminal_plot
+    from calib.watch.trend_text import NAMES, doubtful_dates, sentence, terminal_plot
 
     if not database.is_file():
         raise ConfigError(
@@ -162,9 +166,10 @@ def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> 
             }
         )
         return
-    console.say(terminal_plot(runs, found))
+    if len(runs) > 1:
+        console.say(terminal_plot(runs, found))
     rows = [
-        [s.joint, s.kind, s.level, "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
+        [s.joint, NAMES[s.kind], significant(s.level, 3), "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
          "too few runs" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs]
         for s in found
     ]  # fmt: skip

@@ -141,7 +141,8 @@ def _facts(
 
 
 def _caption(motion: NamedMotion, look: Looks) -> str:
-    return f"{motion.name} ({motion.kind}): dotted red lines are limits; the upright line is the moment that the player shows."
+    kind = "" if motion.kind == motion.name else f" ({motion.kind})"
+    return f"{motion.name}{kind}: dotted red lines are limits; the upright line is the moment that the player shows."
 
 
 def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, Looks]) -> None:

@@ -10,6 +10,7 @@ from calib.watch.trend import Slope, series
 from calib.watch.trend_table import WATCHED, RunRecord
 
 WIDTH, HEIGHT = 60, 11
+NAMES = {"coulomb": "Coulomb", "viscous": "viscous"}
 PLOTS_MOST = 4
 
 
@@ -19,7 +20,7 @@ def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
     worn = sorted((s for s in slopes if s.wears), key=lambda s: -abs(s.per_100_days or 0.0))
     if worn:
         changes = ", ".join(
-            f"{s.kind} friction of {s.joint} changes by {s.per_100_days:+.0%} in 100 days ({s.interval[0]:+.0%} to {s.interval[1]:+.0%})"
+            f"{NAMES[s.kind]} friction of {s.joint} changes by {s.per_100_days:+.0%} in 100 days ({s.interval[0]:+.0%} to {s.interval[1]:+.0%})"
             for s in worn
             if s.interval is not None and s.per_100_days is not None
         )
@@ -58,5 +59,5 @@ def _plot(runs: list[RunRecord], s: Slope) -> str:
     figure.draw(figure.error(list(days), list(value), list(2 * 1.96 * std), [0.0] * len(days)))
     if smooth is not None:
         figure.draw(figure.signal(list(days), list(smooth.level), marker="·"))
-    figure.title(f"{s.joint}: {s.kind} [{unit}] over days")
+    figure.title(f"{s.joint}: {NAMES[s.kind]} [{unit}] over days")
     return str(plotext.uncolorize(str(figure.build())))

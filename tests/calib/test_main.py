@@ -185,3 +185,12 @@ def test_a_list_option_without_a_file_is_refused() -> None:
     for wrong in (["a.mcap", "--holdout", "--out", "x"], ["a.mcap", "--holdout"], ["--holdout", "--baseline", "b.mcap"]):
         with pytest.raises(ConfigError, match=r"^--holdout: no file is named"):
             program.spread(wrong, lists)
+
+
+@pytest.mark.parametrize("group", ["arm", "servo"])
+def test_a_command_of_commands_alone_is_its_help_with_whole_sentences(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert program.main([group]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.startswith(f"Usage: calib {group} ")
+    assert "..." not in shown.out[shown.out.index("Commands:") :]
+    assert shown.err == ""

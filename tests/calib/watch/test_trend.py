@@ -54,7 +54,7 @@ def test_wear_is_reported_and_a_healthy_joint_is_not() -> None:
     found = slopes(runs(30, 0.5))
     assert of(found, "coulomb").wears
     assert not of(found, "viscous").wears
-    assert "coulomb friction of elbow_joint changes by +4" in sentence("arm", runs(30, 0.5), found)
+    assert "Coulomb friction of elbow_joint changes by +4" in sentence("arm", runs(30, 0.5), found)
     healthy = slopes(runs(30, 0.0))
     assert not any(s.wears for s in healthy)
 
@@ -221,5 +221,5 @@ def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
 
 def test_the_plot_shows_every_run() -> None:
     text = terminal_plot(runs(6, 0.5), slopes(runs(6, 0.5)))
-    assert "elbow_joint: coulomb" in text
+    assert "elbow_joint: Coulomb" in text
     assert "┼" in text

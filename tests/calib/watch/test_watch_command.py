@@ -113,6 +113,10 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     assert len(reply["runs"]) == 1
     assert read_run(tmp_path / "trend").sentence == reply["outcome"]
     assert (tmp_path / "trend" / "trend.html").read_text().startswith("<!")
+    assert main(["watch", "--trend", "--out", str(tmp_path / "text"), "--database", str(folder / "trend.sqlite")]) == 0
+    shown = capsys.readouterr().out
+    assert "Coulomb" in shown
+    assert "over days" not in shown  # a picture of one run shows nothing
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
 
 
