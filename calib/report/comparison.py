@@ -9,12 +9,15 @@ import numpy as np
 
 from calib.report.figure import ROLES, axes, name
 from calib.report.page import Page
-from calib.validation.comparison import Change, RunNumbers, sentence
+from calib.terminal.quantity import pair
+from calib.validation.comparison import Change, Number, RunNumbers, sentence
 
 
 def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Change]) -> Path:
     """Write the comparison of two runs; returns its path."""
     first, second = a.run.folder.name, b.run.folder.name
+    if first == second:
+        first, second = str(a.run.folder), str(b.run.folder)
     title = a.run.arm if a.run.arm == b.run.arm else f"{a.run.arm} and {b.run.arm}"
     page = Page(title, sentence(a, b, list(changes)), None, [("first", first), ("second", second)], "two runs")
     sure = [c for c in changes if c.sigmas >= 0][:40]
@@ -30,7 +33,7 @@ def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Chan
             figure, "The parameters that both runs have, the largest changes first (at most 40)."
         )
     rows = [
-        [c.name, c.joint, c.a.value if c.a else None, c.a.std if c.a else None, c.b.value if c.b else None, c.b.std if c.b else None, c.sigmas, _unit(c)]
+        [c.name, c.joint, *_numbers(c.a), *_numbers(c.b), round(c.sigmas, 1), _unit(c)]
         for c in changes
     ]  # fmt: skip
     page.section("Parameters").table(["parameter", "joint", "first", "± std", "second", "± std", "change [std]", "unit"], rows)
@@ -41,6 +44,10 @@ def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Chan
         "Residual RMS on the held-out log of each run; runs on different logs also differ by their motions",
     )
     return page.write(path)
+
+
+def _numbers(number: Number | None) -> tuple[float | None, float | None]:
+    return pair(number.value, number.std) if number else (None, None)
 
 
 def _ratio(a: float | None, b: float | None) -> float | None:

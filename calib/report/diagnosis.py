@@ -207,11 +207,14 @@ def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
 
 
 def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> list[int]:
-    """Joints that the answer names, at most three; where it names none, the one with the greatest gap."""
+    """Joints that the answer names, at most three; where it names none, the one with the greatest gap beside its noise."""
     named = [e.get("joint") for e in [*diagnosis.get("effects", []), *diagnosis.get("unexplained", [])]]
     found = [names.index(joint) for joint in dict.fromkeys(named) if joint in names]
     if found:
         return found[:3]
     gap = diagnosis.get("gap") or {}
     before = over_noise(gap).get("before", np.zeros(0))
+    if not np.isfinite(before).any():  # without a noise to compare with, the joint whose residual the answer lowers most
+        rows = [np.array(gap.get(key, ()), dtype=float) for key in ("before", "after")]
+        before = rows[0] / np.maximum(rows[1], 1e-12) if len(rows[0]) == len(rows[1]) else before
     return [names.index(gap["joints"][int(np.nanargmax(before))])] if np.isfinite(before).any() else [0]

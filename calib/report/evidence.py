@@ -9,6 +9,7 @@ from calib.claims.diagnosis_sentences import listed, variable, words
 from calib.claims.diagnosis_sentences import unit as unit_of
 from calib.report import pictures
 from calib.report.page import Page
+from calib.terminal.quantity import pair
 
 
 def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -16,7 +17,7 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
     if effects:
         page.section("Identified effects")
         rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), p["value"], p.get("std"), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *pair(p["value"], p.get("std")), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
             for e in effects
             for k, p in e["parameters"].items()
         ]  # fmt: skip

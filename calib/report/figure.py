@@ -122,8 +122,9 @@ def svg(figure: Figure, title: str, playheads: Sequence[Axes] = ()) -> Markup:
     label.text = title
     root.insert(0, label)
     root.extend(_playhead(figure, ax) for ax in playheads)
-    text_out = ElementTree.tostring(root, encoding="unicode")
-    return Markup(_LONG_NUMBER.sub(r"\1", re.sub(r"\s*\n\s*", "\n", text_out)))
+    for element in root.iter():  # what is written on a figure keeps its digits
+        element.attrib.update({key: _LONG_NUMBER.sub(r"\1", value) for key, value in element.attrib.items()})
+    return Markup(re.sub(r"\s*\n\s*", "\n", ElementTree.tostring(root, encoding="unicode")))
 
 
 def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:

@@ -24,6 +24,8 @@ from calib.terminal.console import cell, plain
 from sim.version import software_version
 
 Verdict = Literal["good", "bad", "open", "found"]
+# of identify and validate; any other of theirs is bad
+VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
 BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?", "found": "!"}
 _FOLDER = Path(__file__).resolve().parent
 _TEMPLATES = jinja2.Environment(

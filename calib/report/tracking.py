@@ -56,7 +56,7 @@ def write(
         draw_line(grid[1, 0], t.t, np.sqrt(np.mean(t.supplied**2, axis=1)), label=model, **STYLE[model])
     name(grid[0, 0], "tracking error, RMS of the joints", y="mrad")
     name(grid[1, 0], "torque that the feedback supplies, RMS of the joints", x="time [s]", y="N m")
-    grid[0, 0].legend(loc="upper right", frameon=False, ncols=len(followed))
+    grid[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=len(followed))
     page.figure(figure, "The same motion three times; only the model in the controller differs.")
     page.table(
         [

@@ -10,10 +10,10 @@ import numpy as np
 
 from calib.claims import capital
 from calib.report import explorer, pictures
-from calib.report.page import Page
+from calib.report.page import VERDICTS, Page, Verdict
 from sim.arm import Arm
 
-_WORDS = {"after": "predicted"}
+_WORDS = {"after": "predicted torque"}
 
 
 def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mapping[str, Any]], arm: Arm | None = None) -> Path:
@@ -25,7 +25,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
     """
     names = list(result["joints"])
     first, *more = [str(c["sentence"]) for c in result.get("claims", [])] or [str(result["outcome"])]
-    page = Page(str(result["arm"]), capital(first), None, _facts(result), "validation")
+    page = Page(str(result["arm"]), capital(first), _verdict(result), _facts(result), "validation")
     if more:
         page.aside("What to know about it", [capital(s) for s in more])
     if arm is not None:
@@ -92,3 +92,8 @@ def _percent(entry: Mapping[str, Any], k: int) -> str | None:
 
 def _milli(value: float | None) -> float | None:
     return None if value is None else 1000 * value
+
+
+def _verdict(result: Mapping[str, Any]) -> Verdict | None:
+    """The mark before the headline; none where nothing was compared with a limit."""
+    return VERDICTS.get(str(result["verdict"]), "bad") if "verdict" in result else None

@@ -23,6 +23,14 @@ def rounded(value: float, std: float | None, unit: str = "") -> str:
     return f"{value + 0.0 if round(value, shown) else 0.0:.{shown}f} ± {std:.{shown}f} {unit}".strip()
 
 
+def pair(value: float | None, std: float | None) -> tuple[float | None, float | None]:
+    """Value and standard deviation for two columns of a table, both rounded as `rounded` does."""
+    if value is None or std is None or not (math.isfinite(value) and math.isfinite(std) and std > 0):
+        return value, std
+    first, second = rounded(value, std).split(" ± ")
+    return float(first), float(second)
+
+
 def significant(value: float, digits: int = 2) -> str:
     """`value` to so many digits; a number of hundreds or thousands as a person writes it: 230, and not 2.3e+02."""
     short = float(f"{value:.{digits}g}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,7 +86,8 @@ def sentence(a: RunNumbers, b: RunNumbers, changes: list[Change]) -> str:
     ]
     if shared:
         ratio = np.linalg.norm([b.gap[j] for j in shared]) / max(float(np.linalg.norm([a.gap[j] for j in shared])), 1e-300)
-        parts.append(f"the residual RMS is {ratio:.2f} times that of {Path(a.run.folder).name}")
+        first = a.run.folder if a.run.folder.name == b.run.folder.name else a.run.folder.name
+        parts.append(f"the residual RMS is {ratio:.2f} times that of {first}")
     return "; ".join(parts)
 
 

@@ -10,7 +10,6 @@ from calib.main import main
 from calib.past_runs import read_run
 from calib.report import comparison, diagnosis
 from calib.run_folder import end_run, new_run
-from calib.terminal import console
 from calib.validation.comparison import compare, found
 from tests.calib.report import examples
 from tests.calib.report.test_identification import fit
@@ -84,7 +83,7 @@ def test_the_page_in_a_browser(visit: Callable[..., object], tmp_path: Path) -> 
     a, b = (found(read_run(str(diagnosed(f"runs/{k}", v)))) for k, v in (("a", 8.2), ("b", 9.2)))
     seen = visit(comparison.write(tmp_path / "comparison.html", a, b, compare(a, b)))
     assert seen.complaints == []  # type: ignore[attr-defined]
-    assert console.cell(compare(a, b)[0].sigmas) in seen.page.inner_text("body")  # type: ignore[attr-defined]
+    assert f"{compare(a, b)[0].sigmas:.1f}" in seen.page.inner_text("body")  # type: ignore[attr-defined]
 
 
 def test_a_joint_that_did_not_move_has_no_residual_to_compare() -> None:

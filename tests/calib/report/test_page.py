@@ -79,6 +79,16 @@ def test_figures_take_their_colours_from_the_page_and_have_a_name() -> None:
     assert not first & second
 
 
+def test_what_is_written_on_a_figure_keeps_its_digits() -> None:
+    figure, grid = axes(1, 1)
+    grid[0, 0].plot([0.0, 1.0], [0.0, 0.004])
+    grid[0, 0].set_yticks([0.001, 0.0035], labels=["0.001", "0.0035"])
+    shown = str(svg(figure, "digits"))
+    assert ">0.001<" in shown
+    assert ">0.0035<" in shown
+    assert not re.search(r'd="[^"]*\d\.\d{3}', shown)
+
+
 def test_thinning_keeps_peaks_and_holes() -> None:
     y = np.zeros(100_000)
     y[54_321], y[77_000] = 5.0, np.nan

@@ -20,12 +20,19 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
         "log": "validation<b>.mcap", "residual": rms, "residual_unfiltered": rms, "signal": signal, "forward": forward,
         "excluded": [["elbow_joint", "saturated", 0.4]],
     }  # fmt: skip
-    result = {"arm": "ur10e", "outcome": "The model leaves 3 N m at elbow_joint", "joints": examples.JOINTS, "logs": [entry]}
+    result = {
+        "arm": "ur10e",
+        "outcome": "The model leaves 3 N m at elbow_joint",
+        "joints": examples.JOINTS,
+        "logs": [entry],
+        "verdict": "poor",
+    }
     curves = {"log": "validation<b>.mcap", "tau_hat": data["before"], **{k: data[k] for k in ("t", "tau", "q", "dq")}}
     seen = visit(validation.write(tmp_path / "validation.html", result, [curves]))
     assert seen.complaints == []
     assert seen.requests == []
     text = seen.page.inner_text("body")
+    assert text.index("?") < text.index("The model leaves 3 N m")
     assert "Residual at elbow_joint" in text
     assert "validation<b>.mcap" in text
     assert "error after 0.25 s [mrad]" in text

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from calib.terminal.quantity import percentages, rounded, significant_beside
+from calib.terminal.quantity import pair, percentages, rounded, significant_beside
 from calib.terminal.text_table import lines
 
 JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
@@ -91,6 +91,11 @@ def test_nothing_is_cut_off(width: int) -> None:
 )
 def test_a_number_is_rounded_to_its_uncertainty(value: float, std: float | None, unit: str, text: str) -> None:
     assert rounded(value, std, unit) == text
+
+
+def test_two_columns_are_rounded_as_one_text_is() -> None:
+    assert pair(-0.0011236, 0.0013872) == (-0.0011, 0.0014)
+    assert pair(3.0, None) == (3.0, None)
 
 
 @pytest.mark.parametrize(
