@@ -102,4 +102,6 @@ def command(
             console.say(f"{check['check']}: {check['detail']}")
     console.conclusion(page.sentence(answer), page.next_steps(answer))
     console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] else ''}report.html")
+    if page.is_corrected(answer):
+        console.next_step(["validate", folder / "arm", "OTHER_RECORDING"])
     return code

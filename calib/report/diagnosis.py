@@ -93,10 +93,9 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     steps += [f"To confirm it: {e['experiment']}" for e in diagnosis.get("effects", []) if e.get("experiment")]
     verdict = diagnosis["verdict"]
-    lasting = [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
-    if verdict == "effects_found" and not lasting:
+    if verdict == "effects_found" and not _lasting(diagnosis):
         steps.append("Look what the arm touches, and repeat the recording without it: the arm's model stays as it is.")
-    elif verdict == "effects_found" and diagnosis["arm_out"]:
+    elif is_corrected(diagnosis):
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
@@ -117,6 +116,15 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append("The arm stays as it was: every effect that was tried is refused.")
         steps += filter(None, [_refit(diagnosis)])
     return steps
+
+
+def is_corrected(diagnosis: Mapping[str, Any]) -> bool:
+    """Whether there is a corrected arm to go on with; a contact is no property of the arm."""
+    return bool(diagnosis["verdict"] == "effects_found" and diagnosis["arm_out"] and _lasting(diagnosis))
+
+
+def _lasting(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
 
 
 def _noise_unknown(diagnosis: Mapping[str, Any]) -> bool:

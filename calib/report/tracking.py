@@ -41,7 +41,7 @@ def write(
     ratio = after.rms / before.rms
     facts = [
         ("hidden", hidden),
-        ("tracking error, of before", f"{ratio:.2g}"),
+        ("tracking error, nominal = 100 %", f"{100 * ratio:.2g} %"),
         ("motion", f"{before.t[-1]:.0f} s, not used in any fit"),
     ]
     page = Page(arm, sentence(joints, followed), "good" if ratio < 1 else "found", facts, "tracking")

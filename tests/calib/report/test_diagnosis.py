@@ -237,9 +237,3 @@ def test_a_log_that_was_fitted_is_not_called_held_out(tmp_path: Path) -> None:
     page = diagnosis.write(tmp_path / "b.html", data, arrays).read_text()
     assert "held-out log validation.mcap" not in page
     assert "fitted log (no log was held out)" in page
-
-
-def test_without_a_measured_noise_the_joint_is_shown_whose_residual_falls_most() -> None:
-    data, _ = examples.diagnosis("no_missing_effect")
-    data["gap"] |= {"noise_floor": [], "before": [1.0, 1.0, 4.0, 1.0, 1.0, 1.0], "after": [1.0, 0.9, 1.0, 1.0, 1.0, 1.0]}
-    assert diagnosis._joints_in_question(data, data["gap"]["joints"]) == [2]
