@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from calib.claims.of_diagnosis import is_corrected
 from calib.guided_answer import answer, undecided
 from calib.guided_session import FILE, GuidedSession, GuidedStep
 from sim.errors import ConfigError
@@ -126,10 +127,10 @@ def _further(session: GuidedSession) -> GuidedStep | None:
 
 
 def _corrected(session: GuidedSession, logs: Sequence[Path]) -> GuidedStep | None:
-    """Validation of the arm that the diagnosis wrote, where it identified an effect."""
+    """Validation of the arm that the diagnosis wrote, where it corrected one."""
     last = last_diagnosis(session)
     found = answer(last)
-    if found.get("verdict") != "effects_found" or not found.get("arm_out"):
+    if not is_corrected(found):
         return None
     step = GuidedStep(
         "validate-corrected", "Test the corrected arm on the same held-out motion.",
@@ -201,9 +202,9 @@ def ending(session: GuidedSession) -> list[str]:
 
 
 def best_arm(session: GuidedSession) -> Path:
-    """The corrected arm where an effect was identified, else the identified one."""
+    """The arm that the diagnosis corrected, else the identified one."""
     last = last_diagnosis(session)
     found = answer(last)
-    if found.get("verdict") == "effects_found" and found.get("arm_out"):
+    if is_corrected(found):
         return last / str(found["arm_out"])
     return _place(session, "identify") / "arm"

@@ -54,6 +54,7 @@ def _faults(found: Any) -> Iterator[str]:
     for k, effect in enumerate(found["effects"]):
         yield from _not_effects(effect.get("indistinguishable_from"), f"effects[{k}].indistinguishable_from")
     yield from _not_tables(found.get("unexplained"), "unexplained")
+    yield from _not_tables(found.get("laws"), "laws")
 
 
 def _not_effects(entries: Any, where: str) -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.claims.claim import Claim
+from calib.claims.diagnosis_sentences import CONTACT
 
 FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
@@ -98,3 +99,13 @@ def _removed(answer: Mapping[str, Any]) -> Claim | None:
     k = int(np.argmin(after / np.maximum(before, 1e-300)))
     numbers = {"joint": gap["joints"][k], "before": float(before[k]), "after": float(after[k])}
     return Claim("removed", {"log": gap["log"], "unit": gap["unit"], **numbers})
+
+
+def is_corrected(diagnosis: Mapping[str, Any]) -> bool:
+    """Whether it wrote an arm that differs from the one that it was given."""
+    return bool(diagnosis["arm_out"] and (lasting(diagnosis) or diagnosis.get("laws")))
+
+
+def lasting(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Its identified effects but for a contact, which is no property of the arm."""
+    return [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]

@@ -42,6 +42,7 @@ def command(
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
     from calib.claims.diagnosis_sentences import quantity
+    from calib.claims.of_diagnosis import is_corrected
     from calib.diagnosis.changes import diagnose_changes
     from calib.diagnosis.whole import diagnose_pieces
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
@@ -102,6 +103,6 @@ def command(
             console.say(f"{check['check']}: {check['detail']}")
     console.conclusion(page.sentence(answer), page.next_steps(answer))
     console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] else ''}report.html")
-    if page.is_corrected(answer):
+    if is_corrected(answer):
         console.next_step(["validate", folder / "arm", "OTHER_RECORDING"])
     return code

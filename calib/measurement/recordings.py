@@ -15,7 +15,9 @@ from typing import TypeVar
 import numpy as np
 
 from calib import guided, guided_session
+from calib.claims.of_diagnosis import is_corrected
 from calib.gate.commands import read_as
+from calib.guided_answer import answer
 from calib.past_runs import LATEST, RUNS, Run, list_runs
 from calib.terminal import console
 from logs import Log, Pieces, open_pieces, read_log
@@ -48,20 +50,22 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
 
 
 def latest_arm() -> Path:
-    """The arm folder of the newest run of identify, diagnose or polish, or of the newest guided session that is complete."""
+    """The arm folder of the newest run of identify, polish or a diagnose that corrected its arm, or of the newest guided session that is complete."""
     found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
     if found is None:
         raise ConfigError(
-            f"{LATEST}: no run of calib identify, calib diagnose, calib polish or calib go has written an arm in {RUNS}/; name an arm folder"
+            f"{LATEST}: no run of calib identify, calib polish or calib go, nor a calib diagnose that corrected its arm, is in {RUNS}/; name an arm folder"
         )
     return found
 
 
 def _arm_of(run: Run) -> Path | None:
-    if run.verb in ("identify", "diagnose", "polish"):
+    if run.verb in ("identify", "polish"):
         return run.folder / "arm"
-    if run.verb == "go":
-        with contextlib.suppress(ConfigError):  # a session that cannot be read is none
+    with contextlib.suppress(ConfigError):  # what cannot be read is none
+        if run.verb == "diagnose":
+            return run.folder / "arm" if is_corrected(answer(run.folder)) else None
+        if run.verb == "go":
             session = guided_session.read_session(run.folder)
             return guided.best_arm(session) if session.closed else None
     return None

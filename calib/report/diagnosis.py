@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import CONTACT, DISAGREES
+from calib.claims.diagnosis_sentences import DISAGREES
 from calib.claims.diagnosis_sentences import unit as unit_of
-from calib.claims.of_diagnosis import REMARKS, agreement, claims, over_noise, verdict
+from calib.claims.of_diagnosis import REMARKS, agreement, claims, is_corrected, lasting, over_noise, verdict
 from calib.report import explorer, pictures
 from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
@@ -93,9 +93,9 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     steps += [f"To confirm it: {e['experiment']}" for e in diagnosis.get("effects", []) if e.get("experiment")]
     verdict = diagnosis["verdict"]
-    if verdict == "effects_found" and not _lasting(diagnosis):
+    if verdict == "effects_found" and not lasting(diagnosis):
         steps.append("Look what the arm touches, and repeat the recording without it: the arm's model stays as it is.")
-    elif is_corrected(diagnosis):
+    elif verdict == "effects_found" and is_corrected(diagnosis):
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
@@ -116,15 +116,6 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append("The arm stays as it was: every effect that was tried is refused.")
         steps += filter(None, [_refit(diagnosis)])
     return steps
-
-
-def is_corrected(diagnosis: Mapping[str, Any]) -> bool:
-    """Whether there is a corrected arm to go on with; a contact is no property of the arm."""
-    return bool(diagnosis["verdict"] == "effects_found" and diagnosis["arm_out"] and _lasting(diagnosis))
-
-
-def _lasting(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]
 
 
 def _noise_unknown(diagnosis: Mapping[str, Any]) -> bool:

@@ -228,7 +228,7 @@ def test_latest_is_a_session_and_the_arm_of_a_complete_one(
     with pytest.raises(ConfigError, match="no run of calib go"):
         newest("go")
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
-    with pytest.raises(ConfigError, match="has written an arm"):
+    with pytest.raises(ConfigError, match="nor a calib diagnose that corrected its arm, is in"):
         latest_arm()
     assert options.run_folders("go")("") == ["latest", str(Path("runs") / session(desk).folder.name)]
     assert go(Commands([SETTLED]), monkeypatch, "--session", "latest", "--yes") == 0

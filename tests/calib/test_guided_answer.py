@@ -32,6 +32,7 @@ ODD: list[tuple[Any, str]] = [
     ),
     (NOTHING | {"verdict": "unexplained", "unexplained": ["elbow_joint"]}, "unexplained[0] is 'elbow_joint', not a table"),
     (NOTHING | {"arm_out": 3}, "arm_out is 3, not a word"),
+    (NOTHING | {"laws": [3]}, "laws[0] is 3, not a table"),
 ]
 
 

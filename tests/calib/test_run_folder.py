@@ -1,13 +1,16 @@
 """A run's folder states what was requested and how it ended, and never overwrites anything that is not a run."""
 
+import json
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from calib.measurement.recordings import latest_arm
 from calib.past_runs import latest, list_runs, newest, read_run
 from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run, require_free
 from sim.cell import load_cell
@@ -186,3 +189,31 @@ def test_latest_is_the_newest_run_that_did_not_fail(tmp_path: Path, monkeypatch:
     (tmp_path / "latest").mkdir()
     with pytest.raises(ConfigError):
         read_run("latest")
+
+
+LAW = {"joint": "elbow_joint", "formula": "0.3 sign(dq)"}
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "of"),
+    [
+        ({"verdict": "effects_found", "effects": [{"effect": "payload", "joint": None}]}, "diagnose"),
+        ({"verdict": "unexplained", "effects": [], "laws": [LAW]}, "diagnose"),
+        ({"verdict": "no_missing_effect", "effects": []}, "identify"),
+        ({"verdict": "effects_found", "effects": [{"effect": "external_contact", "joint": None}]}, "identify"),
+        (None, "identify"),
+    ],
+)
+def test_the_latest_arm_is_none_that_a_diagnosis_left_as_it_was(
+    diagnosis: dict[str, Any] | None, of: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for k, verb in enumerate(("identify", "diagnose")):
+        folder = new_run("ur10e", verb, Path(f"runs/{verb}"))
+        text = (folder / "run.toml").read_text()
+        (folder / "run.toml").write_text(re.sub('started = ".*"', f'started = "2026-01-0{k + 1}T00:00:00+00:00"', text))
+        end_run(folder, 0, "x")
+        (folder / "arm").mkdir()
+    if diagnosis is not None:
+        (folder / "diagnosis.json").write_text(json.dumps({"arm_out": "arm", **diagnosis}))
+    assert latest_arm().parent.name == of

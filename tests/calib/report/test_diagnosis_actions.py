@@ -1,5 +1,6 @@
 """What a diagnosis shows first, and whether its corrected arm is one to go on with."""
 
+from calib.claims.of_diagnosis import is_corrected
 from calib.report import diagnosis
 from tests.calib.report import examples
 
@@ -12,7 +13,7 @@ def test_without_a_measured_noise_the_joint_is_shown_whose_residual_falls_most()
 
 def test_a_corrected_arm_is_one_that_an_effect_of_the_arm_has_changed() -> None:
     data, _ = examples.diagnosis()
-    assert diagnosis.is_corrected(data)
-    assert not diagnosis.is_corrected(data | {"effects": [data["effects"][0] | {"effect": "external_contact"}]})
-    assert not diagnosis.is_corrected(data | {"arm_out": None})
-    assert not diagnosis.is_corrected(examples.diagnosis("no_missing_effect")[0])
+    assert is_corrected(data)
+    assert not is_corrected(data | {"effects": [data["effects"][0] | {"effect": "external_contact"}]})
+    assert not is_corrected(data | {"arm_out": None})
+    assert not is_corrected(examples.diagnosis("no_missing_effect")[0])
