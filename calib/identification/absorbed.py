@@ -7,13 +7,20 @@ narrow. Noise of known colour, fitted by the same columns, shows how much is abs
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
-from calib.identification.rows import RegressorRows
+from calib.identification.rows import Block, RegressorRows
 from calib.identification.sums import MEMORY_SECONDS, Reference, correlated, whitened
 from calib.regression.noise import SETTLE, Noise, covariances, given_back
 
-DRAWS, MORE_DRAWS = 24, 96
+DRAWS = 24
+
+
+def random_of(block: Block) -> np.random.Generator:
+    """Random numbers of some rows, whatever the order in which the logs are given."""
+    return np.random.default_rng(zlib.crc32(block.b.tobytes()))
 
 
 def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Noise:
@@ -22,7 +29,6 @@ def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray,
     variance (n,) by which theta weighted the joints, gain (p, p) the inverse of its information.
     """
     n, p = rows.model.arm.n, rows.model.p
-    rng = np.random.default_rng(0)
     own = [[block.of_joint(j) for j in range(n)] for block in rows]
     counts = np.array([sum(len(parts[j].b) for parts in own) for j in range(n)])
 
@@ -30,10 +36,12 @@ def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray,
         return np.array([covariances([s[j] for s in series], [parts[j].joined for parts in own]) for j in range(n)])
 
     def passed(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-        made = [
-            [noise.series(j, rng.standard_normal((len(block.b) + SETTLE, DRAWS)))[parts[j].index] for j in range(n)]
-            for block, parts in zip(rows, own, strict=True)
-        ]
+        made = []
+        for block, parts in zip(rows, own, strict=True):
+            rng = random_of(block)
+            made.append(
+                [noise.series(j, rng.standard_normal((len(block.b) + SETTLE, DRAWS)))[parts[j].index] for j in range(n)]
+            )
         score = np.zeros((p, DRAWS))
         for series, parts in zip(made, own, strict=True):
             for j, used in enumerate(rows.used):
@@ -67,22 +75,28 @@ def spread(rows: RegressorRows, weights: Reference, gain: np.ndarray, noise: Noi
     First how many times larger than diag(gain) the estimate's variance is, 1 where all rows are whitened; then by what the products of scores
     understate it.
     """
-    p, rng = rows.model.p, np.random.default_rng(1)
+    p = rows.model.p
     lags = max(1, round(MEMORY_SECONDS * rows.row_rate))
-    score, kept, information = np.zeros((p, MORE_DRAWS)), [], np.zeros((p, p))
+    score, kept, information, scatter = np.zeros((p, DRAWS)), [], np.zeros((p, p)), np.zeros((p, p))
     for block in rows:
-        parts = []
+        parts, none, rng = [], np.zeros(len(block.b), dtype=bool), random_of(block)
         for j, u in enumerate(rows.used):
             own = whitened(block, j, u, weights)
             a, index, weight = own.a, own.index, own.weight
+            weighted, here = weight[:, None] * a, np.ix_(u, u)
+            information[here] += a.T @ weighted
             if weights.noise.ar[j].any():
-                made = rng.standard_normal((len(a), MORE_DRAWS)) / np.sqrt(weight)[:, None]
+                made = rng.standard_normal((len(a), DRAWS)) / np.sqrt(weight)[:, None]
+                scatter[here] += a.T @ weighted
             else:
-                made = noise.series(j, rng.standard_normal((len(block.b) + SETTLE, MORE_DRAWS)))[index]
-                made = weights.noise.whiten(j, made, np.zeros(len(index), dtype=bool))
-            information[np.ix_(u, u)] += a.T @ (weight[:, None] * a)
-            score[u] += a.T @ (weight[:, None] * made)
-            parts.append((u, a, index, weight, made[:, :DRAWS], a @ gain[u]))
+                made = noise.series(j, rng.standard_normal((len(block.b) + SETTLE, DRAWS)))[index]
+                made = weights.noise.whiten(j, made, none[: len(index)])
+                every = np.zeros((len(block.b), len(u)))
+                every[index] = weights.noise.whiten(j, weighted, none[: len(index)])
+                innovations = noise.innovations(j, every)
+                scatter[here] += innovations.T @ innovations
+            score[u] += weighted.T @ made
+            parts.append((u, a, index, weight, made, a @ gain[u]))
         kept.append((len(block.b), parts))
     moved, found = gain @ score, np.zeros(p)
     for count, parts in kept:
@@ -92,5 +106,5 @@ def spread(rows: RegressorRows, weights: Reference, gain: np.ndarray, noise: Noi
                 influence[index] += shift * (weight * (made[:, k] - a @ moved[u, k]))[:, None]
             found += correlated(influence, lags)
     stated = np.diag(gain @ information @ gain)
-    expected = stated if weights.noise.ar.any(axis=1).all() else np.maximum(np.mean(moved**2, axis=1), stated)
+    expected = np.maximum(np.diag(gain @ scatter @ gain), stated)
     return expected / stated, np.maximum(expected * DRAWS / np.maximum(found, 1e-300), 1.0)

@@ -94,6 +94,11 @@ class Noise:
         """Noise of joint j (R, draws) from white noise of unit variance (R + SETTLE, draws)."""
         return np.asarray(lfilter([self.drive[j]], np.r_[1.0, -self.ar[j]], innovations, axis=0))[SETTLE:]
 
+    def innovations(self, j: int, x: np.ndarray) -> np.ndarray:
+        """z (R + SETTLE, ...) with z'w = x'e for x (R, ...) and the noise e = `series`(j, w): the covariance of x'e is z'z."""
+        back = np.concatenate([x[::-1], np.zeros((SETTLE, *x.shape[1:]))])
+        return np.asarray(lfilter([self.drive[j]], np.r_[1.0, -self.ar[j]], back, axis=0))[::-1]
+
 
 def neighbours(index: np.ndarray, stretch: np.ndarray) -> np.ndarray:
     """(R,) whether the one before is the neighbour in time, of rows `index` that lie in stretches (R,) without a gap."""

@@ -56,6 +56,16 @@ def test_stated_deviations_are_those_of_the_noise(ur5e: Arm, rows: RegressorRows
     assert np.mean((ratio > 0.7) & (ratio < 1.4)) > 0.95
 
 
+def test_the_order_of_the_logs_changes_no_deviation(rows: RegressorRows) -> None:
+    there, back = (
+        RegressorRows(rows.model, list(measurements)) for measurements in (rows.measurements, reversed(rows.measurements))
+    )
+    one, other = (
+        np.diag(estimate(x.model, summed(x, weights), weights).covariance) for x in (there, back) for weights in [reference(x)]
+    )
+    assert other == pytest.approx(one, rel=1e-4)
+
+
 def test_what_the_fit_absorbs_is_not_little(rows: RegressorRows) -> None:
     weights = reference(rows)
     assert weights.shortfall is not None

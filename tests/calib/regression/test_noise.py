@@ -45,6 +45,13 @@ def test_a_doubted_row_is_less_sure_and_makes_the_next_ones_so() -> None:
     assert ratio[101] == pytest.approx(1 / np.sqrt(1 + 0.9**2 * 50 / noise.drive[0] ** 2))
 
 
+def test_a_weighted_sum_of_noise_is_the_same_sum_of_its_innovations() -> None:
+    rng = np.random.default_rng(8)
+    noise, _ = series(SECOND, 1)
+    white, x = rng.standard_normal((ROWS + SETTLE, 3)), rng.standard_normal((ROWS, 2))
+    assert noise.innovations(0, x).T @ white == pytest.approx(x.T @ noise.series(0, white))
+
+
 @pytest.mark.parametrize("ar", [[], SLOW, SECOND, FOURTH])
 def test_the_order_is_that_of_the_series(ar: list[float]) -> None:
     _, e = series(ar or [0.0], 1, seed=3)
