@@ -198,7 +198,7 @@ def prepare(
     if len(t) < 2:
         raise BadLog(
             f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.size) / rate:.2f} s, which a filter "
-            f"of {cutoff:.3g} Hz needs; record again without losses, or give a higher --cutoff"
+            f"of {cutoff:.3g} Hz needs; record for longer and without losses, or give a higher --cutoff"
         )
     of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (steady, 1), (steady, 2)]
     q_s, dq, ddq = (by_stretch(starts, partial(smooth.derivative, order=k), x) for x, k in of)

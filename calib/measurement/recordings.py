@@ -128,19 +128,20 @@ def read_pieces(
 def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> list[T]:
     """What `read` makes of each; one without a sample is left out with a warning, and is an error where no other is left."""
     found: list[T] = []
-    empty = None
+    empty: list[EmptyLog] = []
     for k, path in enumerate(paths):
         require(path)
         try:
             part = read(k, path)
         except EmptyLog as error:
-            empty = error
-            console.warn(f"{error}; it is left out")
+            empty.append(error)
             continue
         _warn(path, part, arm)
         found.append(part)
-    if empty is not None and not found:
-        raise empty
+    if empty and not found:
+        raise empty[0]
+    for one in empty:
+        console.warn(f"{one}; it is left out")
     return found
 
 

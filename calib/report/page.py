@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -69,16 +70,16 @@ class Page:
 
     def text(self, paragraph: str) -> Self:
         """A paragraph."""
-        return self._add(escape(paragraph), "<p>{}</p>")
+        return self._add(_marked(paragraph), "<p>{}</p>")
 
     def items(self, sentences: Iterable[str]) -> Self:
         """A list of sentences."""
-        body = Markup("").join(Markup("<li>{}</li>").format(s) for s in sentences)
+        body = Markup("").join(Markup("<li>{}</li>").format(_marked(s)) for s in sentences)
         return self._add(body, "<ul>{}</ul>") if body else self
 
     def aside(self, heading: str, sentences: Sequence[str]) -> Self:
         """A panel that catches the eye: what to do with the result."""
-        body = Markup("").join(Markup("<li>{}</li>").format(s) for s in sentences)
+        body = Markup("").join(Markup("<li>{}</li>").format(_marked(s)) for s in sentences)
         return self._add(Markup("<aside><h2>{}</h2><ul>{}</ul></aside>").format(heading, body))
 
     def figure(self, figure: Figure | Markup, caption: str) -> Self:
@@ -132,6 +133,11 @@ class Page:
     def _add(self, block: Markup, form: str = "{}") -> Self:
         self._sections[-1].blocks.append(Markup(form).format(block))
         return self
+
+
+def _marked(sentence: str) -> Markup:
+    """Escaped text whose `commands` are set as code."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(sentence))))
 
 
 def template(name: str) -> jinja2.Template:

@@ -26,12 +26,13 @@ class Number:
 
 @dataclass(frozen=True)
 class RunNumbers:
-    """What a run found: parameters by (name, joint), RMS torque gap (n,) by joint, and the sentence."""
+    """What a run found: parameters by (name, joint), and RMS torque gap (n,) by joint, which compares with one of the same `kind`."""
 
     run: Run
     numbers: dict[tuple[str, str], Number]
     gap: dict[str, float]
     unit: str
+    kind: str
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def sentence(a: RunNumbers, b: RunNumbers, changes: list[Change]) -> str:
     """The comparison in words; a parameter has changed if it differs by more than three standard deviations."""
     moved = [c for c in changes if c.sigmas > 3]
     both = [c for c in changes if c.a is not None and c.b is not None]
-    shared = [j for j in a.gap if j in b.gap] if a.unit == b.unit else []
+    shared = [j for j in a.gap if j in b.gap] if (a.unit, a.kind) == (b.unit, b.kind) else []
     parts = [
         f"{len(moved)} of {len(both)} shared parameters changed by more than three standard deviations"
         if both
@@ -98,7 +99,7 @@ def _diagnosis(run: Run, data: dict[str, Any]) -> RunNumbers:
         for name, p in e["parameters"].items()
     }
     gap = data["gap"]
-    return RunNumbers(run, numbers, _of_moving(gap["joints"], gap["after"]), str(gap["unit"]))
+    return RunNumbers(run, numbers, _of_moving(gap["joints"], gap["after"]), str(gap["unit"]), "diagnosis")
 
 
 def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
@@ -108,7 +109,13 @@ def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
         if e["identifiable"]
     }
     gap = data["holdout"] or data["training"]
-    return RunNumbers(run, numbers, _of_moving(data["joint_names"], gap["after"]), "N*m")
+    return RunNumbers(
+        run,
+        numbers,
+        _of_moving(data["joint_names"], gap["after"]),
+        "N*m",
+        f"fit, filtered at {data['settings']['cutoff_hz']:.3g} Hz",
+    )
 
 
 def _of_moving(joints: Sequence[str], left: Sequence[float | None]) -> dict[str, float]:

@@ -67,6 +67,8 @@ def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
     assert [c.name for c in changes] == ["m3 + m4", "coulomb", "coulomb_friction coulomb"]
     html = comparison.write(tmp_path / "p.html", a, b, changes).read_text()
     assert "The runs share no parameter" in html
+    # their residuals pass other filters
+    assert "residual RMS is" not in html
 
 
 def test_a_run_without_a_result_and_a_damaged_one(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from calib.report.figure import LINE, axes, draw_line, envelope, name, svg
 from calib.report.page import Page
 
-HOSTILE = "</script><img src=x onerror=alert(1)> $\\frac{1}{0}$ & \"'"
+HOSTILE = "`</script><img src=x onerror=alert(1)> $\\frac{1}{0}$ & \"'"
 
 
 class Attributes(HTMLParser):
@@ -117,3 +117,9 @@ def test_a_line_has_a_gap_where_time_has_one() -> None:
     assert np.isnan(line.get_ydata()).sum() == 1
     draw_line(grid[0, 0], t[:100], np.ones(100))
     assert np.isfinite(grid[0, 0].get_lines()[1].get_ydata()).all()
+
+
+def test_commands_in_a_sentence_are_set_as_code_and_stay_text() -> None:
+    html = Page("a", "b").section("c", "run `calib diagnose` or `<b>`").items(["`x` & y"]).html()
+    assert "run <code>calib diagnose</code> or <code>&lt;b&gt;</code>" in html
+    assert "<li><code>x</code> &amp; y</li>" in html
