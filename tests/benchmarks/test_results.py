@@ -31,6 +31,29 @@ def test_changed_code_outdates_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert results.read(tmp_path)["demo"].outdated() == ["benchmarks"]
 
 
+SOURCE = b'''"""What it is."""
+
+def f(x):  # why
+    """More."""
+    return f"#{x}"  # twice
+'''
+
+
+def test_words_about_code_outdate_nothing() -> None:
+    said = (
+        SOURCE.replace(b"What it is", b"What\n\nelse")
+        .replace(b"# why", b"")
+        .replace(b"More", "Größer".encode())
+        .replace(b"# twice", b"#")
+    )
+    assert results.code(said) == results.code(SOURCE) == b'def f(x):\n    return f"#{x}"'
+    for old, new in ((b"#{x}", b"#{x} "), (b"return", b"yield"), (b"(x)", b"(x, y)")):
+        assert results.code(SOURCE.replace(old, new)) != results.code(SOURCE)
+    one_line = b'def f(): "x"\n'
+    assert results.code(one_line) == one_line.strip()
+    assert results.code(b"def (\n") == b"def (\n"
+
+
 def test_a_row_holds_no_folder_of_one_run(tmp_path: Path) -> None:
     place = Path(tempfile.gettempdir()) / "calib-a1b2" / "plant" / "8.mcap"
     results.write("demo", [ROW | {"note": f"convert {place}"}], command="make demo", measures=("benchmarks",), folder=tmp_path)
