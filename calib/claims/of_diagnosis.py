@@ -103,7 +103,7 @@ def _removed(answer: Mapping[str, Any]) -> Claim | None:
 
 def is_corrected(diagnosis: Mapping[str, Any]) -> bool:
     """Whether it wrote an arm that differs from the one that it was given."""
-    return bool(diagnosis["arm_out"] and (lasting(diagnosis) or diagnosis.get("laws")))
+    return bool(diagnosis.get("arm_out") and (lasting(diagnosis) or diagnosis.get("laws")))
 
 
 def lasting(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -16,4 +16,5 @@ def test_a_corrected_arm_is_one_that_an_effect_of_the_arm_has_changed() -> None:
     assert is_corrected(data)
     assert not is_corrected(data | {"effects": [data["effects"][0] | {"effect": "external_contact"}]})
     assert not is_corrected(data | {"arm_out": None})
+    assert not is_corrected({key: value for key, value in data.items() if key != "arm_out"})
     assert not is_corrected(examples.diagnosis("no_missing_effect")[0])
