@@ -30,11 +30,6 @@ class HeldOut:
     errors: list[np.ndarray]
     models: Sequence[LogModel] = ()
 
-    @property
-    def loss(self) -> float:
-        """Of all joints, and beside them."""
-        return float(self.losses.sum()) + self.beside
-
     @staticmethod
     def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
         """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
