@@ -23,6 +23,9 @@ STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itse
 def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
     """What calibration changed in how the arm follows, and whether there was anything to gain."""
     before, after, truth = followed["nominal"], followed["calibrated"], followed["the truth itself"]
+    errors = {significant(1e3 * t.rms) for t in (before, after, truth)}
+    if len(errors) == 1:
+        return f"The hidden effect does not change how closely the arm follows: {errors.pop()} mrad with every model"
     out = f"With the calibrated model in its controller the arm follows to {significant(1e3 * after.rms)} mrad instead of {significant(1e3 * before.rms)} mrad"
     each = [np.sqrt(np.mean(t.errors**2, axis=0)) for t in (before, after)]
     worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > WORSE * was]
@@ -41,7 +44,7 @@ def write(
     ratio = after.rms / before.rms
     facts = [
         ("hidden", hidden),
-        ("tracking error, nominal = 100 %", f"{100 * ratio:.2g} %"),
+        ("tracking error, nominal = 100 %", f"{significant(100 * ratio)} %"),
         ("motion", f"{before.t[-1]:.0f} s, not used in any fit"),
     ]
     page = Page(arm, sentence(joints, followed), "good" if ratio < 1 else "found", facts, "tracking")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from calib.report.tracking import sentence
+from calib.report.tracking import sentence, write
 from calib.validation.tracking import Tracking
 
 JOINTS = ("pan", "lift")
@@ -42,3 +44,11 @@ def test_the_sentence_is_what_was_measured(
     assert words in found
     assert ("nothing to gain" in found) == (truth == before)
     assert ("less closely" in found) == ("less closely" in words)
+
+
+def test_an_effect_that_no_controller_feels_is_reported_as_one(tmp_path: Path) -> None:
+    same = dict.fromkeys(("nominal", "calibrated", "the truth itself"), following(2e-3, 2e-3))
+    assert sentence(JOINTS, same) == "The hidden effect does not change how closely the arm follows: 2 mrad with every model"
+    html = write(tmp_path, "arm", JOINTS, same, "torque offset", []).read_text()
+    assert "100 %" in html
+    assert "e+02" not in html
