@@ -53,7 +53,7 @@ class Assessed:
     lost      rise of -2 log likelihood when it is left out and everything else refitted, without that of joints where another effect decides
     rivals    effects that explain the recordings as well in its place, best first
     held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
-    worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart; 0 where it is not significant
+    worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart, without those of another effect as in `lost`
     nothing   whether every size of it is within NOTHING standard deviations of none
     first     `lost` of the strongest other effect without an exact law at its joint, or at the one that it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
@@ -137,12 +137,11 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
     out = []
     for i, (item, rest) in enumerate(zip(best.accepted, rests, strict=True)):
         without_it = HeldOut.of(rest, apart, with_all.models)
-        worse = with_all.rise(without_it, joints_of(item, best.hypothesis.arm))
-        counts = ~joints_of_other_form(best.accepted, lost, i, joint_names)
-        at_others = _fall(rest, best)[~counts]
-        brings = lost[i] - float(np.maximum(at_others, 0.0).sum())
+        counts, fall = ~joints_of_other_form(best.accepted, lost, i, joint_names), _fall(rest, best)
+        worse = with_all.rise(without_it, [j for j in joints_of(item, best.hypothesis.arm) if counts[j]])
+        brings = lost[i] - float(np.maximum(fall[~counts], 0.0).sum())
         held_out = float((without_it.losses - with_all.losses)[counts].sum()) + without_it.beside - with_all.beside
-        nothing, one_sided, imitator = is_nothing(item, stds[i]), _one_sided(item, rest, best), _imitator(item, rest, lost[i])
+        nothing, one_sided, imitator = is_nothing(item, stds[i]), _one_sided(item, fall, best), _imitator(item, rest, lost[i])
         out.append(Assessed(item, brings, (), held_out, worse, nothing, firsts[i], one_sided, imitator, rest))
     return out
 
@@ -191,19 +190,19 @@ def least_apart(item: ArmEffect, rival: Key, lost: float) -> float:
     return max(APART_FRICTION, APART_SHARE * lost) if friction and rival[1] == item.joint else APART
 
 
-def _one_sided(item: ArmEffect, rest: Fit, best: Fit) -> bool:
+def _one_sided(item: ArmEffect, fall: np.ndarray, best: Fit) -> bool:
     """Whether one of the two joints of a coupled transmission shows less than SHOWN of what its share of the torque would, and clearly so.
 
-    An expected fall e of -2 log likelihood has a standard deviation of 2 sqrt(e).
+    fall: (n,) of -2 log likelihood at every joint, that the effect brings. An expected fall e has a standard deviation of 2 sqrt(e).
     """
     ratio = effect_named(item.effect).passed_on(item.parameters)
     if not ratio:
         return False
     j = best.hypothesis.arm.joint_index(str(item.joint))
-    fall = np.array([a @ a - b @ b for a, b in zip(rest.solved.left(), best.solved.left(), strict=True)])[[j - 1, j]]
+    of_both = fall[[j - 1, j]]
     weight = (np.array([ratio, 1.0]) / best.solved.noise.sigma[[j - 1, j]]) ** 2
-    expected = np.maximum(fall.sum(), 0.0) * weight / weight.sum()
-    return bool(np.any((fall < SHOWN * expected) & (expected - fall > NOTHING * 2.0 * np.sqrt(expected))))
+    expected = np.maximum(of_both.sum(), 0.0) * weight / weight.sum()
+    return bool(np.any((of_both < SHOWN * expected) & (expected - of_both > NOTHING * 2.0 * np.sqrt(expected))))
 
 
 def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | None:
