@@ -30,8 +30,8 @@ from calib.diagnosis.diagnose import diagnose
 from calib.excitation.session import QUICK, design
 from drivers.mock import MockDriver
 from safety.plan import load_plan, write_plan
-from sim.arm import Arm, ArmEffect, load_arm
-from sim.cell import Cell, load_cell
+from sim.arm import Arm, ArmEffect
+from sim.cell import Cell, load_arm_of, load_cell
 from sim.trajectory import Trajectory
 
 COUNT = 200
@@ -45,7 +45,7 @@ MEASURES = (
 def hidden_in(seed: int, folder: Path) -> tuple[Arm, Cell, ArmEffect]:
     """The arm, the cell in which the demo hides what `seed` draws, and what that is."""
     shown = load_cell(CELL)
-    arm = load_arm(shown.table.arm)
+    arm = load_arm_of(shown)
     hidden = demo.hide(arm, np.array(shown.table.home), seed)
     demo.write_cell(folder / "demo-cell.toml", shown, hidden, seed)
     return arm, load_cell(str(folder / "demo-cell.toml")), hidden

@@ -21,8 +21,8 @@ from benchmarks.kept import FOLDER, Kept
 from benchmarks.reaction import Run, Trouble, Watched
 from benchmarks.results import ROOT, digest
 from drivers.mock import MockDriver
-from sim.arm import Arm, load_arm
-from sim.cell import Cell, load_cell
+from sim.arm import Arm
+from sim.cell import Cell, load_arm_of, load_cell
 from sim.errors import DeviceError
 from sim.joint_state import JointState
 
@@ -140,7 +140,7 @@ def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "faults.jsonl", " ".join(digest(path) for path in MEASURES))
     cell = load_cell(CELL)
-    arm = load_arm(cell.table.arm)
+    arm = load_arm_of(cell)
     for done in forked(_missing(kept, arm, cell, repeats), LONGEST, end):
         if done.fault:
             raise RuntimeError(f"{done.key}: {done.fault}")

@@ -34,7 +34,7 @@ from drivers import open_driver
 from drivers.ur_rtde import family
 from safety.plan import Motion, write_plan
 from sim.arm import load_arm
-from sim.cell import load_cell
+from sim.cell import load_arm_of, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import PAUSED, PLAYING
@@ -61,7 +61,7 @@ STREAMED = 0.3  # s
 def controller(path: str, fault: str, talk: Connection) -> None:
     """The controller with a program of somebody else; for each message it sends the program's state and what an upload has ended."""
     cell = load_cell(path)
-    emulator = open_emulator(cell, load_arm(cell.table.arm))
+    emulator = open_emulator(cell, load_arm_of(cell))
     assert isinstance(emulator, UrEmulator)
     emulator.start()
     emulator.inject(fault)
@@ -103,7 +103,7 @@ def programs(number: int, tries: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="calib-") as name, playing(Path(name), number, fault) as (path, talk):
         folder = Path(name)
         cell = load_cell(path)
-        arm = load_arm(cell.table.arm)
+        arm = load_arm_of(cell)
         write_plan(folder / "plan", arm, [Motion("motion", "excitation", motion(np.array(cell.table.home), 4.0))], cell)
         for what, words in COMMANDS.items():
             for k in range(tries):

@@ -30,8 +30,7 @@ from safety.approval import approve
 from safety.control import drive
 from safety.plan import Motion, write_plan
 from safety.run_progress import RunProgress
-from sim.arm import load_arm
-from sim.cell import load_cell
+from sim.cell import load_arm_of, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.errors import CalibError
@@ -62,7 +61,7 @@ def watched_controller(path: str, talk: Connection) -> None:
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     cell = load_cell(path)
-    emulator = open_emulator(cell, load_arm(cell.table.arm))
+    emulator = open_emulator(cell, load_arm_of(cell))
     assert isinstance(emulator, UrEmulator)
     emulator.start()
     talk.send("ready")
@@ -90,7 +89,7 @@ def measured(number: int, case: str) -> dict[str, Any]:
         folder = Path(name)
         path = ur_cell(folder / "cell.toml", f"127.0.0.{100 + number % 100}", options={"serial": "20230000000"})
         cell = load_cell(path)
-        arm = load_arm(cell.table.arm)
+        arm = load_arm_of(cell)
         plan = write_plan(
             folder / "plan", arm, [Motion("motion", "excitation", motion(np.array(cell.table.home), SECONDS))], cell
         )

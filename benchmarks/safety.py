@@ -21,8 +21,8 @@ from safety.collision import Clearance
 from safety.monitor import Expected, Monitor
 from safety.plan import Motion, write_plan
 from safety.realtime import prepared
-from sim.arm import Arm, load_arm
-from sim.cell import Cell, load_cell
+from sim.arm import Arm
+from sim.cell import Cell, load_arm_of, load_cell
 from sim.errors import SafetyStop
 
 MEASURES = ("safety", "sim")
@@ -150,5 +150,5 @@ def edits(arm: Arm, cell: Cell, count: int = 1_000) -> list[dict[str, Any]]:
 def run(count: int = 10_000, repeats: int = 12) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
     cell = load_cell(CELL)
-    arm = load_arm(cell.table.arm)
+    arm = load_arm_of(cell)
     return [*clearing(arm, cell), *monitoring(arm, cell), *edits(arm, cell), *tube.run(count, repeats)]

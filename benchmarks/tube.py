@@ -22,7 +22,7 @@ from safety.collision import Clearance
 from safety.limits import sampled
 from safety.parameters import PAYLOAD_DOUBT, SIGMAS, friction_of
 from sim.arm import Arm, ArmEffect, load_arm
-from sim.cell import Cell, PayloadTable, load_cell
+from sim.cell import Cell, PayloadTable, load_arm_of, load_cell
 from sim.effects import with_effect
 from sim.errors import SafetyStop
 from sim.plant import Plant
@@ -182,4 +182,4 @@ def corner(arm: Arm, rng: np.random.Generator) -> Arm:
 def run(count: int = 10_000, repeats: int = 12) -> list[dict[str, Any]]:
     """All figures: what, value, unit, bar, note."""
     cell = load_cell("mock-ur10e")
-    return [*looked_at(load_arm(cell.table.arm), cell, count), *braking(repeats)]
+    return [*looked_at(load_arm_of(cell), cell, count), *braking(repeats)]

@@ -25,8 +25,7 @@ import numpy as np
 from benchmarks.ur_cell import ur_cell
 from drivers import open_driver
 from drivers.ur_rtde.driver import UrDriver
-from sim.arm import load_arm
-from sim.cell import Cell, load_cell
+from sim.cell import Cell, load_arm_of, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.errors import DeviceError
@@ -51,7 +50,7 @@ class _Watch:
 
     @classmethod
     def of(cls, cell: Cell) -> _Watch:
-        emulator = open_emulator(cell, load_arm(cell.table.arm))
+        emulator = open_emulator(cell, load_arm_of(cell))
         assert isinstance(emulator, UrEmulator)
         watch = cls(emulator, [])
         write = emulator.robot.write_input
@@ -110,7 +109,7 @@ def _pair(priority: int, last: int) -> Iterator[tuple[Connection, UrDriver]]:
         process.start()
         talk.recv()
         cell = load_cell(path)
-        driver = open_driver(cell, load_arm(cell.table.arm))
+        driver = open_driver(cell, load_arm_of(cell))
         assert isinstance(driver, UrDriver)
         try:
             yield talk, driver

@@ -30,8 +30,7 @@ from benchmarks.results import digest
 from benchmarks.ur_cell import ur_cell
 from logs.read import read_log
 from safety.plan import Motion, write_plan
-from sim.arm import load_arm
-from sim.cell import load_cell
+from sim.cell import load_arm_of, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.ur.emulator import UrEmulator
 from sim.trajectory import Trajectory
@@ -85,7 +84,7 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     cell = load_cell(path)
-    emulator = open_emulator(cell, load_arm(cell.table.arm))
+    emulator = open_emulator(cell, load_arm_of(cell))
     assert isinstance(emulator, UrEmulator)
     emulator.start()
     talk.send("ready")
@@ -135,7 +134,7 @@ def recorded(
     """One `calib record` of a motion of `seconds`; the fault comes a second after the arm has begun to move."""
     path = ur_cell(folder / "busy.toml", f"127.0.0.{last}", options=OPTIONS | (options or {}), motion=LIMITS)
     cell = load_cell(path)
-    arm = load_arm(cell.table.arm)
+    arm = load_arm_of(cell)
     plan = Motion("excitation", "excitation", motion(np.array(cell.table.home), seconds))
     write_plan(folder / "plan", arm, [plan], cell)
     talk, theirs = multiprocessing.Pipe()

@@ -14,8 +14,8 @@ from safety.confirmation import check_yes
 from safety.control import drive
 from safety.execution import RunResult
 from safety.plan import Plan, check_plan, write_plan
-from sim.arm import Arm, load_arm
-from sim.cell import Cell, require_postures
+from sim.arm import Arm
+from sim.cell import Cell, load_arm_of, require_postures
 
 
 def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, folder: str | Path) -> Plan:
@@ -36,7 +36,7 @@ def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", co
     A simulated cell needs no person. For every other the plan must have been approved by one with `calib record`: SafetyStop where it
     was not, where the approval is for something else, or where a motion is refused.
     """
-    arm = load_arm(cell.table.arm, configs)
+    arm = load_arm_of(cell, configs)
     check_plan(plan, arm, cell)
     approval, now = approval_of(plan), datetime.now(UTC)
     if approval is None:

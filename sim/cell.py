@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
-from sim.arm import Arm
+from sim.arm import Arm, load_arm
 from sim.arm_table import EffectTable
 from sim.assumptions import ASSUMPTIONS
 from sim.errors import ConfigError
@@ -183,6 +183,14 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
     raw = read_bytes(path, MAX_TABLE, remedy="give a cell file")
     table = validated(CellTable, toml_table(as_text(raw, path), path), path)
     return Cell(table, path, hashlib.sha256(raw).hexdigest(), _meshes(table, path))
+
+
+def load_arm_of(cell: Cell, configs: Path | None = None) -> Arm:
+    """The arm that stands in a cell; ConfigError, which names the cell file, where it cannot be loaded."""
+    try:
+        return load_arm(cell.table.arm, configs)
+    except ConfigError as error:
+        raise ConfigError(f"{cell.path}: arm: {error}") from error
 
 
 def _meshes(table: CellTable, path: Path) -> dict[str, bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -52,6 +53,9 @@ def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
                 lines.append(f"unknown key {key}; {nearest(str(item['loc'][-1]), known)}")
             elif item["type"] == "missing":
                 lines.append(f"missing key {key}; add it: it is never guessed")
+            elif item["type"] == "union_tag_invalid":
+                kind, kinds = item["ctx"]["tag"], re.findall(r"'([^']*)'", item["ctx"]["expected_tags"])
+                lines.append(f"{key}.{item['ctx']['discriminator'].strip(chr(39))} = {kind!r}: unknown; {nearest(kind, kinds)}")
             else:
                 message = item["msg"].removeprefix("Value error, ")
                 lines.append(f"{key} = {item['input']!r:.80}: {message[0].lower()}{message[1:]}")

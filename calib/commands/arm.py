@@ -155,13 +155,12 @@ def read(
     from drivers.ur_rtde.driver import UrDriver
     from drivers.ur_rtde.own_folder import moved, write_own
     from drivers.ur_rtde.primary import own_arm
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
 
     table = load_cell(cell, configs)
     if table.table.driver != "ur_rtde":
         raise ConfigError(f"{table.path}: driver = {table.table.driver!r}: only a UR controller holds its arm's kinematics")
-    arm = load_arm(table.table.arm, configs)
+    arm = load_arm_of(table, configs)
     driver = UrDriver.from_cell(table, arm)
     with console.progress(f"listening to {table.name}"), closing(driver):
         serial = driver.inspect().serial or "serial-not-reported"

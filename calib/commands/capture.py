@@ -29,15 +29,14 @@ def command(
     """
     from drivers.ur_rtde.capturing import captured
     from drivers.ur_rtde.options import UrOptions
-    from sim.arm import load_arm
     from sim.capture import write_capture
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.strict import validated
 
     table = load_cell(cell, configs)
     if table.table.driver != "ur_rtde":
         raise ConfigError(f"{table.path}: driver = {table.table.driver!r}: only a session with a UR (ur_rtde) can be captured")
-    arm = load_arm(table.table.arm, configs)
+    arm = load_arm_of(table, configs)
     device = validated(UrOptions, table.table.options, table.path)
     require_free(out)
     with console.progress(f"listening to {table.name}") as show:

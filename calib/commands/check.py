@@ -42,12 +42,11 @@ def command(
     from safety.confirmation import check_answer, check_yes, question
     from safety.joint_test import try_joints
     from safety.stop_sources import StopSignals
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.plugins import OWN, arm_origin
 
     table = load_cell(cell, configs)
-    arm = load_arm(table.table.arm, configs)
+    arm = load_arm_of(table, configs)
     console.warn_assumed(table)
     if move and yes:
         check_yes(table)

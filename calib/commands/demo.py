@@ -38,14 +38,13 @@ def command(
     from calib.claims.diagnosis_sentences import words
     from calib.main import start
     from calib.report import tracking as page
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.effects import effect_named
 
     began = time.monotonic()
     seed = secrets.randbelow(10_000) if seed is None else seed
     cell = load_cell("mock-ur10e")
-    arm = load_arm(cell.table.arm)
+    arm = load_arm_of(cell)
     hidden = demo.hide(arm, np.array(cell.table.home), seed)
     folder = new_run(arm, "demo", out, cell, seed=seed)
     place = folder / "demo-cell.toml"

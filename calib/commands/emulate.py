@@ -34,12 +34,11 @@ def command(
 
         calib emulate emulated-ur10e --fault protective_stop@30
     """
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.emulated import open_emulator
 
     table = load_cell(cell, configs)
-    emulator = open_emulator(table, load_arm(table.table.arm, configs))
+    emulator = open_emulator(table, load_arm_of(table, configs))
     plan = sorted(_scheduled(text, emulator) for text in fault or [])
     emulator.start()
     try:

@@ -60,12 +60,11 @@ def command(
     """
     from calib import guided, guided_session
     from safety.confirmation import check_yes
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.errors import ConfigError
 
     where = load_cell(cell, configs)
-    load_arm(where.table.arm, configs)
+    load_arm_of(where, configs)
     if yes:
         check_yes(where)
     if new and session is not None:

@@ -55,20 +55,19 @@ def command(
     from safety.control import alone_because, drive, is_simulated
     from safety.hold_key import HoldKey
     from safety.stop_sources import first_reason
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
     from sim.errors import ConfigError
     from sim.resources import nearest
 
     where = load_cell(cell, configs)
-    arm = load_arm(where.table.arm, configs)
+    arm = load_arm_of(where, configs)
     console.warn_assumed(where)
     if str(plan) == LATEST and not plan.exists():
         plan = latest("plan").folder
     if not plan.is_dir():
         plans = [str(run.folder) for run in runs_and_faults()[0] if run.verb == "plan"]
         raise ConfigError(
-            f"there is no plan folder {str(plan)!r}; {nearest(str(plan), plans)}; `calib plan {arm.name}` makes one"
+            f"there is no plan folder {str(plan)!r}; {nearest(str(plan), plans)}; `calib plan {where.table.arm} --cell {cell}` makes one"
         )
     lock_cell(where)
     sealed = load_plan(plan)

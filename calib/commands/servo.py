@@ -61,11 +61,10 @@ def look(
         calib servo emulated-servo6 elbow_joint
     """
     from drivers.can_servo.service import Service
-    from sim.arm import load_arm
-    from sim.cell import load_cell
+    from sim.cell import load_arm_of, load_cell
 
     table = load_cell(cell, configs)
-    arm = load_arm(table.table.arm, configs)
+    arm = load_arm_of(table, configs)
     console.warn_assumed(table)
     orders = [name for name, wanted in (("clear", clear), ("zero", zero), ("off", off)) if wanted]
     if len(orders) > 1 or (orders and joint is None):

@@ -6,7 +6,7 @@ import pytest
 
 from drivers import open_driver
 from sim.arm import load_arm
-from sim.cell import load_cell
+from sim.cell import load_arm_of, load_cell
 from sim.errors import ConfigError
 
 ARM = load_arm("ur10e")
@@ -65,3 +65,17 @@ def test_a_misspelt_key_of_an_obstacle_is_named_with_the_keys_of_its_kind(tmp_pa
         ConfigError, match=r"obstacles.0.plane.normel; did you mean 'normal'. known: kind, name, position, normal"
     ):
         load_cell(file)
+
+
+def test_a_kind_of_obstacle_that_there_is_not(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"obstacles\.0\.kind = 'plain': unknown; did you mean 'plane'\? known: box, plane, mesh"
+    ):
+        opened(tmp_path, '[[obstacles]]\nkind = "plain"\nname = "table"')
+
+
+def test_a_cell_with_an_arm_that_there_is_not_names_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text('schema = "cell/1"\nname = "cell"\narm = "servo7"\ndriver = "mock"\n')
+    with pytest.raises(ConfigError, match=r"cell\.toml: arm: there is no arm 'servo7'; did you mean 'servo6'"):
+        load_arm_of(load_cell(file))
