@@ -80,6 +80,16 @@ def law(n: Numbers) -> str:
     )
 
 
+def driving(n: Numbers) -> str:
+    worst = min(n["joints"], key=lambda x: x["torque"])
+    where = f"{significant(worst['torque'], 2)} N m at {significant(worst['speed'], 2)} rad/s at {worst['joint']}"
+    return (
+        f"friction drives {listed([x['joint'] for x in n['joints']])} ({where}), which no passive joint does: the recorded torque leaves out "
+        "what the controller adds, such as its friction compensation, or has the wrong sign. Record the torque or current of the motors, and "
+        "do not simulate this arm"
+    )
+
+
 def possible(n: Numbers) -> str:
     how = f". To decide: {n['experiment'].rstrip('.')}" if n["experiment"] else ""
     chance = f"{n['chance']:.2g} of" if n["chance"] >= LEAST_CHANCE else f"fewer than {LEAST_CHANCE:g} of"

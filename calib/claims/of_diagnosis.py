@@ -14,7 +14,7 @@ FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
 # how a number of `calibration` begins that is a ripple of a gear
 RIPPLE = "gear ripple"
-REMARKS = ("removed", "motion", "law", "possible", "refused", "ripple", "refit")
+REMARKS = ("driving", "removed", "motion", "law", "possible", "refused", "ripple", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
@@ -24,6 +24,8 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
         out.append(gain)
         if answer.get("motion"):
             out.append(_motion(answer["motion"]))
+    if answer.get("driving"):
+        out.append(Claim("driving", {"joints": answer["driving"]}))
     out += [
         Claim("alike", {"effect": e["effect"], "joint": e["joint"], "others": e["indistinguishable_from"]})
         for e in answer.get("effects", [])

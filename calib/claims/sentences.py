@@ -88,6 +88,10 @@ def _separation(n: Numbers) -> str:
 SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "residual": _residual,
     "worse": _worse,
+    "driving": diagnosis.driving,
+    "friction_laws": lambda n: (
+        f"{diagnosis.listed([law['joint'] for law in n['laws']])}: a friction law adds to Coulomb and viscous friction; its terms are in arm.toml and on the page"
+    ),
     "unstated_drives": lambda n: (
         "nobody stated "
         + "; ".join(f"{' and '.join(words)} of {joint}" for joint, words in n["joints"].items())

@@ -50,10 +50,13 @@ def command(
 
         calib export runs/real/arm --out exported
     """
+    import numpy as np
+
     from calib.newest_arm import named
     from sim.arm import load_arm
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model
+    from sim.passivity import driving_friction
     from sim.required import require_limits
 
     arm = named(arm)
@@ -66,6 +69,7 @@ def command(
         except ConfigError as error:
             formats = tuple(name for name in FORMATS if name != "urdf")
             left_out = f"no URDF, which must state every limit: {error}"
+    driven = [found.joint for found in driving_friction(table, np.nan_to_num(table.dq_max), np.zeros(table.n))]
     folder = new_run(table, "export", out)
     files = export(table, folder, formats)
     effects = exported_model(table).table["effects"] if "mjcf" in formats else []
@@ -73,7 +77,9 @@ def command(
     conclude(outcome)
     if json:
         shown = [{key: row[key] for key in ("effect", "joint", "form", "how", "error")} for row in effects]
-        console.print_json({"arm": table.name, "files": files, "effects": shown, "left_out": left_out or None})
+        console.print_json(
+            {"arm": table.name, "files": files, "effects": shown, "left_out": left_out or None, "driven_by_friction": driven}
+        )
         return
     console.table(["file", "bytes"], [[str(file), file.stat().st_size] for file in files])
     if effects:
@@ -83,6 +89,11 @@ def command(
                 console.say(sentence)
     if left_out:
         console.warn(left_out)
+    if driven:
+        console.warn(
+            f"friction drives {', '.join(driven)} within the speed limits of {arm}, as no passive joint does: a simulation can run away. "
+            "It comes from a torque reading without what the controller adds, or from a law beyond the speeds of its recordings"
+        )
     console.say(f"{outcome} in {folder}.")
 
 

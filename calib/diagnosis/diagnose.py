@@ -29,6 +29,7 @@ from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.limits import Limit, limits_reached
 from calib.measurement.observed import clear
 from calib.measurement.preprocessing import Measurement
+from calib.passivity import driving_joints
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 
@@ -74,6 +75,7 @@ def diagnose(
         "refused": refused,
         "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],
+        "driving": driving_joints(start if change is None else change.of(start), shown, np.array(result["gap"]["after"])),
         "calibration": [x.entry() for x in calibration(found.baseline)],
     }
     return Diagnosis(result, names.effects, found, change, limits, found.ladder)

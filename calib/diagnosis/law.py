@@ -13,9 +13,11 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.nuisance import first_own
 from calib.diagnosis.parameters import logarithmic, nominal_values, parameters_of
 from calib.diagnosis.sensitivity import columns_of
+from calib.passivity import fastest
 from calib.regression.friction_fit import FrictionFit, Part, fit_friction
 from sim.arm import Arm, ArmEffect
 from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula
+from sim.passivity import driving_friction
 
 HELD = 1e-4  # prior standard deviations that what is held may move
 FREE = 10.0  # prior standard deviations that friction may move farther beside a law
@@ -25,6 +27,8 @@ SETS = tuple(
     tuple(TERMS.index(name) for family in families for name in FAMILIES[family] if name != "power_1")
     for families in (("slip",), ("slip", "speed", "stribeck"), ("slip", "speed", "stribeck", "load"))
 )
+SPEED = {TERMS.index(name) for name in FAMILIES["speed"]}
+WITHOUT_SPEED = tuple(tuple(k for k in terms if k not in SPEED) for terms in SETS)
 
 
 @dataclass(frozen=True)
@@ -93,15 +97,29 @@ def with_laws(
     uses the arm. Friction may move farther than its prior, because a law takes its place. joints: whose friction and rotors alone
     move, every link stays as it was; None: all move. held: joints whose ordinary parameters and link stay as they were.
     """
-    names = written.models[0].names
+    names, start = written.models[0].names, written.hypothesis.start
     precision = split.precision.copy()
     precision[[k for k, name in enumerate(names) if name.rpartition("_")[2] in {str(j + 1) for j in held}]] = HELD**-2
     if joints is not None:
-        precision[: first_own(written.hypothesis.arm.n)] = precision[names.index("Ia_all")] = HELD**-2
-    found = fit_friction(split.parts, split.mean, np.diag(precision), SETS if only else (), list(only), split.named)
-    found = replace(found, theta=found.theta[: len(names)])
-    change = _corrected(written, found, limits, joints)
-    return Refitted(change, _laws(change, found, written.hypothesis.start), found.plain, found.predicted)
+        precision[: first_own(start.n)] = precision[names.index("Ia_all")] = HELD**-2
+    requested, speeds = list(only), np.fmax(start.dq_max, fastest([m.measurement for m in written.models]))
+    while True:
+        for sets in (SETS, WITHOUT_SPEED) if requested else ((),):
+            found = fit_friction(split.parts, split.mean, np.diag(precision), sets, requested, split.named)
+            found = replace(found, theta=found.theta[: len(names)])
+            change = _corrected(written, found, limits, joints)
+            if not (driven := _driven(start, change, found, speeds)):
+                return Refitted(change, _laws(change, found, start), found.plain, found.predicted)
+        requested = [j for j in requested if j not in driven]
+
+
+def _driven(start: Arm, change: ArmChange, found: FrictionFit, speeds: np.ndarray) -> set[int]:
+    """The joints that a law drives at some speed up to `speeds` (n,), their limits, with more torque than its error.
+
+    Beyond the speeds of the recordings a fitted curve means nothing, and must not make a simulation run away.
+    """
+    before, after = (driving_friction(arm, speeds, found.predicted) for arm in (start, change.of(start)))
+    return {start.joint_index(x.joint) for x in after} & set(found.joints) - {start.joint_index(x.joint) for x in before}
 
 
 def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:

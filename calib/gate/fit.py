@@ -46,8 +46,11 @@ class Normal:
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.solved(y)[0] / np.where(size > 0, size, np.nan)
 
-    def solved(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, K) standard deviation of what is left, and the coefficients a, r, v, c (n, 4, K)."""
+    def solved(self, y: np.ndarray, driven: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """(n, K) standard deviation of what is left, and the coefficients a, r, v, c (n, 4, K).
+
+        driven: with a torque that drives the joint in proportion to its speed instead of one that brakes it: -v for v.
+        """
         n, k = len(self.x), y.shape[1]
         own, power = np.zeros((n, 4, k)), np.full((n, k), np.nan)
         for j, (rows, x) in enumerate(self.x):
@@ -56,7 +59,8 @@ class Normal:
                 part = part - part.mean(axis=0)
                 own[j], power[j] = x.T @ part, (part**2).sum(axis=0)
         own[~np.isfinite(own)] = 0.0
-        theta, rest = nonnegative(self.gram, own, power)
+        way = np.array([1.0, 1.0, -1.0 if driven else 1.0, 1.0])
+        theta, rest = nonnegative(self.gram * np.outer(way, way), own * way[:, None], power)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.sqrt(rest / self.rows[:, None]), theta / self.norm[:, :, None]
 

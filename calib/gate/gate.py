@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
+from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import GravityFit, fitted, model_torque
 from calib.gate.mounting import is_mounting, mounting_torque
@@ -149,10 +150,8 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     limits, s = motion.limits(arm, logs, s, massive, known)
     out.append(limits)
     if not massive:
-        return [
-            *out,
-            GateCheck("torque", True, "no torque or no masses: signs and columns of torques or currents cannot be checked"),
-        ]
+        unchecked = "no torque or no masses: signs and columns of torques or currents cannot be checked"
+        return [*out, GateCheck("torque", True, unchecked)]
     if below.mean() < LEAST_BELOW:
         detail = (
             "a drive is at its torque limit nearly all the time: signs and columns of torques or currents cannot be checked"
@@ -189,7 +188,8 @@ def _columns(arm: Arm, s: Signals, found: Sequence[GainStep], ties: Sequence[Gai
         return GateCheck("torque", True, "no other sign, column or clock makes the arm's model fit better")
     names = arm.joint_names
     shown = [*found, *ties]
-    causes = [Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown]
+    causes = compensated(arm, s, found[0].correction.joints, found[0].gain)
+    causes += [Cause(step.correction.sentence(names), step.gain, (step.correction,)) for step in shown]
     causes += saturated(arm, s, found[0].correction.joints, max(cause.gain for cause in causes))  # named second
     detail = "the torque (or current) does not match the motion"
     if np.isfinite(gains).any():
@@ -202,9 +202,8 @@ def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> GateCheck:
     if other is not None:
         return GateCheck("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
     if not sizes:
-        return GateCheck(
-            "size", True, "torques or currents have the size that the arm's masses require, or it cannot be determined"
-        )
+        detail = "torques or currents have the size that the arm's masses require, or it cannot be determined"
+        return GateCheck("size", True, detail)
     return GateCheck("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from calib.claims import Claim
+from calib.measurement.preprocessing import Measurement
+from calib.passivity import driving_claims
 from calib.result import Estimate, FitResult, Gap
 from calib.verdict import Assessment, Verdict, assess
 from safety.parameters import WORDS
 from sim.arm import Arm
+from sim.effects.friction_law import formula
 from sim.prior import unstated
 
+LAW = "friction_law"
 KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
 CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
 WORSE = 1.02
-ASIDE = ("projected", "out_of_bounds", "speed_reading", "cutoff")  # stated among the findings
+ASIDE = ("friction_laws", "projected", "out_of_bounds", "speed_reading", "cutoff")  # stated among the findings
 
 
 def shown(result: FitResult) -> tuple[Gap, str]:
@@ -26,10 +32,12 @@ def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Ass
     return assess(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
 
 
-def claims(arm: Arm, result: FitResult, verdict: Assessment) -> tuple[Claim, ...]:
-    """What the outcome says, in its order; arm: the nominal one."""
+def claims(
+    arm: Arm, result: FitResult, verdict: Assessment, written: Arm, measurements: Sequence[Measurement]
+) -> tuple[Claim, ...]:
+    """What the outcome says, in its order; arm: the nominal one; written: the identified one; measurements: that it was fitted to."""
     gap, where = shown(result)
-    out = [verdict.claim(result.arm, where)]
+    out = [verdict.claim(result.arm, where), *driving_claims(written, measurements, gap.after)]
     beyond = [k for k, v in enumerate(verdict.verdicts) if v is Verdict.POOR]
     missing = {arm.joint_names[k]: [WORDS[key] for key, rows in unstated(arm).items() if rows[k]] for k in beyond}
     if any(missing.values()):
@@ -51,6 +59,9 @@ def claims(arm: Arm, result: FitResult, verdict: Assessment) -> tuple[Claim, ...
     if moved:
         farthest = max(moved, key=lambda name: moved[name])
         out.append(Claim("moved", {"names": list(moved), "most": moved[farthest], "farthest": farthest}))
+    laws = [{"joint": e.joint, "formula": formula(e.parameters)} for e in written.effects if e.effect == LAW]
+    if laws:
+        out.append(Claim("friction_laws", {"laws": laws}))
     changed = [e for e in result.estimates if not e.out_of_bounds and is_changed(e)]
     if changed:
         out.append(Claim("projected", {"parameters": [_row(e) for e in changed]}))

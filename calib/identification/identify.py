@@ -138,7 +138,7 @@ def identify(
         advice=tuple((item.motion, item.parameters) for item in helpful),
     )  # fmt: skip
     verdict = assessment_of(arm, result, options.max_error)
-    claimed = claims(arm, result, verdict)
+    claimed = claims(arm, result, verdict, calibrated, fit.measurements)
     aside = [claim for claim in claimed if claim.name in ASIDE]
     result = replace(
         result, verdict=verdict.verdict, assessment=verdict.as_dict(), claims=claimed,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims.claim import capital
 from calib.claims.diagnosis_sentences import DISAGREES
 from calib.claims.diagnosis_sentences import unit as unit_of
 from calib.claims.of_diagnosis import REMARKS, agreement, claims, is_corrected, lasting, over_noise, verdict
@@ -80,7 +81,7 @@ def _disagrees(diagnosis: Mapping[str, Any]) -> bool:
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
     """What the corrected arm gains, friction laws, effects that were refused, and parameters that a refit moves far."""
-    return [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name in REMARKS]
+    return [f"{capital(claim.sentence)}." for claim in claims(diagnosis) if claim.name in REMARKS]
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:

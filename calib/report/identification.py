@@ -112,6 +112,15 @@ def _parameters(page: Page, result: Mapping[str, Any]) -> None:
             pictures.intervals([_label(e) for e in estimates], *numbers),
             "Change of each parameter from nominal, in standard deviations, with 95 % intervals.",
         )
+    laws: list[dict[str, str]] = next(
+        (claim["laws"] for claim in result.get("claims", []) if claim["claim"] == "friction_laws"), []
+    )
+    if laws:
+        page.table(
+            ["joint", "friction law [N m]"],
+            [[x["joint"], x["formula"]] for x in laws],
+            "z(w): dry friction that builds up over w rad",
+        )
     headers = ["parameter", "joint", "estimate", "± std", "95 % from", "to", "nominal", "unit", "from the data", "note"]
     for key, title in (("estimates", "Identified combinations"), ("full", "Physically consistent inertias of every link")):
         if not result.get(key):

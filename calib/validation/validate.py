@@ -19,6 +19,7 @@ from calib.claims import Claim, in_one_sentence
 from calib.gate.commands import require
 from calib.identification.known import Known
 from calib.measurement.preprocessing import Measurement, prepare
+from calib.passivity import driving_claims
 from calib.validation.forward import HORIZONS, SHORT, ForwardError, forward_error
 from calib.validation.forward_bound import forward_bound
 from calib.verdict import Assessment, assess
@@ -107,11 +108,9 @@ class Validation:
                 }  # fmt: skip
                 if c.bound is not None and c.within_bound is not None:
                     entry["forward"] |= {
-                        "bound": _numbers(c.bound),
-                        "within_bound": c.within_bound.tolist(),
-                        "informative": c.informative.tolist(),
-                        "bound_from": self.source,
-                    }
+                        "bound": _numbers(c.bound), "within_bound": c.within_bound.tolist(),
+                        "informative": c.informative.tolist(), "bound_from": self.source,
+                    }  # fmt: skip
             logs.append(entry)
         return {
             "schema": "validation/1", "arm": self.arm.name, "unit": "N*m", "joints": list(self.arm.joint_names), "logs": logs,
@@ -157,7 +156,10 @@ def validate(
         checks.append(checked(arm, log, known if forward else None, cutoff, lambda stage, share=share: progress(stage, share)))  # type: ignore[misc]
     found = _assessed(arm, checks, most)
     where = checks[0].log if len(checks) == 1 else f"{len(checks)} logs"
-    return Validation(arm, tuple(checks), found, (found.claim(arm.name, where), *forward_claims(arm, checks)), known.source)
+    driving = driving_claims(arm, [c.measurement for c in checks], np.fmax.reduce([c.residual for c in checks]))
+    return Validation(
+        arm, tuple(checks), found, (found.claim(arm.name, where), *driving, *forward_claims(arm, checks)), known.source
+    )
 
 
 def checked(

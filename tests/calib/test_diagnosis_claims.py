@@ -182,6 +182,18 @@ def test_one_verdict_for_every_answer(change: dict[str, Any], name: str) -> None
     assert gained == (bool(answer["effects"]) and "baseline" not in answer)
 
 
+def test_friction_that_drives_a_joint_is_claimed_and_remarked() -> None:
+    driving = [
+        {"joint": "elbow_joint", "torque": -2.0, "speed": 0.4},
+        {"joint": "wrist_3_joint", "torque": -18.0, "speed": 0.5},
+    ]
+    answer = examples.diagnosis()[0] | {"driving": driving}
+    (claim,) = [c for c in claims(answer) if c.name == "driving"]
+    assert claim.sentence.startswith("friction drives elbow_joint and wrist_3_joint (-18 N m at 0.5 rad/s at wrist_3_joint)")
+    assert any(remark.startswith("Friction drives elbow_joint") for remark in remarks(answer))
+    assert "driving" not in {c.name for c in claims(answer | {"driving": []})}
+
+
 def test_what_else_is_claimed() -> None:
     answer = examples.diagnosis()[0] | {"laws": [LAW], "refused": ["backlash at elbow_joint was fitted"], "calibration": MOVES}
     answer["possible"] = [{"effect": "payload", "joint": None, "gain": 20.0, "chance": 0.08, "experiment": "lift nothing."}]

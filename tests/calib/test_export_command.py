@@ -5,6 +5,7 @@ import json
 from calib.main import main
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
+from sim.effects import effect_named
 
 BARE = """<mujoco model="one"><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/>
   <inertial mass="2" pos="0.3 0 0" diaginertia="0.05 0.05 0.05"/></body></worldbody></mujoco>"""
@@ -32,7 +33,8 @@ def test_writes_every_format_and_says_so(tmp_path, capsys):
 def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", "servo6", "--format", "urdf", "--json", "--out", str(tmp_path / "out")]) == 0
     reply = json.loads(capsys.readouterr().out)
-    assert reply == {"arm": "servo6", "files": [str(tmp_path / "out" / "servo6.urdf")], "effects": [], "left_out": None}
+    files = [str(tmp_path / "out" / "servo6.urdf")]
+    assert reply == {"arm": "servo6", "files": files, "effects": [], "left_out": None, "driven_by_friction": []}
 
 
 def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
@@ -51,6 +53,13 @@ def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
     printed = " ".join("".join(capsys.readouterr()).split())
     assert "import calib.mujoco" in printed
     assert "calib.mujoco.read(model, data)" in printed
+
+
+def test_an_arm_whose_friction_drives_it_is_written_with_a_warning(tmp_path, capsys):
+    law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"power_1": -100.0}
+    write_arm(tmp_path / "arm", load_arm("ur5e"), effects=[ArmEffect("friction_law", "elbow_joint", law)])
+    assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "out")]) == 0
+    assert "calib: friction drives elbow_joint within the speed limits of" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_bare_model_without_limits_gets_no_urdf_and_the_reason(tmp_path, capsys):

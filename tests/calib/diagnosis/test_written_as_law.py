@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from calib.diagnosis.promotion import Promotion, Refusal, has_law
 from calib.diagnosis.written_arm import AS_IT_WAS, REFIT_WITH_LAWS, WrittenArm
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
+from sim.passivity import driving_friction
 from tests.calib.diagnosis.conftest import at, recording
 
 SPRING = at(2, lambda q, dq: 12.0 * (q - 0.4))
@@ -35,6 +37,17 @@ def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
     answer = diagnose(ur10e, [recording(ur10e, seed, SPRING) for seed in (1, 2)], [recording(ur10e, 3, SPRING)]).answer
     assert [e["effect"] for e in answer["effects"]] == ["joint_spring"] * by_law
     assert ("is written into the corrected arm as a friction law" in answer["refused"][0]) == by_law
+
+
+def test_a_law_drives_no_joint_beyond_the_speeds_that_were_recorded(ur10e: Arm) -> None:
+    """Friction that bends down within the recorded speeds, of which a parabola would go below zero at the joint's limit."""
+    fast, top = replace(ur10e, dq_max=3.0 * ur10e.dq_max), 2.2
+    bends = at(4, lambda q, dq: 16.0 * np.sign(dq) * np.abs(dq) / top * (1.0 - 0.9 * np.abs(dq) / top))
+    found = diagnose(fast, [recording(ur10e, seed, bends) for seed in (1, 2, 3)])
+    assert found.correction is not None
+    corrected = found.correction.of(fast)
+    assert "wrist_2_joint" in {e.joint for e in corrected.effects if e.effect == "friction_law"}
+    assert driving_friction(corrected, fast.dq_max, np.full(6, 1.0)) == []
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,31 @@ def test_friction_that_falls_with_speed_drives_no_joint_unless_the_readings_do(a
         assert sum(found[name] for name in FAMILIES["stribeck"]) == pytest.approx(level, rel=0.25)
 
 
+@pytest.mark.parametrize("compensated", [False, True])
+def test_a_reading_without_the_compensated_friction_is_reported(arm: Arm, compensated: bool) -> None:
+    """The controller adds 6 N m s/rad of its own, which its reading leaves out; without masses, no other reading fits better."""
+    arm = replace(arm, prior=arm.prior.model_copy(update={"numbers": "unknown"}))
+    joint, added = 5, 6.0
+    truth, logs = varied(arm, 5, 0.03), []
+    for k in range(2):
+        log = recorded(truth, fourier_motion(arm, 60 + k, seconds=8.0), k)
+        logs.append(replace(log, tau=log.tau - compensated * added * log.dq * (np.arange(arm.n) == joint)))
+    result = identification.identify(arm, logs).result
+    claims = {c.name: c for c in result.claims}
+    assert ("driving" in claims) is compensated
+    if compensated:
+        (found,) = claims["driving"].numbers["joints"]
+        fastest = max(np.abs(log.dq[:, joint]).max() for log in logs)
+        friction = -(added - 1.0) * found["speed"]  # the arm's own viscous and dry friction brake a little
+        assert found["joint"] == arm.joint_names[joint]
+        assert 0.8 * fastest < found["speed"] <= 1.05 * fastest
+        assert -added * found["speed"] < found["torque"] < 0.5 * friction
+        assert f"friction drives {arm.joint_names[joint]}" in result.outcome
+        (law,) = claims["friction_laws"].numbers["laws"]
+        assert law["joint"] == arm.joint_names[joint]
+        assert "sign(dq)" in law["formula"]
+
+
 def test_growth_is_negative_damping_over_the_joints_own_inertia(arm: Arm) -> None:
     model = TorqueModel.of_arm(arm)
     m = prepare(recorded(arm, fourier_motion(arm, 60, seconds=8.0), 1), arm, CUTOFF)

@@ -1,0 +1,59 @@
+"""Whether the friction of an arm takes energy, as that of every passive joint does: F(v) v >= 0 in steady motion.
+
+Friction that drives its joint is none. It comes from readings that leave out what a controller adds, such as its compensation of friction,
+or whose sign is reversed; an arm with it predicts such readings, and runs away in a simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arm import Arm
+from sim.effects import Stage, effect_named
+from sim.prediction import by_stage, motor_side
+from sim.torque_path import PathState
+
+SPEEDS = 10  # of each joint, up to its fastest
+TRAVEL, STEPS = 2.0, 50  # rad until dry friction has built up, in so many steps
+
+
+@dataclass(frozen=True)
+class DrivingFriction:
+    """A joint whose friction drives it: torque N m (negative) of the friction against a motion of speed rad/s, where it drives most."""
+
+    joint: str
+    torque: float
+    speed: float
+
+
+def steady_friction(arm: Arm, speed: np.ndarray) -> np.ndarray:
+    """(n,) N m: the mean of the friction against steady motion at speed (n,) rad/s in both directions, unloaded and cold."""
+    acting = [e for e in arm.effects if effect_named(e.effect).stage in (Stage.FRICTION, Stage.MOTOR)]
+    stages, shape = by_stage(acting, arm), (STEPS, arm.n)
+    torque = []
+    for dq in (speed, -speed):
+        # one instant for all joints: slip depends on the way gone and not on the time that it took
+        t, nothing = np.linspace(0.0, 1.0, STEPS), np.zeros(shape)
+        q = np.sign(dq) * TRAVEL * t[:, None]
+        state = PathState(
+            t=t, q=q, dq=np.broadcast_to(dq, shape).copy(), ddq=nothing.copy(), load=nothing.copy(), q_motor=nothing.copy(),
+            dq_motor=nothing.copy(), ddq_motor=nothing.copy(), level=nothing.copy(), width=nothing.copy(),
+            warmth=np.ones(shape), slip=nothing.copy(), tau=nothing.copy(), force=np.zeros((STEPS, 3)),
+        )  # fmt: skip
+        motor_side(state, stages)
+        torque.append(state.tau[-1])
+    return np.asarray((torque[0] - torque[1]) / 2)
+
+
+def driving_friction(arm: Arm, fastest: np.ndarray, least: np.ndarray) -> list[DrivingFriction]:
+    """The joints whose friction drives them with more than least (n,) N m at some speed up to fastest (n,) rad/s."""
+    speeds = np.linspace(1.0 / SPEEDS, 1.0, SPEEDS)[:, None] * fastest
+    torque = np.array([steady_friction(arm, speed) for speed in speeds])
+    worst = torque.argmin(axis=0)
+    return [
+        DrivingFriction(joint, float(torque[k, j]), float(speeds[k, j]))
+        for j, (joint, k) in enumerate(zip(arm.joint_names, worst, strict=True))
+        if torque[k, j] < -least[j]
+    ]
