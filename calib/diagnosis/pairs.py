@@ -2,7 +2,7 @@
 
 A sinusoid of the wrong period, say, may fit a spring and a ripple better than either fits alone; beside it neither brings much, and
 structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia: an exchange of one
-effect finds neither from the other. Only joints with structure or with two names are asked, so that other recordings cost nothing.
+effect finds neither from the other. Asked are joints with structure, with two names, or with one name that another effect nearly equals.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from calib.diagnosis.selection import SearchResult, add, best_next, grown, witho
 from calib.diagnosis.unexplained import rests
 from calib.measurement.preprocessing import Measurement
 
+NEARLY = 0.8  # of the best one's promise, where nothing shows that the name is wrong
 FIRSTS, PROMISE = 4, 0.3  # effects that a pair may begin with; share of the best one's promise
 PROMISE_OF_BOTH = 0.5  # of what two names bring together, for the stronger effect of a pair in their place
 MOST_NAMES = 2  # at a joint: what more of them leave is no matter of a wrong first one
@@ -27,15 +28,17 @@ CLEARLY = 8.0  # -2 log likelihood
 
 
 def paired(measurements: Sequence[Measurement], found: SearchResult) -> None:
-    """Replace `found.best` where, at a joint with structure beside its names, another pair fits clearly better."""
+    """Replace `found.best` where another pair fits clearly better at a joint with structure beside its names, or with a single name of which
+    another effect promises nearly as much.
+    """
     if found.hopeless:
         return
-    bank = Bank()
-    for joint in [r.joint for r in rests(found.baseline, found.best) if r.odd]:
+    bank, odd = Bank(), {r.joint for r in rests(found.baseline, found.best) if r.odd}
+    for joint in dict.fromkeys(e.joint for e in found.best.accepted if e.joint is not None):
         names = [i for i, e in enumerate(found.best.accepted) if e.joint == joint]
-        if not 0 < len(names) <= MOST_NAMES:
+        if len(names) > (MOST_NAMES if joint in odd else 1):
             continue
-        other = _best_pair(measurements, found.best, names, joint, bank)
+        other = _best_pair(measurements, found.best, names, joint, PROMISE if joint in odd else NEARLY, bank)
         if other is not None and cost(other) < cost(found.best) - CLEARLY:
             found.best = other
             grown(measurements, found)
@@ -70,11 +73,13 @@ def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: S
     return out
 
 
-def _best_pair(measurements: Sequence[Measurement], f: Fit, names: Sequence[int], joint: str, bank: Bank) -> Fit | None:
-    """The best fit with one or two effects at that joint in the place of its names."""
+def _best_pair(
+    measurements: Sequence[Measurement], f: Fit, names: Sequence[int], joint: str, promise: float, bank: Bank
+) -> Fit | None:
+    """The best fit with one or two effects at that joint in the place of its names, beginning with one of that share of the best one's promise."""
     rest = _without(measurements, f, names)
-    here = _at(rest, joint, bank)
-    firsts = [s for s in here[:FIRSTS] if s.gain > PROMISE * here[0].gain]
+    here, own = _at(rest, joint, bank), {(f.accepted[i].effect, joint) for i in names}
+    firsts = [s for s in here[:FIRSTS] if s.gain > promise * here[0].gain and (promise < NEARLY or s.key not in own)]
     return min(_fits(measurements, rest, firsts, joint, bank), key=cost, default=None)
 
 
