@@ -58,6 +58,7 @@ class Assessed:
     first     `lost` of the strongest other effect without an exact law at its joint, or at the one that it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
     imitator  what is no effect of the catalogue and explains the recordings better in its place, by how much; None where nothing does
+    seen      evidence of another channel than the torque, in any recording: the following error
     rest      the fit without it
     """
 
@@ -70,6 +71,7 @@ class Assessed:
     first: float = 0.0
     one_sided: bool = False
     imitator: tuple[str, float] | None = None
+    seen: float = 0.0
     rest: Fit | None = None
 
     @property
@@ -77,11 +79,13 @@ class Assessed:
         """Whether something that is no effect explains the recordings better, or motions that were not fitted speak against it.
 
         A contact happens in one log only. Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with
-        k degrees of freedom, where the recordings that were fitted speak for it clearly.
+        k degrees of freedom, where the recordings that were fitted speak for it clearly. What another channel shows is there, although the
+        torque about the blows of a gap, say, follows another law: its evidence counts with theirs.
         """
         by_chance = self.held_out >= -chdtri(len(self.effect.parameters), CHANCE) and self.left >= APART
         against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)
-        return self.imitator is not None or (self.effect.effect != CONTACT and bool(against))
+        outweighed = self.seen > max(0.0, -self.held_out)
+        return self.imitator is not None or (self.effect.effect != CONTACT and bool(against) and not outweighed)
 
     @property
     def left(self) -> float:
@@ -142,7 +146,9 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
         brings = lost[i] - float(np.maximum(fall[~counts], 0.0).sum())
         held_out = float((without_it.losses - with_all.losses)[counts].sum()) + without_it.beside - with_all.beside
         nothing, one_sided, imitator = is_nothing(item, stds[i]), _one_sided(item, fall, best), _imitator(item, rest, lost[i])
-        out.append(Assessed(item, brings, (), held_out, worse, nothing, firsts[i], one_sided, imitator, rest))
+        other_channel = best.hypothesis.observed.get((item.effect, item.joint))
+        seen = other_channel.loss(0.0) if other_channel else 0.0
+        out.append(Assessed(item, brings, (), held_out, worse, nothing, firsts[i], one_sided, imitator, seen, rest))
     return out
 
 

@@ -13,21 +13,20 @@ from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.gaps import gaps
-from calib.diagnosis.hypothesis import CONTACT, Hypothesis
+from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
-from calib.diagnosis.pairs import paired
 from calib.diagnosis.possible import possible
 from calib.diagnosis.prices import price
 from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.scoring import Scored
-from calib.diagnosis.selection import SearchResult, add, search
+from calib.diagnosis.searched import searched
+from calib.diagnosis.selection import SearchResult, add
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written
 from calib.gate.commands import LEAST_MOTION, examined
 from calib.measurement.limits import Limit, limits_reached
-from calib.measurement.observed import clear
 from calib.measurement.preprocessing import Measurement
 from calib.passivity import driving_joints
 from logs.log import Log
@@ -44,10 +43,9 @@ def diagnose(
         return pushed_at_rest(arm, (*logs, *holdout)) or unusable(arm, trusted)
     progress("preparing")
     every = warmed([measured(log, arm) for log in (*logs, *holdout)])
+    start = with_unstated(arm, every[: len(logs)])
+    every, found = searched((*logs, *holdout), every, len(logs), start, arm, progress)
     fitted, apart = every[: len(logs)], every[len(logs) :]
-    start = with_unstated(arm, fitted)
-    found = search(fitted, Hypothesis.nominal(start, clear([m.followed for m in every])), progress)
-    paired(fitted, found)
     # A limit that was seen to be reached needs no fit: the arm did what the torque allowed, so that clipping its model explains nothing.
     reached = limits_reached(arm, (*logs, *holdout))
     limits = tuple(x.effect for x in reached)

@@ -20,8 +20,8 @@ from calib.measurement.observed import Key, Observed
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm
-from sim.effects import EFFECTS
-from sim.prediction import by_stage, link_side
+from sim.effects import EFFECTS, Stage, effect_named
+from sim.prediction import torque_path
 
 BLOCK = 1.0  # s
 LEAST_BLOCKS = 8
@@ -48,7 +48,7 @@ def observed(log: Log, m: Measurement, arm: Arm) -> dict[Key, Observed]:
     t, x = m.trajectory.t, m.trajectory
     command = _at(t, log.t[read], log.q_cmd[read])
     error = command - _at(t, log.t[read], log.q[read])
-    load = link_side(arm, x, by_stage(arm.effects, arm)).load
+    load = torque_path(arm, x, [e for e in arm.effects if effect_named(e.effect).stage <= Stage.JOINT]).load
     for j, joint in enumerate(arm.joint_names):
         for effect in EFFECTS:
             lead = effect.motor_lead(load[:, j])

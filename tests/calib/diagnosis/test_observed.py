@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import diagnose as module
+from calib.diagnosis import searched as searching
 from calib.diagnosis.acceptance import Assessed
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import not_left_by_form, not_left_by_observed
 from calib.diagnosis.scoring import scored
+from calib.diagnosis.searched import searched
 from calib.diagnosis.selection import add, started
 from calib.diagnosis.unexplained import Odd
-from calib.measurement.observed import Observed
+from calib.measurement.observed import Observed, clear
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
-from sim.prediction import predict
+from sim.prediction import predict, torque_path
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
 from tests.calib.measurement.test_following import GAP, PAN, commanded
@@ -81,6 +83,35 @@ def test_structure_that_another_form_of_a_name_leaves_at_its_joint_is_no_second_
     assert not_left_by_form([odd], []) == [odd]
 
 
+def test_a_gap_that_shows_under_the_loads_that_were_found_is_searched_for(arm: Arm) -> None:
+    """The nominal load of the pan changes its sign elsewhere than the load under a force on the tool does."""
+    force, gap = ArmEffect("tool_force", None, {"force_x": 40.0, "force_y": 30.0, "force_z": 0.0}), 1e-3
+    pulled = with_effect(arm, force)
+
+    def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        return predict(with_effect(pulled, ArmEffect(*PAN, {"half_gap": gap})), motion) - predict(arm, motion)
+
+    logs = []
+    for seed in (1, 2):
+        log = recording(arm, seed, hidden, seconds=24.0)
+        motion = Trajectory(log.t, log.q, log.dq, np.gradient(log.dq, log.t, axis=0))
+        logs.append(commanded(arm, log, gap, seed, load=torque_path(pulled, motion).load))
+    every = warmed([measured(log, arm) for log in logs])
+    assert PAN not in clear([m.followed for m in every])
+    again, found = searched(logs, every, 2, arm, arm)
+    assert PAN in clear([m.followed for m in again])
+    effects = {(e.effect, e.joint): e.parameters for e in found.best.accepted}
+    assert ("tool_force", None) in effects
+    assert effects[PAN]["half_gap"] == pytest.approx(gap, rel=0.1)
+    assert searched(logs, again, 2, pulled, pulled)[0] == again
+
+
+@pytest.mark.parametrize(("seen", "vetoed"), [(0.0, True), (100.0, True), (300.0, False)])
+def test_held_out_torque_alone_refutes_no_gap_that_the_following_error_shows(seen: float, vetoed: bool) -> None:
+    gap = Assessed(ArmEffect(*PAN, {"half_gap": GAP}), 300.0, (), -200.0, worse=0.1, seen=seen)
+    assert gap.vetoed is vetoed
+
+
 def test_the_following_error_of_a_held_out_recording_counts(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     class Searched(Exception):
         """What a search was given."""
@@ -88,7 +119,7 @@ def test_the_following_error_of_a_held_out_recording_counts(arm: Arm, monkeypatc
     def given(measurements: object, hypothesis: Hypothesis, progress: object) -> None:
         raise Searched(hypothesis)
 
-    monkeypatch.setattr(module, "search", given)
+    monkeypatch.setattr(searching, "search", given)
     held_out = commanded(arm, recording(arm, 3, seconds=40.0), GAP)
     fitted = recording(arm, 1)
     assert not np.isfinite(fitted.q_cmd).any()

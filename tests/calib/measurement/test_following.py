@@ -23,14 +23,14 @@ def arm() -> Arm:
     return load_arm("ur10e")
 
 
-def commanded(arm: Arm, log: Log, gap: float, seed: int = 5, late_by: float = 0.0) -> Log:
+def commanded(arm: Arm, log: Log, gap: float, seed: int = 5, late_by: float = 0.0, load: np.ndarray | None = None) -> Log:
     """A drive of finite stiffness that is 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms.
 
-    late_by: s by which it crosses later.
+    late_by: s by which it crosses later; load (N, n) N m through the gears, where the arm alone does not make it.
     """
     rng = np.random.default_rng(seed)
     ddq = np.gradient(log.dq, log.t, axis=0)
-    load = RigidBody(arm).inverse_dynamics(log.q, log.dq, ddq)
+    load = RigidBody(arm).inverse_dynamics(log.q, log.dq, ddq) if load is None else load
     late = 8e-3 * log.dq + log.tau / 2e5 + 4e-5 * np.tanh(log.dq / 0.01)
     noise = 2e-5 * np.stack([correlated(rng, len(log.t)) for _ in range(arm.n)], axis=1)
     lead = np.zeros(log.q.shape)
