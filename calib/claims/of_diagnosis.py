@@ -20,7 +20,8 @@ REMARKS = ("driving", "removed", "motion", "law", "possible", "refused", "ripple
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     """The verdict first; then what it gains, what cannot be distinguished, laws, refused effects, and what a refit alone would move."""
     out = [verdict(answer)]
-    if answer.get("effects") and "baseline" not in answer and (gain := _removed(answer)):
+    corrected = answer.get("effects") and answer.get("arm_out") and "baseline" not in answer
+    if corrected and (gain := _removed(answer)):
         out.append(gain)
         if answer.get("motion"):
             out.append(_motion(answer["motion"]))

@@ -52,7 +52,11 @@ def diagnose(
     names = names_of(fitted, found, apart, limits, progress)
     progress("testing the corrected arm")
     promotion = promoted(fitted, names.written, found.baseline, apart, limits)
-    names = names.without([r.effect for r in promotion.refused if not r.by_law])
+    # what the following error shows is there, whatever the torque of a model with it is worth
+    shown_otherwise = found.best.hypothesis.observed
+    names = names.without(
+        [r.effect for r in promotion.refused if not r.by_law and (r.effect.effect, r.effect.joint) not in shown_otherwise]
+    )
     refit = correction(as_written(fitted, found.baseline))
     change = promotion.change or (refit if start is not arm else None)
     shown = apart or every[-1:]

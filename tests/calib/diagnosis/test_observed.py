@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from calib.diagnosis.acceptance import Assessed
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import not_left_by_form, not_left_by_observed
+from calib.diagnosis.promotion import Promotion, Refusal
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.searched import searched
 from calib.diagnosis.selection import add, started
 from calib.diagnosis.unexplained import Odd
+from calib.diagnosis.written_arm import AS_IT_WAS
 from calib.measurement.observed import Observed, clear
 from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
@@ -45,14 +48,25 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
     assert with_gap.std()[0]["half_gap"] == GAP / 20
 
 
-def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(arm: Arm) -> None:
+@pytest.mark.parametrize("written", [True, False])
+def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch, written: bool
+) -> None:
+    """Also where the torque of an arm with it is no better, so that the arm stays as it was."""
     gap = ArmEffect(*PAN, {"half_gap": 1e-3})
 
     def crossed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         return predict(with_effect(arm, gap), motion) - predict(arm, motion)
 
+    def refused(*asked: Any) -> Promotion:
+        return Promotion(None, (), tuple(Refusal(e, PAN[1], 1.0, 2.0, "the recordings", AS_IT_WAS) for e in asked[1].accepted))
+
+    if not written:
+        monkeypatch.setattr(module, "promoted", refused)
     logs = [commanded(arm, recording(arm, seed, crossed, seconds=24.0), 1e-3, seed) for seed in (1, 2, 3)]
     answer = module.diagnose(arm, logs[:2], logs[2:]).answer
+    assert bool(answer["arm_out"]) is written
+    assert ("removed" in {claim["claim"] for claim in answer["claims"]}) is written
     (found,) = answer["effects"]
     assert (found["effect"], found["joint"], found["measured_by"]) == (*PAN, "following error")
     half_gap = found["parameters"]["half_gap"]
