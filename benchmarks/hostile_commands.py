@@ -27,6 +27,7 @@ import sim
 from benchmarks.forked import Done, forked, warm
 from benchmarks.hostile_inputs import CASES
 from benchmarks.kept import FOLDER, Kept
+from benchmarks.results import CODE, digest
 from calib.main import main as program
 from calib.terminal.unexpected import EXIT_CODE
 
@@ -89,7 +90,7 @@ def with_faults(name: str, seed: int, count: int, done: Done) -> dict[str, Any]:
 def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple(CASES)) -> list[dict[str, Any]]:
     """A slice of the mutants, then the rows of all that were tried so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "hostile_commands.jsonl", "2")  # a fault that was seen stays one until the file is removed
+    kept = Kept(FOLDER / "hostile_commands.jsonl", " ".join(digest(path) for path in CODE))
     rounds = -(-count // sum(FEW.get(name, CHUNK) for name in names))
     warm(sim, logs, drivers, safety, calib)
     each_once = [(name, seed, FEW.get(name, CHUNK)) for seed in range(rounds) for name in names]

@@ -33,6 +33,7 @@ from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.real import score
 from benchmarks.real_sets import SETS
+from benchmarks.results import CODE, digest
 from calib.main import main as program
 
 COMMANDS = ("identify", "validate", "diagnose")
@@ -175,7 +176,7 @@ def run(minutes: float = 10.0) -> list[dict[str, Any]]:
     if "ARM_CALIB_DATA" not in os.environ:
         raise RuntimeError("ARM_CALIB_DATA is not set: the real recordings are not part of this project")
     data, end = Path(os.environ["ARM_CALIB_DATA"]), time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "published.jsonl", "1")  # a refusal that was seen stays one until the file is removed
+    kept = Kept(FOLDER / "published.jsonl", " ".join(digest(path) for path in CODE))
     everything = [(name, arm, file) for name, arm in arms(data).items() for file in arm.files]
     with tempfile.TemporaryDirectory(prefix="calib-published-") as place:
         warm(sim, logs, drivers, safety, calib)
