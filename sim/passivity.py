@@ -34,7 +34,7 @@ def steady_friction(arm: Arm, speed: np.ndarray) -> np.ndarray:
     stages, shape = by_stage(acting, arm), (STEPS, arm.n)
     torque = []
     for dq in (speed, -speed):
-        # one instant for all joints: slip depends on the way gone and not on the time that it took
+        # one time base for all joints: slip depends on the distance travelled and not on the time that it takes
         t, nothing = np.linspace(0.0, 1.0, STEPS), np.zeros(shape)
         q = np.sign(dq) * TRAVEL * t[:, None]
         state = PathState(

@@ -114,7 +114,7 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
     elif verdict == "bad_data":
         steps.append("Correct the failed checks, then record again.")
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
-        steps.append("The arm stays as it was: no effect that was tried makes its torque on held-out recordings better.")
+        steps.append("The arm stays as it was: no corrected arm that was tried is better.")
         steps += filter(None, [_refit(diagnosis)])
     return steps
 

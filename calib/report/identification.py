@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.claims import capital
 from calib.report import explorer, pictures
-from calib.report.page import VERDICTS, Page
+from calib.report.page import Page, mark_of
 from calib.terminal.quantity import significant
 from sim.arm import Arm
 
@@ -25,7 +25,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     held_out = result.get("holdout") is not None
     findings = list(result.get("findings", []))
     first, *more = [c["sentence"] for c in result.get("claims", []) if c["sentence"] not in findings] or [result["outcome"]]
-    page = Page(result["arm"], capital(first), VERDICTS.get(result["verdict"], "bad"), _facts(result), "identification")
+    page = Page(result["arm"], capital(first), mark_of(result), _facts(result), "identification")
     if more or findings:
         page.aside("What to know about it", [capital(s) for s in (*more, *findings)])
     names = list(evidence["joint_names"])

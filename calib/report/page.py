@@ -10,7 +10,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,13 +26,20 @@ from sim.version import software_version
 
 Verdict = Literal["good", "bad", "open", "found"]
 # of identify and validate; any other of theirs is bad
-VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
+_VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
 BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?", "found": "!"}
 _FOLDER = Path(__file__).resolve().parent
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER / "templates"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
     lstrip_blocks=True,
 )  # fmt: skip
+
+
+def mark_of(result: Mapping[str, Any]) -> Verdict:
+    """The mark of an identification or a validation: none is good whose friction drives a joint."""
+    driven = any(claim.get("claim") == "driving" for claim in result.get("claims", []))
+    mark = _VERDICTS.get(str(result["verdict"]), "bad")
+    return "found" if driven and mark == "good" else mark
 
 
 @dataclass

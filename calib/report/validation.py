@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.claims import capital
 from calib.report import explorer, pictures
-from calib.report.page import VERDICTS, Page, Verdict
+from calib.report.page import Page, Verdict, mark_of
 from sim.arm import Arm
 
 _WORDS = {"after": "predicted torque"}
@@ -96,4 +96,4 @@ def _milli(value: float | None) -> float | None:
 
 def _verdict(result: Mapping[str, Any]) -> Verdict | None:
     """The mark before the headline; none where nothing was compared with a limit."""
-    return VERDICTS.get(str(result["verdict"]), "bad") if "verdict" in result else None
+    return mark_of(result) if "verdict" in result else None

@@ -61,7 +61,7 @@ def test_a_refused_correction_is_no_agreement() -> None:
     data = examples.diagnosis("no_missing_effect")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
     assert "does not agree" in diagnosis.sentence(data)
     steps = diagnosis.next_steps(data)
-    assert "The arm stays as it was: no effect that was tried makes its torque on held-out recordings better." in steps
+    assert "The arm stays as it was: no corrected arm that was tried is better." in steps
     assert not any(step.startswith("Nothing to do") for step in steps)
     data["gap"] = data["gap"] | {"refit": [0.5 * x for x in data["gap"]["before"]]}
     assert any(step.startswith("Refit the ordinary parameters with calib identify") for step in diagnosis.next_steps(data))

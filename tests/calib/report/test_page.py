@@ -12,7 +12,7 @@ import pytest
 from markupsafe import Markup
 
 from calib.report.figure import LINE, axes, draw_line, envelope, name, svg
-from calib.report.page import Page
+from calib.report.page import Page, mark_of
 
 HOSTILE = "`</script><img src=x onerror=alert(1)> $\\frac{1}{0}$ & \"'"
 
@@ -123,3 +123,11 @@ def test_commands_in_a_sentence_are_set_as_code_and_stay_text() -> None:
     html = Page("a", "b").section("c", "run `calib diagnose` or `<b>`").items(["`x` & y"]).html()
     assert "run <code>calib diagnose</code> or <code>&lt;b&gt;</code>" in html
     assert "<li><code>x</code> &amp; y</li>" in html
+
+
+@pytest.mark.parametrize(
+    ("verdict", "driven", "mark"),
+    [("good", False, "good"), ("good", True, "found"), ("poor", True, "open"), ("wrong arm", True, "bad")],
+)
+def test_no_arm_is_marked_good_whose_friction_drives_a_joint(verdict: str, driven: bool, mark: str) -> None:
+    assert mark_of({"verdict": verdict, "claims": [{"claim": "driving"}] * driven}) == mark
