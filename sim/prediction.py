@@ -15,7 +15,7 @@ from sim.effects import Stage, effect_named
 from sim.effects.effect import Effect
 from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH, slip_along
-from sim.torque_path import PathState
+from sim.torque_path import PathState, Slip
 from sim.trajectory import Trajectory
 
 # s that an arm stands before it is said to be at rest: longer than any delay of a reading
@@ -79,7 +79,12 @@ def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray 
 
 def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None) -> None:
     """The rest of the path, in place: stages JOINT to CHANNEL; works on any subset of the joints."""
-    state.width[:] = SLIP_WIDTH if width is None else width
+    gear_side(state, stages)
+    behind_the_gear(state, stages, width, lead)
+
+
+def gear_side(state: PathState, stages: Stages) -> None:
+    """The motion of the motors and the load on their gears, in place: stages JOINT and TRANSMISSION."""
     _run(state, stages, Stage.JOINT)
     state.q_motor[:], state.dq_motor[:], state.ddq_motor[:] = state.q, state.dq, state.ddq
     if stages[Stage.TRANSMISSION]:
@@ -88,14 +93,25 @@ def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None
         speed = np.gradient(twist, state.t, axis=0)
         state.dq_motor += speed
         state.ddq_motor += np.gradient(speed, state.t, axis=0)
+
+
+def dahl(state: PathState, joint: int, lead: float) -> np.ndarray:
+    """(N,) the direction of dry friction by Dahl's law along the motion of the motor."""
+    columns = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.width))
+    return np.asarray(slip_along(state.t, *columns, lead))
+
+
+def behind_the_gear(
+    state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None, slip: Slip = dahl
+) -> None:
+    """The torque from the motors' motion and the load on their gears, in place: stages FRICTION to CHANNEL.
+
+    slip: of every joint whose effects have no law of their own.
+    """
+    state.width[:] = SLIP_WIDTH if width is None else width
     _run(state, stages, Stage.FRICTION)
     for j in range(state.q.shape[1]):
-        ahead = 0.0 if lead is None else float(lead[j])
-        if j in state.slips:
-            state.slip[:, j] = state.slips[j](state, j, ahead)
-            continue
-        columns = (np.ascontiguousarray(x[:, j]) for x in (state.q_motor, state.dq_motor, state.width))
-        state.slip[:, j] = slip_along(state.t, *columns, ahead)
+        state.slip[:, j] = state.slips.get(j, slip)(state, j, 0.0 if lead is None else float(lead[j]))
     state.tau += state.load + state.warmth * state.level * state.slip
     for stage in (Stage.MOTOR, Stage.DRIVE, Stage.SENSOR, Stage.CHANNEL):
         _run(state, stages, stage)

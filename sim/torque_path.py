@@ -66,4 +66,7 @@ class PathState:
     force: np.ndarray
     warming: np.ndarray | None = None
     memory: dict[Hashable, np.ndarray] | None = None
-    slips: dict[int, Callable[[PathState, int, float], np.ndarray]] = field(default_factory=dict)
+    slips: dict[int, Slip] = field(default_factory=dict)
+
+
+Slip = Callable[[PathState, int, float], np.ndarray]

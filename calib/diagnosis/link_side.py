@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from calib.diagnosis.array_cache import ArrayCache
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
-from sim.effects.effect import Values
+from sim.effects.effect import Effect, Values
 from sim.effects.friction_law import FrictionLaw
-from sim.prediction import Stages, by_stage, link_side, motor_side
+from sim.prediction import Stages, by_stage, dahl, gear_side, link_side
 from sim.rigid_body import RigidBody, link_parameters
-from sim.torque_path import PathState
+from sim.torque_path import PathState, Slip
 
 AT_ONCE = 4_000  # samples of which the regressor is in memory before it is filtered
 FRICTION_LAW = FrictionLaw()
-# of a path, what stages behind the load fill
-FILLED = ("q_motor", "dq_motor", "ddq_motor", "level", "width", "warmth", "slip", "tau")
+# of a path, what stages behind the gear fill
+FILLED = ("level", "width", "warmth", "slip", "tau")
+
+
+@dataclass(frozen=True)
+class MotorMotion:
+    """Motion of a joint's motor and load on its gear, (N, 1) each and read-only: what the effects at the joint and in its gear leave of the links'."""
+
+    load: np.ndarray
+    q_motor: np.ndarray
+    dq_motor: np.ndarray
+    ddq_motor: np.ndarray
+
+    @staticmethod
+    def of(state: PathState) -> MotorMotion:
+        """Of the path of one joint."""
+        motion = MotorMotion(state.load, state.q_motor, state.dq_motor, state.ddq_motor)
+        for x in vars(motion).values():
+            x.flags.writeable = False
+        return motion
 
 
 class JointSide:
@@ -83,27 +100,55 @@ class LinkSide:
         """(n,) N m through the gears, exceeded in one sample of a hundred."""
         return np.asarray(np.quantile(np.abs(self.path.load), 0.99, axis=0))
 
-    def joint(self, j: int) -> PathState:
-        """The path of joint j alone: the motion shared and read-only, all that later stages change in arrays of its own."""
-        motion, path = self.joints[j].motion, self.path
-        blank = {k: np.zeros_like(motion["q"]) for k in FILLED}
-        own: dict[str, Any] = blank | motion | {"load": motion["load"].copy(), "warmth": np.ones_like(motion["q"])}
-        return PathState(
-            **own, t=path.t, force=path.force, warming=None if path.warming is None else path.warming[:, j : j + 1]
-        )
+    def joint(self, j: int, before: Sequence[ArmEffect], instead: Effect | None = None) -> PathState:
+        """The path of joint j alone up to its gear, whose effects are `before`; all that later stages change in arrays of its own.
+
+        instead: a law in place of one of them.
+        """
+        if instead is not None and any(e.effect == instead.name for e in before):
+            return self._at_the_gear(j, before, instead)
+        own = self.joints[j]
+        if not before:
+            return self._alone(j, own.motion | {f"{k}_motor": own.motion[k] for k in ("q", "dq", "ddq")})
+        motor: MotorMotion = own.columns.of(("motor", *_key(before)), lambda: MotorMotion.of(self._at_the_gear(j, before)))
+        return self._alone(j, own.motion | vars(motor))
+
+    def slip(self, j: int, before: Sequence[ArmEffect]) -> Slip:
+        """Dahl's law along the motion that the effects `before` leave: the same again where the width is one number and the same."""
+
+        def known(state: PathState, joint: int, lead: float) -> np.ndarray:
+            width = state.width[:, joint]
+            if width.min() < width.max():
+                return dahl(state, joint, lead)
+            key = ("slip", float(width[0]), lead, *_key(before))
+            return np.asarray(self.joints[j].columns.of(key, lambda: dahl(state, joint, lead)))
+
+        return known
+
+    def _at_the_gear(self, j: int, before: Sequence[ArmEffect], instead: Effect | None = None) -> PathState:
+        motion = self.joints[j].motion
+        moved = {k: np.empty_like(motion["q"]) for k in ("q_motor", "dq_motor", "ddq_motor")}
+        state = self._alone(j, motion | moved | {"load": motion["load"].copy()})
+        gear_side(state, by_stage(alone(before, self.arm), self.arm, instead))
+        return state
+
+    def _alone(self, j: int, motion: dict[str, np.ndarray]) -> PathState:
+        """The path of joint j alone with this motion and load."""
+        path = self.path
+        blank = dict(zip(FILLED, np.zeros((len(FILLED), len(path.t), 1)), strict=True))
+        blank["warmth"][:] = 1.0
+        warming = None if path.warming is None else path.warming[:, j : j + 1]
+        return PathState(**(blank | motion), t=path.t, force=path.force, warming=warming)
 
     def law(self, j: int, p: Values, before: Sequence[ArmEffect]) -> np.ndarray:
         """(N, 1) N m of a friction law of joint j on the motion and the load that the effects `before` it leave of the links'."""
 
         def torque() -> np.ndarray:
-            state, arm = self.joint(j), self.arm
-            motor_side(state, by_stage([replace(e, joint=arm.joint_names[0]) for e in before], arm))
-            state.tau[:] = 0.0
+            state = self.joint(j, before)
             FRICTION_LAW.apply(state, 0, p)
             return state.tau
 
-        key = tuple((e.effect, *sorted(e.parameters.items())) for e in before)
-        found: np.ndarray = self.joints[j].columns.of(("law", *p.values(), key), torque)
+        found: np.ndarray = self.joints[j].columns.of(("law", *p.values(), *_key(before)), torque)
         return found
 
     def posture_slopes(self, j: int) -> np.ndarray:
@@ -122,6 +167,15 @@ class LinkSide:
         by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
         by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
         return np.stack([by_angle, by_speed, torque(0, 0, 1.0) - torque(0, 0, 0)])
+
+
+def alone(effects: Iterable[ArmEffect], arm: Arm) -> list[ArmEffect]:
+    """The same effects at the first joint: that of a path of one joint."""
+    return [ArmEffect(e.effect, arm.joint_names[0], e.parameters) for e in effects]
+
+
+def _key(effects: Iterable[ArmEffect]) -> tuple[Hashable, ...]:
+    return tuple((e.effect, *sorted(e.parameters.items())) for e in effects)
 
 
 def centre_size(arm: Arm, i: int) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from calib.diagnosis.hypothesis import Hypothesis
-from calib.diagnosis.link_side import LinkSide
+from calib.diagnosis.link_side import LinkSide, alone
 from calib.diagnosis.nuisance import (
     LATER,
     OWN,
@@ -27,7 +27,7 @@ from sim.arm import Arm, ArmEffect
 from sim.effects import Stage, effect_named
 from sim.effects.effect import Effect
 from sim.own_values import values_of
-from sim.prediction import Stages, by_stage, motor_side
+from sim.prediction import Stages, behind_the_gear, by_stage, dahl
 from sim.rigid_body import RigidBody
 from sim.torque_path import PathState
 from sim.tree import KinematicTree
@@ -207,17 +207,17 @@ class LogModel:
         return [item for _, _, item in self.stages[Stage.CHANNEL]]
 
     def _state(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> PathState:
-        state = self.side.joint(j)
-        law = next((e for e in own if e.effect == "friction_law"), None)
         before = self._before_friction(own)
+        state = self.side.joint(j, before, instead)
+        law = next((e for e in own if e.effect == "friction_law"), None)
         if law is not None and instead is None and before == self._before_friction(self.own_effects(j)):
             # nothing that is tried changes the motion and the load that it depends on: once for all
             state.tau += self.side.law(j, law.parameters, before)
             own = [e for e in own if e is not law]
-        items = [replace(e, joint=self.arm.joint_names[0]) for e in own]
         width = np.array([changes.get("width", self.hypothesis.width[j])])
         lead = np.array([changes.get("lead", self.hypothesis.lead[j])])
-        motor_side(state, by_stage([*items, *self._channel()], self.arm, instead), width, lead)
+        stages = by_stage([*alone(own, self.arm), *self._channel()], self.arm, instead)
+        behind_the_gear(state, stages, width, lead, dahl if instead else self.side.slip(j, before))
         return state
 
     @staticmethod

@@ -134,7 +134,7 @@ class FrictionLaw(Effect):
         for i, (width, name) in enumerate(zip(WIDTHS, FAMILIES["slip"], strict=True)):
             if len(q) > 1 and (name in names or width == TURNING):
                 slips[:, i] = slip_along(state.t, q, dq, np.full(len(q), width), 0.0)
-        return np.asarray(_terms(dq, load, slips)[:, [TERMS.index(name) for name in names]])
+        return np.asarray(_terms(dq, load, slips, np.array([TERMS.index(name) for name in names])))
 
     def probes(self, own: Values | None) -> list[Probe]:
         """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
@@ -149,39 +149,44 @@ def _path(state: PathState, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 # Numba's cache follows the changes of a file and not of those that it imports: these kernels call none of another file.
 @numba.njit(cache=True)
-def _fill(dq, load, slips, out):  # type: ignore[no-untyped-def]
-    """The terms at one instant, in the order of TERMS, from the slips of WIDTHS."""
-    speed, turn, k = abs(dq), slips[_TURNING], len(WIDTHS)
-    out[:k] = slips
-    for power in POWERS:
-        out[k] = dq * (speed**2 + SLOW**2) ** ((power - 1) / 2)
-        k += 1
-    for scale in SPEEDS:
-        out[k] = turn * np.exp(-speed / scale)
-        k += 1
-    out[k], out[k + 1], out[k + 2] = turn * abs(load), turn * load**2, max(load * turn, 0.0) * turn
+def _term(which, dq, load, slips):  # type: ignore[no-untyped-def]
+    """The term of TERMS with that index at one instant, from the slips of WIDTHS."""
+    speed, turn, k = abs(dq), slips[_TURNING], which
+    if k < len(WIDTHS):
+        return slips[k]
+    k -= len(WIDTHS)
+    if k < len(POWERS):
+        return dq * (speed**2 + SLOW**2) ** ((POWERS[k] - 1) / 2)
+    k -= len(POWERS)
+    if k < len(SPEEDS):
+        return turn * np.exp(-speed / SPEEDS[k])
+    k -= len(SPEEDS)
+    if k == 0:
+        return turn * abs(load)
+    return turn * load**2 if k == 1 else max(load * turn, 0.0) * turn
 
 
 @numba.njit(cache=True)
-def _terms(dq, load, slips):  # type: ignore[no-untyped-def]
-    """(N, terms) at every instant."""
-    out = np.empty((len(dq), len(WIDTHS) + len(POWERS) + len(SPEEDS) + 3))
-    for k in range(len(dq)):
-        _fill(dq[k], load[k], slips[k], out[k])
+def _terms(dq, load, slips, wanted):  # type: ignore[no-untyped-def]
+    """(N, k) of the terms whose indices are wanted, at every instant."""
+    out = np.empty((len(dq), len(wanted)))
+    for i in range(len(wanted)):
+        for k in range(len(dq)):
+            out[k, i] = _term(wanted[i], dq[k], load[k], slips[k])
     return out
 
 
 @numba.njit(cache=True)
 def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-def]
     """(N,) torque of all terms; memory: the angle before the first sample and the slips of WIDTHS there, moved on in place."""
-    out, row = np.empty(len(q)), np.empty(len(coefficients))
-    slips = memory[1:]
+    out, slips = np.zeros(len(q)), memory[1:]
     for k in range(len(q)):
         step = q[k] - memory[0]
         way = 1.0 if step > 0 else -1.0
         memory[0] = q[k]
         for i in range(len(WIDTHS)):
             slips[i] = way + (slips[i] - way) * np.exp(-abs(step) / WIDTHS[i])
-        _fill(dq[k], load[k], slips, row)
-        out[k] = np.sum(coefficients * row)
+        for i in range(len(coefficients)):
+            if coefficients[i] != 0.0:
+                out[k] += coefficients[i] * _term(i, dq[k], load[k], slips)
     return out

@@ -9,10 +9,12 @@ from calib.diagnosis import selection
 from calib.diagnosis.answer import entry
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
+from calib.diagnosis.model import LogModel
 from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.sensitivity import other_law
 from sim.arm import Arm, ArmEffect
-from sim.effects import EFFECTS, effect_named
+from sim.effects import EFFECTS, effect_named, with_effect
 from sim.effects.effect import Effect
 from sim.prediction import by_stage, link_side, motor_side
 from sim.trajectory import Trajectory
@@ -50,6 +52,24 @@ def fitted(arm: Arm, item: ArmEffect, law: Effect) -> Fit:
     hypothesis = baseline.hypothesis.with_effects((item,), 1 if item.effect == CONTACT else None)
     recordings = [m.measurement for m in baseline.models]
     return fit(recordings, hypothesis, noise=baseline.solved.noise, like=baseline.models)
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS, ids=IDS)
+def test_a_joint_alone_follows_another_law_as_the_whole_path_does(ur10e: Arm, effect: str, law: Effect) -> None:
+    """A joint's path goes on from what it has computed before, which must not hold what the other law changes."""
+    item = item_of(effect)
+    event = item if effect == CONTACT else None
+    arm = ur10e if event else with_effect(ur10e, item)
+    hypothesis = Hypothesis.nominal(arm).with_effects((item,) if event else (), 0 if event else None)
+    model = LogModel(measured(recording(ur10e, 1, None), arm), hypothesis, event)
+    stages = by_stage((*arm.effects, item) if event else arm.effects, arm, law)
+    state = link_side(arm, model.measurement.trajectory, stages)
+    motor_side(state, stages, hypothesis.width, hypothesis.lead)
+    tau = state.tau - hypothesis.delay * model.gradient(state.tau)
+    at = slice(None) if item.joint is None else arm.joint_index(item.joint)
+    change = model.rows(tau - model.tau_hat)[:, at]
+    assert np.abs(change).max() > 1e-6
+    np.testing.assert_allclose(other_law(model, hypothesis, 0, item, law)[:, at], change, atol=1e-9 * np.abs(tau).max())
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS, ids=IDS)
