@@ -140,6 +140,14 @@ def motion(n: Numbers) -> str:
     return f"{how}, {'the flange is ' if len(unstable) < len(arms) else ''}{listed(stable)}"
 
 
+def held(n: Numbers) -> str:
+    values = [f"{p['name'].replace('_', ' ')} {significant(p['value'], 3)} {unit(p['unit'])}".strip() for p in n["parameters"]]
+    return (
+        f"The corrected arm holds {listed(values)} for {words(n['effect'], n.get('joint'))}: an arm folder has no lead of the torque reading or "
+        "of dry friction, and predicts best with these"
+    )
+
+
 def words(effect: str, joint: str | None) -> str:
     """An effect's name in words, with its joint."""
     first, *rest = effect.split("_")

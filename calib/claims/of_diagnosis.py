@@ -14,7 +14,7 @@ FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
 # how a number of `calibration` begins that is a ripple of a gear
 RIPPLE = "gear ripple"
-REMARKS = ("driving", "removed", "motion", "law", "possible", "refused", "ripple", "refit")
+REMARKS = ("driving", "removed", "motion", "held", "law", "possible", "refused", "ripple", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
@@ -25,6 +25,7 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
         out.append(gain)
         if answer.get("motion"):
             out.append(_motion(answer["motion"]))
+        out += _held(answer["effects"])
     if answer.get("driving"):
         out.append(Claim("driving", {"joints": answer["driving"]}))
     out += [
@@ -91,6 +92,17 @@ def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:
     pair = max(pairs, key=lambda p: float(p["after"]["horizon_s"]))
     ends = {when: pair[when]["flange_m"] for when in ("before", "after")}
     return Claim("motion", {"horizon_s": float(pair["after"]["horizon_s"]), "loop": pair["after"]["loop"], **ends})
+
+
+def _held(effects: Sequence[Mapping[str, Any]]) -> list[Claim]:
+    """Per effect the parameters that the corrected arm holds more than a standard deviation away from what was fitted."""
+    out = []
+    for e in effects:
+        apart = {k: p for k, p in e["parameters"].items() if "written" in p and abs(p["written"] - p["value"]) > p["std"] > 0}
+        if apart:
+            parameters = [{"name": k, "value": p["written"], "unit": p["unit"]} for k, p in apart.items()]
+            out.append(Claim("held", {"effect": e["effect"], "joint": e["joint"], "parameters": parameters}))
+    return out
 
 
 def _removed(answer: Mapping[str, Any]) -> Claim | None:

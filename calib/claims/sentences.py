@@ -132,6 +132,7 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "refused": diagnosis.refused,
     "refit": diagnosis.refit,
     "ripple": diagnosis.ripple,
+    "held": diagnosis.held,
     "alike": diagnosis.alike,
     "removed": diagnosis.removed,
     "motion": diagnosis.motion,

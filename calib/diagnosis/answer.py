@@ -92,8 +92,12 @@ def entry(
     share: float,
     rivals: Sequence[Key] = (),
     by_law: Mapping[str, float] = MappingProxyType({}),
+    written: ArmEffect | None = None,
 ) -> dict[str, Any]:
-    """One effect as diagnosis.json has it; by_law: what each standard deviation owes to the law (calib.diagnosis.model_form), a part of `std`."""
+    """One effect as diagnosis.json has it; by_law: what each standard deviation owes to the law (calib.diagnosis.model_form), a part of `std`.
+
+    written: the effect as the corrected arm has it, which holds no lead of the reading or of friction and predicts best with other numbers.
+    """
     effect = effect_named(item.effect)
     nominal, through = nominal_values(arm, item), driven_by(arm.joint_names, item)
     return {
@@ -105,6 +109,7 @@ def entry(
                 "value": float(item.parameters[p.name]),
                 "std": float(np.hypot(np.nan_to_num(std[p.name], posinf=0.0), by_law.get(p.name, 0.0))),
                 **({"std_by_law": by_law[p.name]} if by_law.get(p.name) else {}),
+                **({"written": float(written.parameters[p.name])} if written else {}),
                 "nominal": nominal[p.name],
                 "unit": p.unit,
             }

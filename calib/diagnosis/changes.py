@@ -15,7 +15,7 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
-from calib.gate.commands import LEAST_MOTION, examined
+from calib.gate.commands import examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -41,7 +41,7 @@ def diagnose_changes(
             "from one recording to the next; record the plan again, or give the others"
         )
     progress("checking")
-    trusted, refusal = examined(arm, (*baseline, *logs, *holdout), LEAST_MOTION)
+    trusted, refusal = examined(arm, (*baseline, *logs, *holdout), logs)
     if refusal is not None:
         return pushed_at_rest(arm, (*logs, *holdout)) or unusable(arm, trusted)
     progress("preparing")

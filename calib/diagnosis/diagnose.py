@@ -14,7 +14,7 @@ from calib.diagnosis.calibration import calibration
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.gaps import gaps
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.model_form import form_std, with_shift
+from calib.diagnosis.model_form import form_std
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.possible import possible
@@ -25,7 +25,7 @@ from calib.diagnosis.searched import searched
 from calib.diagnosis.selection import SearchResult, add
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written
-from calib.gate.commands import LEAST_MOTION, examined
+from calib.gate.commands import examined
 from calib.measurement.limits import Limit, limits_reached
 from calib.measurement.preprocessing import Measurement
 from calib.passivity import driving_joints
@@ -38,7 +38,7 @@ def diagnose(
 ) -> Diagnosis:
     """The effects that the arm's model lacks, assessed on `logs` and shown on `holdout` (on the last log where none is given)."""
     progress("checking")
-    trusted, refusal = examined(arm, (*logs, *holdout), LEAST_MOTION)
+    trusted, refusal = examined(arm, (*logs, *holdout), logs)
     if refusal is not None:
         return pushed_at_rest(arm, (*logs, *holdout)) or unusable(arm, trusted)
     progress("preparing")
@@ -100,10 +100,8 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
     laws = {key(e): std for e, std in zip(names.fit.accepted, form_std(names.fit), strict=True)}
     entries = []
     for a in names.kept:
-        item = promotion.written(a.effect)
-        std = names.std_of(a.effect) | dict(item.std)
-        by_law = with_shift(laws[key(a.effect)], a.effect, item)
-        made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law)
+        std, by_law, written = names.std_of(a.effect), laws[key(a.effect)], promotion.written(a.effect)
+        made = entry(arm, a.effect, std, a.confidence, of_torque(a) / total, a.rivals, by_law, written)
         if (a.effect.effect, a.effect.joint) in observed:
             made["measured_by"] = "following error"
         entries.append(made | {"false_name_rate": names.null.rate(a.over_price)})

@@ -85,10 +85,10 @@ class Promotion:
     refused: tuple[Refusal, ...]
     motion: tuple[tuple[ForwardError, ForwardError], ...] = ()
 
-    def written(self, item: ArmEffect) -> ArmEffect:
-        """A named effect as the arm that is written has it."""
+    def written(self, item: ArmEffect) -> ArmEffect | None:
+        """A named effect as the arm that is written has it; None where it has not."""
         effects = self.change.effects if self.change else ()
-        return next((e for e in effects if (e.effect, e.joint) == (item.effect, item.joint)), item)
+        return next((e for e in effects if (e.effect, e.joint) == (item.effect, item.joint)), None)
 
 
 def promoted(

@@ -204,6 +204,7 @@ def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]
         | {
             "value": float(effect.parameters[name]),
             "std": float(np.hypot(np.nan_to_num(std[name], posinf=0.0), p.get("std_by_law", 0.0))),
+            "written": float(effect.parameters[name]),
         }
         for name, p in entry["parameters"].items()
     }

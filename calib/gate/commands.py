@@ -10,10 +10,10 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from calib.gate.check import GateCheck
+from calib.gate.check import LIKELIEST, GateCheck
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
-from calib.gate.readings import name_of
+from calib.gate.readings import motion, name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
@@ -21,7 +21,7 @@ from sim.resources import config_folders
 
 _OPTIONS = re.compile(r"--assume \S+?(?: --assume \S+?)*(?=[.;,]?(?:\s|$))")
 _IMPORT = "calib import "
-LEAST_MOTION = 5.0  # s of motion in a recording, for a diagnosis
+LEAST_MOTION, LEAST_OF_ONE = 5.0, 2.0  # s of motion for a diagnosis: in the recordings that are fitted together, and in each
 
 
 def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Callable[[Log], Log]:
@@ -54,14 +54,15 @@ def require(arm: Arm, logs: Sequence[Log]) -> None:
         raise BadLog(refusal)
 
 
-def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[tuple[GateCheck, ...], str | None]:
+def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple[tuple[GateCheck, ...], str | None]:
     """The checks of every log by itself, so that good ones hide no bad one, and of all together; and why they are refused, or None.
 
-    The checks end with those of the first log that is refused.
+    The checks end with those of the first log that is refused. fitted: those of a diagnosis, which needs motion.
     """
     checks: list[GateCheck] = []
     for log in logs:
-        found = gate(arm, [log], family=_shipped, least_motion=least_motion)
+        alone = len(fitted) == 1 and log is fitted[0]
+        found = gate(arm, [log], family=_shipped, least_motion=LEAST_MOTION if alone else LEAST_OF_ONE if fitted else 0.0)
         checks += found.checks
         if found.refusal is not None:
             return tuple(checks), _message(found.refusal, log)
@@ -70,6 +71,11 @@ def examined(arm: Arm, logs: Sequence[Log], least_motion: float = 0.0) -> tuple[
         checks += [check for check in found.checks if check.of_all or not check.ok]
         if found.refusal is not None:
             return tuple(checks), _message(found.refusal)
+    if len(fitted) > 1:
+        together = motion(fitted, LEAST_MOTION)
+        checks.append(together)
+        if not together.ok and not all(AS_RECORDED in assumed(log) for log in fitted):
+            return tuple(checks), _message(f"{together.detail}. {LIKELIEST}{together.causes[0].sentence}")
     return tuple(checks), None
 
 

@@ -21,8 +21,11 @@ from sim.rigid_body import RigidBody
 
 SLOW = 0.02  # rad/s, m/s of a slide: about zero speed dry friction is not of one size
 LEAST_ROWS = 40
+# s in motion below which a joint's readings match another way of reading by chance: of parts of 1.5 to 2.5 s of good recordings one in six did
+LEAST_SECONDS = 3.0
 MOVING = 0.04  # of a joint's fastest; below, its load may be anything within its dry friction
 CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
+BOTH_WAYS = 0.05  # of the rows, for dry friction to be told from an offset
 FEW = 1e-9
 SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
 
@@ -74,7 +77,7 @@ class GravityFit:
     """The fit of every joint's own column.
 
     left (n,) standard deviation of what is left, NaN where the joint is not informative; size (n,) that of its readings
-    scale, scale_std (n,) a; dry (n,) c; signal (n,) standard deviation of a tau_j, the part that masses make
+    scale, scale_std (n,) a; dry (n,) c, NaN where the joint moves one way alone and c is an offset; signal (n,) standard deviation of a tau_j, the part that masses make
     """
 
     left: np.ndarray
@@ -96,9 +99,10 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
     gram, norm, count = np.tile(np.eye(4), (n, 1, 1)), np.full((n, 4), np.inf), np.full(n, np.nan)
     parts = []
     in_motion = moving(s)
+    step = float(np.median(np.diff(s.t))) if len(s) > 1 else np.inf
     for j in range(n):
         rows = np.flatnonzero(in_motion[:, j])
-        if len(rows) < LEAST_ROWS:
+        if len(rows) < LEAST_ROWS or len(rows) * step < LEAST_SECONDS:
             parts.append((rows[:0], np.zeros((0, 4))))
             continue
         v = s.dq[rows, j]
@@ -136,15 +140,18 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
     at = np.arange(n)
     a, c, own = theta[at, 0, at], theta[at, 3, at], left[at, at]
     size, signal, std = (np.full(n, np.nan) for _ in range(3))
+    turns = np.zeros(n, dtype=bool)
     for j, (rows, _) in enumerate(equations.x):
         if not len(rows):
             continue
         size[j] = np.std(s.load[rows, j])
+        forward = float(np.mean(s.dq[rows, j] > 0))
+        turns[j] = min(forward, 1 - forward) > BOTH_WAYS
         signal[j] = a[j] * np.std(tau[rows, j])
         free = np.linalg.inv(equations.gram[j] + 1e-6 * np.eye(4))[0, 0]
         std[j] = np.sqrt(free * CORRELATED) * own[j] / equations.norm[j, 0]
     silent = ~np.isfinite(own)
-    return GravityFit(own, size, np.where(silent, np.nan, a), std, np.where(silent, np.nan, c), signal)
+    return GravityFit(own, size, np.where(silent, np.nan, a), std, np.where(silent | ~turns, np.nan, c), signal)
 
 
 def moving(s: Signals) -> np.ndarray:

@@ -81,7 +81,7 @@ def _gate(
         checks.append(readings.twice(read))
         for check in (clock.losses, readings.frozen):
             checks += [check(log) for log in read]
-        checks += [readings.motion(log, least_motion) for log in read]
+        checks += [readings.motion([log], least_motion) for log in read]
         checks += _examined_once(arm, read, family)
     failed = [check for check in checks if not check.ok]
     causes = _in_order(failed)

@@ -156,21 +156,27 @@ def _longest(flags: np.ndarray) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def motion(log: Log, least: float) -> GateCheck:
-    """At least `least` seconds with a joint in motion."""
+def seconds_of_motion(log: Log) -> float:
+    """s with a joint in motion."""
     place = ((log.t - log.t[0]) / STRETCH).astype(int)
     first = np.flatnonzero(np.r_[True, np.diff(place) > 0])
     q = np.where(np.isfinite(log.q), log.q, np.nan)
     reach = np.fmax.reduceat(q, first) - np.fmin.reduceat(q, first)
     last = np.r_[first[1:], len(log)] - 1
     seconds = float((log.t[last] - log.t[first])[(reach > STROKE).any(axis=1)].sum())
-    seconds *= 1 + (len(first) - 1) / max(len(log) - len(first), 1)  # the steps between stretches
-    detail = f"{name_of(log)}: {seconds:.1f} s with a joint in motion"
+    return seconds * (1 + (len(first) - 1) / max(len(log) - len(first), 1))  # the steps between stretches
+
+
+def motion(logs: Sequence[Log], least: float) -> GateCheck:
+    """At least `least` seconds with a joint in motion, in all of them together."""
+    seconds = sum(seconds_of_motion(log) for log in logs)
+    # rounded down, so that what is too short does not read like enough
+    found = f"{math.floor(10 * seconds) / 10:.1f} s with a joint in motion"
+    detail = f"{name_of(logs[0])}: {found}" if len(logs) == 1 else f"{found} in {len(logs)} recordings"
     if seconds >= least:
-        return GateCheck("motion", True, detail)
-    return GateCheck(
-        "motion", False, f"{detail}, {least:g} s are needed", (Cause("the motion is too short: record a longer one"),)
-    )
+        return GateCheck("motion", True, detail, of_all=len(logs) > 1)
+    cause = Cause("the motion is too short: record a longer one")
+    return GateCheck("motion", False, f"{detail}, {least:g} s are needed", (cause,), of_all=len(logs) > 1)
 
 
 def twice(logs: Sequence[Log]) -> GateCheck:

@@ -28,6 +28,7 @@ CERTAIN = 0.15  # s that a torque must stay outside: a motion that begins has le
 LIFTED = 5.0  # s: what lasts longer may be a load, which the next motion shows
 CALM = 0.3  # s inside after which a push is over
 HIDDEN = 1.25  # of 2 F: friction at rest is that much above friction in motion, and a fit of it is uncertain
+UNSURE = 2.0  # standard deviations by which the dry friction may be more than the arm states
 QUIET = 0.25  # of F: the last time that no torque was further off, a push began
 NOISE = 6.0  # standard deviations of a sample's noise
 
@@ -163,10 +164,17 @@ def pushes(arm: Arm, log: Log) -> list[Push]:
 
 
 def break_away(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """(n,) N m: what dry friction holds at rest in a pose; infinite where nobody knows of any, for then every torque may be friction."""
+    """(n,) N m: the most that dry friction holds at rest in a pose; infinite where nobody knows of any, for then every torque may be friction."""
     zero = np.zeros((1, arm.n))
     held = dry_friction(arm, RigidBody(arm).inverse_dynamics(q[None], zero, zero)[0])
-    return np.where([_states_friction(arm, joint) for joint in arm.joint_names], held, np.inf)
+    return np.array(
+        [x + UNSURE * _std(arm, j) if _states_friction(arm, j) else np.inf for j, x in zip(arm.joint_names, held, strict=True)]
+    )
+
+
+def _std(arm: Arm, joint: str) -> float:
+    dry = arm.effect("coulomb_friction", joint)
+    return 0.0 if dry is None else dry.std.get("coulomb", 0.0)
 
 
 def _states_friction(arm: Arm, joint: str) -> bool:

@@ -16,15 +16,23 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
     effects = diagnosis.get("effects", [])
     if effects:
         page.section("Identified effects")
+        parameters = [(e, k, p) for e in effects for k, p in e["parameters"].items()]
+        apart = any(_written(p) != pair(p["value"], p.get("std"))[0] for _, _, p in parameters if "written" in p)
         rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *pair(p["value"], p.get("std")), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
-            for e in effects
-            for k, p in e["parameters"].items()
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *pair(p["value"], p.get("std")),
+             *([_written(p)] if apart else []), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+            for e, k, p in parameters
         ]  # fmt: skip
         page.table(
-            ["effect", "joint", "parameter", "value", "± std", "nominal", "unit", "share of the residual", "confidence"],
+            ["effect", "joint", "parameter", "value", "± std", *(["in the arm folder"] if apart else []), "nominal", "unit", "share of the residual",
+             "confidence"],
             rows,
-        )
+        )  # fmt: skip
+        if apart:
+            page.text(
+                "The value is what the fit says of the arm. An arm folder has no lead of the torque reading or of dry friction, so that it predicts "
+                "best with slightly other numbers."
+            )
     candidates = evidence.get("candidates") or []
     if candidates:
         chosen = {(e["effect"], e.get("joint")) for e in effects}
@@ -111,3 +119,8 @@ def _thousandths(errors: Sequence[float | None]) -> float | str:
 
 def _symbol(parameter: str) -> str:
     return parameter.replace("_", " ")
+
+
+def _written(parameter: Mapping[str, Any]) -> float | None:
+    """What the corrected arm holds, rounded as its value is; None where it does not hold it."""
+    return pair(parameter.get("written"), parameter.get("std"))[0]

@@ -133,6 +133,21 @@ def test_recordings_that_cannot_be_used_claim_their_causes_and_nothing_else(
     assert not list(tmp_path.rglob("arm.toml"))
 
 
+def test_what_the_arm_folder_holds_is_said_where_it_is_another_number(spring: Written) -> None:
+    (effect,) = [e for e in spring.answer["effects"] if e["effect"] == "joint_spring"]
+    own = spring.arm.effect("joint_spring", effect["joint"])
+    assert own is not None
+    assert {k: p["written"] for k, p in effect["parameters"].items()} == pytest.approx(own.parameters)
+    stiffness = effect["parameters"]["stiffness"]
+    apart = {**stiffness, "written": stiffness["value"] + 1.5 * stiffness["std"]}
+    near = {**stiffness, "written": stiffness["value"] + 0.5 * stiffness["std"]}
+    for parameter, found in ((apart, 1), (near, 0)):
+        effects = [{**effect, "parameters": {**effect["parameters"], "stiffness": parameter}}]
+        held = [c for c in claims(spring.answer | {"effects": effects}) if c.name == "held"]
+        assert len(held) == found
+        assert all(f"stiffness {parameter['written']:.3g} N m/rad" in c.sentence for c in held)
+
+
 def test_the_ripples_of_gears_are_those_of_the_refit(spring: Written) -> None:
     answer = spring.answer | {"calibration": [*MOVES, *RIPPLES]}
     (claim,) = [c for c in claims(answer) if c.name == "ripple"]

@@ -161,20 +161,6 @@ def test_a_joint_may_turn_beyond_its_range_where_no_angle_matters() -> None:
     assert "elbow_joint" in (gate(of, [bent]).refusal or "")
 
 
-def test_seconds_of_motion_are_counted() -> None:
-    of, log = base("servo6 2")
-    few = log.t < log.t[0] + 4.0
-    short = replace(log, **{name: getattr(log, name)[few] for name in ("t", "t_host", "q", "dq", "tau", "current", "temperature",
-                                                                      "q_cmd", "dq_cmd", "tau_cmd")})  # fmt: skip
-    assert gate(of, [short]).refusal is None
-    refusal = gate(of, [short], least_motion=5.0).refusal or ""
-    assert "record a longer one" in refusal
-    assert gate(of, [log], least_motion=20.0).refusal is None
-    gappy = np.arange(len(log)) % 7 != 3  # gaps of a sample cost nothing but themselves
-    assert gate(of, [replace(log, **{name: getattr(log, name)[gappy] for name in ("t", "t_host", "q", "dq", "tau", "current",
-                     "temperature", "q_cmd", "dq_cmd", "tau_cmd")})], least_motion=20.0).refusal is None  # fmt: skip
-
-
 def test_by_how_much_a_residual_is_smaller_is_so_at_the_joint_that_is_named() -> None:
     """Of a current whose sign is flipped, by the fit of that joint alone."""
     of, log = base("ur5e 1")

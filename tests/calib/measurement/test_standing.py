@@ -168,6 +168,24 @@ def test_a_diagnosis_finds_it_and_nothing_else(arm: Arm) -> None:
     assert nothing.answer["verdict"] == "bad_data"
 
 
+def test_an_arm_that_has_just_moved_is_not_taken_for_one_that_stands(arm: Arm) -> None:
+    log = standing(arm, SIDEWAYS)
+    moved = log.q + 0.5 * np.clip(log.t - 2.0, 0.0, 2.0)[:, None]
+    moving = replace(log, q=moved, dq=np.gradient(moved, log.t, axis=0))
+    assert pushes(arm, moving)
+    assert diagnose(arm, [moving]).answer["verdict"] == "bad_data"
+
+
+def test_friction_that_is_uncertain_hides_more(arm: Arm) -> None:
+    unsure = arm
+    for item in arm.effects:
+        if item.effect == "coulomb_friction":
+            unsure = with_effect(unsure, replace(item, std={"coulomb": 40.0}))
+    assert break_away(unsure, POSE) == pytest.approx(break_away(arm, POSE) + 80.0)
+    assert pushes(arm, standing(arm, SIDEWAYS))
+    assert pushes(unsure, standing(arm, SIDEWAYS)) == []
+
+
 @pytest.mark.skipif(DATA is None, reason="real recordings are not here: set ARM_CALIB_DATA to their folder")
 def test_a_person_who_pushes_a_real_arm(arm: Arm) -> None:
     folder = Path(str(DATA))
