@@ -46,6 +46,10 @@ class CacheBudget:
 SHARED = CacheBudget(110e6)
 
 
+# bytes of motions of motors and their slips, which are small, quick to compute and many: among the others they would drive out what is neither
+MOTIONS = CacheBudget(10e6)
+
+
 class ArrayCache:
     """Values by key, within the budget."""
 

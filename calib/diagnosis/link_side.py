@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.array_cache import ArrayCache
+from calib.diagnosis.array_cache import MOTIONS, ArrayCache
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects.effect import Effect, Values
@@ -44,7 +44,7 @@ class MotorMotion:
 class JointSide:
     """Motion and load of one joint (N, 1), rows (R, 5 n) of the links' uncertain numbers, and what was computed from them so far.
 
-    paths: its torque with given effects; columns: of candidates there; whites: rows of all recordings, of which this is the first.
+    motions: of its motor, and their slips; paths: its torque with given effects; columns: of candidates there; whites: rows of all recordings, of which this is the first.
     """
 
     def __init__(self, path: PathState, inertial: np.ndarray, j: int) -> None:
@@ -52,6 +52,7 @@ class JointSide:
         for x in self.motion.values():
             x.flags.writeable = False
         self.inertial = inertial
+        self.motions = ArrayCache(MOTIONS)
         self.paths = ArrayCache()
         self.columns = ArrayCache()
         self.whites = ArrayCache()
@@ -110,7 +111,7 @@ class LinkSide:
         own = self.joints[j]
         if not before:
             return self._alone(j, own.motion | {f"{k}_motor": own.motion[k] for k in ("q", "dq", "ddq")})
-        motor: MotorMotion = own.columns.of(("motor", *_key(before)), lambda: MotorMotion.of(self._at_the_gear(j, before)))
+        motor: MotorMotion = own.motions.of(("motor", *_key(before)), lambda: MotorMotion.of(self._at_the_gear(j, before)))
         return self._alone(j, own.motion | vars(motor))
 
     def slip(self, j: int, before: Sequence[ArmEffect]) -> Slip:
@@ -121,7 +122,7 @@ class LinkSide:
             if width.min() < width.max():
                 return dahl(state, joint, lead)
             key = ("slip", float(width[0]), lead, *_key(before))
-            return np.asarray(self.joints[j].columns.of(key, lambda: dahl(state, joint, lead)))
+            return np.asarray(self.joints[j].motions.of(key, lambda: dahl(state, joint, lead)))
 
         return known
 
