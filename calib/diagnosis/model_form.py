@@ -8,6 +8,8 @@ It says how far the number may be from the joint's, and nothing of the torque th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calib.diagnosis.fit import Fit
@@ -33,6 +35,11 @@ def form_std(f: Fit) -> list[dict[str, float]]:
         scale = abs(accepted[i].parameters[p.name]) if logarithmic(p) else 1.0
         out[i][p.name] = float(np.sqrt(v) * scale)
     return out
+
+
+def with_shift(std: Mapping[str, float], fitted: ArmEffect, written: ArmEffect) -> dict[str, float]:
+    """`form_std` of one effect with the shift of each parameter from the fit to the arm folder, which has no lead of its dry friction."""
+    return {k: float(np.hypot(s, written.parameters[k] - fitted.parameters[k])) for k, s in std.items()}
 
 
 def _bias(f: Fit, item: ArmEffect, law: Effect) -> np.ndarray:

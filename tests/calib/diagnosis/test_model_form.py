@@ -10,7 +10,7 @@ from calib.diagnosis.answer import entry
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.model_form import form_std
+from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.sensitivity import other_law
 from sim.arm import Arm, ArmEffect
@@ -96,6 +96,11 @@ def test_what_is_known_of_a_load_hardly_depends_on_the_law_of_friction(ur10e: Ar
     found = fitted(ur10e, item_of("payload"), effect_named("payload"))
     std, by_law = found.std()[0], form_std(found)[0]
     assert all(0 < by_law[k] < std[k] for k in std)
+
+
+def test_what_writing_moved_a_parameter_is_a_difference_between_laws() -> None:
+    fitted, written = (ArmEffect("time_delay", None, {"delay": d}) for d in (6e-3, 4.5e-3))
+    assert with_shift({"delay": 2e-3}, fitted, written) == pytest.approx({"delay": 2.5e-3})
 
 
 def test_an_entry_holds_both_parts_of_a_standard_deviation(ur10e: Arm) -> None:
