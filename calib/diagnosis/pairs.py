@@ -1,8 +1,8 @@
 """Two effects in the place of one that took up parts of both, or in the place of two, where forward selection would stay.
 
 A sinusoid of the wrong period, say, may fit a spring and a ripple better than either fits alone; beside it neither brings much, and
-structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia: an exchange of one
-effect finds neither from the other. Pairs are tried at joints with structure, with two names, or with one name that another effect nearly
+structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia: exchanging
+one effect at a time does not lead from either to the other. Pairs are tried at joints with structure, with two names, or with one name that another effect nearly
 equals.
 """
 

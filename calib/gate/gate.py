@@ -18,7 +18,7 @@ from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
-from calib.gate.fit import GravityFit, fitted, model_torque
+from calib.gate.fit import LEAST_SECONDS, GravityFit, fitted, model_torque
 from calib.gate.mounting import is_mounting, mounting_torque
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, doubtful, steps
@@ -34,6 +34,7 @@ TIE = 0.03  # readings whose gains differ by less are not distinguished
 OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # how much better another arm must fit, in shape, and with the size
 OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which another arm is looked for
 SPREAD_OF_SCALE = 0.4
+UNCHECKED = "signs and columns of torques or currents cannot be checked"
 KEPT = 16
 _kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[GateCheck]]] = OrderedDict()
 
@@ -150,12 +151,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     limits, s = motion.limits(arm, logs, s, massive, known)
     out.append(limits)
     if not massive:
-        unchecked = "no torque or no masses: signs and columns of torques or currents cannot be checked"
+        unchecked = f"no torque or no masses: {UNCHECKED}"
         return [*out, GateCheck("torque", True, unchecked)]
     if below.mean() < LEAST_BELOW:
-        detail = (
-            "a drive is at its torque limit nearly all the time: signs and columns of torques or currents cannot be checked"
-        )
+        detail = f"a drive is at its torque limit nearly all the time: {UNCHECKED}"
         return [*out, GateCheck("torque", True, detail)]
     before = s = s.rows(below)
     found, rivals, s = steps(arm, s, SHIFTS)
@@ -185,7 +184,9 @@ def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray,
 def _columns(arm: Arm, s: Signals, found: Sequence[GainStep], ties: Sequence[GainStep], gains: np.ndarray) -> GateCheck:
     """gains (n,): logarithm of every joint's residual as recorded over that of the corrected reading."""
     if not found:
-        return GateCheck("torque", True, "no other sign, column or clock makes the arm's model fit better")
+        enough = bool(np.isfinite(fitted(s, model_torque(arm, s)).left).any())
+        checked = "no other sign, column or clock makes the arm's model fit better"
+        return GateCheck("torque", True, checked if enough else f"no joint moves for {LEAST_SECONDS:g} s: {UNCHECKED}")
     names = arm.joint_names
     shown = [*found, *ties]
     causes = compensated(arm, s, found[0].correction.joints, found[0].gain)

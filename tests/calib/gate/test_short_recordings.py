@@ -55,6 +55,15 @@ def test_a_short_part_of_a_good_recording_is_not_refused(name: str, since: float
     assert gate(of, [part(log, since, until)], family=family).refusal is None
 
 
+def test_what_was_not_checked_is_not_reported_as_checked() -> None:
+    of, log = base("servo6 2")
+    short, whole = (
+        [c.detail for c in gate(of, [x], family=family).checks if c.check == "torque"] for x in (part(log, 1.5, 3.0), log)
+    )
+    assert short == ["no joint moves for 3 s: signs and columns of torques or currents cannot be checked"]
+    assert whole == ["no other sign, column or clock makes the arm's model fit better"]
+
+
 def test_motion_that_just_falls_short_does_not_read_like_enough() -> None:
     t = np.arange(0.0, 5.97, 0.01)
     q = np.where(t < 4.99, t, 4.99)[:, None]
