@@ -60,6 +60,6 @@ def holds(s: ScoredChange, kept: ResidualRows | None, noise: Noise, held: list[L
     left, columns = solved.left(), white(match, solved)
     g = np.sum([x.T @ left[j] for j, x in columns.items()], axis=0)
     ss = np.sum([x.T @ x for x in columns.values()], axis=0)
-    xs = np.sum([solved.xw[j].T @ x for j, x in columns.items()], axis=0)
+    xs = np.sum([solved.products(j, x) for j, x in columns.items()], axis=0)
     own = ss - xs.T @ solved.inverse @ xs
     return float(2 * g @ s.coefficients - s.coefficients @ own @ s.coefficients) > 0.0

@@ -55,7 +55,8 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
         for j, (index, part) in enumerate(zip(mine, parts, strict=True)):
             of_joint = noise.taps(j, solved.rows.joined[j][part], solved.rows.doubt[j][part])
             force[index, j] = unit[index, j]
-            whitened[index, j, 0], whitened[index, j, 1:] = left[j][part], solved.xw[j][part]
+            whitened[index, j, 0] = left[j][part]
+            whitened[index[:, None], j, 1 + solved.rows.used(j)] = solved.xw[j][part]
             taps[: of_joint.shape[1], index, j] = of_joint.T
         counted = np.concatenate([np.zeros((1, solved.rows.n)), np.cumsum(taps[0, :-after] > 0, axis=0)])
         for duration in DURATIONS:

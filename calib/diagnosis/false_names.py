@@ -40,7 +40,9 @@ class NullDistribution:
         """Of all candidates beside a fit."""
         e, gains = f.joint.left(), dict[Key, np.ndarray]()
         blocks = _Blocks.of(f)
-        seen = np.sum([blocks.products(j, x, e[j]) for j, x in enumerate(f.joint.xw)], axis=0)
+        seen = np.zeros((len(f.joint.theta), DRAWS))
+        for j, x in enumerate(f.joint.xw):
+            seen[f.joint.rows.used(j)] += blocks.products(j, x, e[j])
         # the fit of X theta + e: what it leaves of e, and of a theta that the prior holds back
         theta = f.joint.inverse @ (seen - np.random.default_rng(SEED).standard_normal(seen.shape))
         for c, pieces in beside_accepted(f, (), bank or Bank()):

@@ -117,7 +117,7 @@ def _columns(rows: ResidualRows, scale: list[np.ndarray]) -> Iterable[np.ndarray
     for j, d in enumerate(_dictionary(rows.models)):
         p = rows.p
         out = np.zeros((len(rows.r[j]), p + total))
-        out[:, :p] = rows.columns(j)
+        out[:, rows.used(j)] = rows.columns(j)
         out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
         first += len(scale[j])
         yield out

@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.corrected import ArmChange, correction
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.nuisance import first_own
+from calib.diagnosis.nuisance import first_own, nuisance_of_joint
 from calib.diagnosis.parameters import logarithmic, nominal_values, parameters_of
 from calib.diagnosis.sensitivity import columns_of
 from calib.passivity import fastest
@@ -144,7 +144,10 @@ def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
     """All rows in motion, reversals too, which show how friction builds up; the names' columns stand behind the ordinary ones."""
     law, keep = FrictionLaw(), m.measurement.row_moving
     d = [m.rows(law.terms(m.joint_state(j), 0))[keep] for j in range(m.n)]
-    x = [np.column_stack([m.nuisance(j), *[c[:, j] for c in named]])[keep] for j in range(m.n)]
+    x = [np.zeros((keep.sum(), len(m.names) + len(named))) for _ in range(m.n)]
+    for j, columns in enumerate(x):
+        columns[:, nuisance_of_joint(m.n, j)] = m.nuisance(j)[keep]
+        columns[:, len(m.names) :] = np.column_stack([c[keep, j] for c in named]) if named else 0.0
     return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
 
 

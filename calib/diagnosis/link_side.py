@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,11 @@ from sim.prediction import Stages, by_stage, dahl, gear_side, link_side
 from sim.rigid_body import RigidBody, link_parameters
 from sim.torque_path import PathState, Slip
 
-AT_ONCE = 4_000  # samples of which the regressor is in memory before it is filtered
+AT_ONCE = 1000  # samples of which the regressor is in memory before it is filtered
 FRICTION_LAW = FrictionLaw()
 # of a path, what stages behind the gear fill
 FILLED = ("level", "width", "warmth", "slip", "tau")
+MOVES = ("q", "dq", "ddq", "load")
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,13 @@ class MotorMotion:
 
 
 class JointSide:
-    """Motion and load of one joint (N, 1), rows (R, 5 n) of the links' uncertain numbers, and what was computed from them so far.
+    """Motion and load of one joint (N, 1), rows (R, 5 (n - j)) of the uncertain numbers of the links from its own on, and what was computed from them so far.
 
     motions: of its motor, and their slips; paths: its torque with given effects; columns: of candidates there; whites: rows of all recordings, of which this is the first.
     """
 
     def __init__(self, path: PathState, inertial: np.ndarray, j: int) -> None:
-        self.motion = {k: np.ascontiguousarray(getattr(path, k)[:, j : j + 1]) for k in ("q", "dq", "ddq", "load")}
-        for x in self.motion.values():
-            x.flags.writeable = False
+        self.motion = {k: getattr(path, k)[:, j : j + 1] for k in MOVES}
         self.inertial = inertial
         self.motions = ArrayCache(MOTIONS)
         self.paths = ArrayCache()
@@ -67,8 +66,8 @@ class JointSide:
 class LinkSide:
     """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
 
-    Models whose links move alike share it. like: of the same measurement; lends the regressor where the links move alike with other
-    masses, and the joints that other masses leave as they are. kept: columns that depend on all joints. mass (n,) kg of the links without any
+    Models whose links move alike share it. like: of the same measurement; lends the motion and the regressor where the links move alike with
+    other masses, and the joints that other masses leave as they are. kept: columns that depend on all joints. mass (n,) kg of the links without any
     accepted effect.
     """
 
@@ -76,17 +75,23 @@ class LinkSide:
         self, measurement: Measurement, arm: Arm, stages: Stages, mass: np.ndarray, like: LinkSide | None = None
     ) -> None:
         self.measurement, self.arm = measurement, arm
-        self.path: PathState = link_side(arm, measurement.trajectory, stages, measurement.warming)
+        self.path: PathState = _up_to_the_load(link_side(arm, measurement.trajectory, stages, measurement.warming))
         self.bodies = RigidBody(arm)
         if like is not None and not (like.measurement is measurement and _move_alike(self, like)):
             like = None
-        self.regressor_rows: np.ndarray = self._regressor_rows() if like is None else like.regressor_rows
+        if like is not None:
+            self.path = replace(self.path, q=like.path.q, dq=like.path.dq, ddq=like.path.ddq)
+        self._regressors: ArrayCache = ArrayCache() if like is None else like._regressors
         rows = _inertial_rows(arm, self.regressor_rows, self.bodies.parameters(), mass)
-        self.joints = [self._joint(like, rows[:, j], j) for j in range(arm.n)]
+        self.joints = [self._joint(like, rows[:, j, 5 * j :], j) for j in range(arm.n)]
         self.kept = ArrayCache()
 
-    def _regressor_rows(self) -> np.ndarray:
+    @property
+    def regressor_rows(self) -> np.ndarray:
         """(R, n, 10 n) filtered rows of the links' regressor."""
+        return np.asarray(self._regressors.of("rows", self._regressor_rows))
+
+    def _regressor_rows(self) -> np.ndarray:
         m, path = self.measurement, self.path
         parts = [m.decimator.rows(self.bodies.regressor(path.q[b], path.dq[b], path.ddq[b])) for b in m.blocks(AT_ONCE)]
         return np.concatenate(parts)
@@ -168,6 +173,15 @@ class LinkSide:
         by_angle = (torque(1e-3, 0, 0) - torque(-1e-3, 0, 0)) / 2e-3
         by_speed = (torque(0, 1e-2, 0) - torque(0, -1e-2, 0)) / 2e-2
         return np.stack([by_angle, by_speed, torque(0, 0, 1.0) - torque(0, 0, 0)])
+
+
+def _up_to_the_load(path: PathState) -> PathState:
+    """The same in columns that lie together, read-only, without memory for what later stages fill."""
+    columns = {k: np.asfortranarray(getattr(path, k)) for k in MOVES}
+    for x in columns.values():
+        x.flags.writeable = False
+    later = dict.fromkeys((*FILLED, "q_motor", "dq_motor", "ddq_motor"), np.broadcast_to(0.0, path.q.shape))
+    return PathState(**(vars(path) | columns | later))
 
 
 def alone(effects: Iterable[ArmEffect], arm: Arm) -> list[ArmEffect]:

@@ -18,6 +18,7 @@ from calib.diagnosis.nuisance import (
     first_own,
     friction_lost,
     nuisance_names,
+    nuisance_of_joint,
     own_columns,
     spreads,
     waves_of,
@@ -138,14 +139,12 @@ class LogModel:
         return spreads(self.arm)
 
     def nuisance(self, j: int) -> np.ndarray:
-        """(R, p) N m per prior standard deviation of every uncertain number, for joint j."""
-        n, own = self.n, self.joints[j].nuisance
-        out = np.zeros((len(own), len(self.names)))
-        out[:, : 5 * n] = self.side.joints[j].inertial
-        first = first_own(n) + len(OWN) * j
-        out[:, first : first + len(OWN)] = own[:, : len(OWN)]
-        out[:, -2:] = own[:, len(OWN) :]
-        return out
+        """(R, q) N m per prior standard deviation of the uncertain numbers that move joint j, in the order of `nuisance_of_joint`."""
+        return np.concatenate([self.side.joints[j].inertial, self.joints[j].nuisance], axis=1)
+
+    def nuisance_torque(self, j: int, theta: np.ndarray) -> np.ndarray:
+        """(R,) N m of all uncertain numbers theta (p,), for joint j."""
+        return np.asarray(self.nuisance(j) @ theta[nuisance_of_joint(self.n, j)])
 
     def tail(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> np.ndarray:
         """tau (N,) of joint j with `own` as its joint effects, from the present load; instead: a law in place of one; changes: width, lead."""

@@ -47,10 +47,10 @@ def _bias(f: Fit, item: ArmEffect, law: Effect) -> np.ndarray:
     joint = f.joint
     change = [other_law(model, f.hypothesis, k, item, law) for k, model in enumerate(f.models)]
     g = np.zeros(len(joint.theta))
-    for j, x in enumerate(joint.xw):
+    for j in range(joint.rows.n):
         rows = joint.rows.take(j, [c[:, j] for c in change])
         if rows.any():
-            g += x.T @ joint.rows.whiten(joint.noise, j, rows)
+            g += joint.products(j, joint.rows.whiten(joint.noise, j, rows))
     k = len(f.covariance)
     own = joint.inverse[-k:]
     units = np.sqrt(np.diag(f.covariance) / np.maximum(np.diag(own[:, -k:]), 1e-300))

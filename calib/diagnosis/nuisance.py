@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,6 +52,15 @@ def nuisance_names(n: int) -> list[str]:
 def first_own(n: int) -> int:
     """Index of the first joint's own numbers among them, behind those of the links."""
     return 5 * n
+
+
+@lru_cache
+def nuisance_of_joint(n: int, j: int) -> np.ndarray:
+    """(q,) indices of those that move the torque of joint j: of the links from its own on, its own, and those of all joints."""
+    own = first_own(n) + len(OWN) * j
+    used = np.r_[5 * j : 5 * n, own : own + len(OWN), first_own(n) + len(OWN) * n : len(nuisance_names(n))]
+    used.flags.writeable = False
+    return used
 
 
 def spreads(arm: Arm) -> dict[str, np.ndarray]:

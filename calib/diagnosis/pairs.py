@@ -8,7 +8,7 @@ equals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from calib.diagnosis.acceptance import APART, MOST_RIVALS, Assessed
@@ -61,11 +61,11 @@ def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: S
         rest = _without(measurements, best, names)
         least = PROMISE_OF_BOTH * (rest.objective - best.objective)
         firsts = [s for s in _at(rest, joint, bank)[:FIRSTS] if s.key not in own and s.gain > least]
-        others = [
+        others = (
             g
             for g in _fits(measurements, rest, firsts, joint, bank)
             if len(there := _names(g, joint)) == 2 and not own & {*there}
-        ]
+        )
         other = min(others, key=cost, default=None)
         if other is None or not cost(other) < cost(best) + APART:
             continue
@@ -86,14 +86,12 @@ def _best_pair(
     return min(_fits(measurements, rest, firsts, joint, bank), key=cost, default=None)
 
 
-def _fits(measurements: Sequence[Measurement], rest: Fit, firsts: Sequence[Scored], joint: str, bank: Bank) -> list[Fit]:
+def _fits(measurements: Sequence[Measurement], rest: Fit, firsts: Sequence[Scored], joint: str, bank: Bank) -> Iterator[Fit]:
     """Fits with each of `firsts`, and with the best effect at that joint beside it."""
-    tried = []
     for first in firsts:
         one = add(measurements, rest, first)
         two = best_next(measurements, one, _at(one, joint, bank))
-        tried += [g for g in (one, two) if g is not None and admissible(g)]
-    return tried
+        yield from (g for g in (one, two) if g is not None and admissible(g))
 
 
 def _without(measurements: Sequence[Measurement], f: Fit, names: Sequence[int]) -> Fit:

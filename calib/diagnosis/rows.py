@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.model import LogModel
+from calib.diagnosis.nuisance import nuisance_of_joint
 from calib.regression.noise import Noise, filtered, neighbours
 from calib.regression.normal_equations import bounded
 
@@ -34,7 +35,7 @@ class ResidualRows:
     own      per joint (R_j, p) in place of the models' nuisance columns; None: those
     more     per joint (R_j, k) of accepted parameters behind these columns; None: none
 
-    Columns are N m per standard deviation of the prior.
+    Columns are N m per standard deviation of the prior. Of a joint's there are only those that can move it, q_j of p: `used` says which.
     """
 
     models: list[LogModel]
@@ -75,14 +76,28 @@ class ResidualRows:
         return out
 
     def columns(self, j: int) -> np.ndarray:
-        """(R_j, p) of joint j without `more`."""
+        """(R_j, q_j) of joint j without `more`."""
         if self.own is not None:
             return self.own[j]
         return np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)])
 
+    def used(self, j: int) -> np.ndarray:
+        """Indices of joint j's columns, `more` behind them, among the parameters of all joints."""
+        own = self._own_used(j)
+        return own if self.more is None else np.concatenate([own, np.arange(self.p, len(self.mean))])
+
+    def _own_used(self, j: int) -> np.ndarray:
+        return np.arange(self.p) if self.own is not None else nuisance_of_joint(self.n, j)
+
+    def among_all(self, j: int) -> np.ndarray:
+        """(R_j, p) columns of joint j without `more`, zero where it has none."""
+        out = np.zeros((len(self.r[j]), self.p))
+        out[:, self._own_used(j)] = self.columns(j)
+        return out
+
     def predicted(self, j: int, theta: np.ndarray) -> np.ndarray:
         """(R_j,) N m of all columns, times theta."""
-        tau = self.columns(j) @ theta[: self.p]
+        tau = self.columns(j) @ theta[self._own_used(j)]
         return tau if self.more is None else tau + self.more[j] @ theta[self.p :]
 
     @property
@@ -109,7 +124,7 @@ class ResidualRows:
 
 @dataclass(frozen=True)
 class Products:
-    """Whitened columns s (R, k) of a joint, s's (k, k) and X's (p, k)."""
+    """Whitened columns s (R, k) of a joint, s's (k, k) and X's (p, k), X of all parameters."""
 
     s: np.ndarray
     ss: np.ndarray
@@ -118,7 +133,8 @@ class Products:
 
 @dataclass
 class Solved:
-    """The nuisance fit under one noise: factor of A = I + X'X, theta (p,), whitened rows and chi2."""
+    """The nuisance fit under one noise: inverse (p, p) of A = I + X'X, theta (p,), per joint whitened xw (R_j, q_j) of the columns that it
+    has and rw (R_j,)."""
 
     rows: ResidualRows
     noise: Noise
@@ -133,7 +149,14 @@ class Solved:
 
     def left(self) -> list[np.ndarray]:
         """Per joint, whitened."""
-        return [r - x @ self.theta for r, x in zip(self.rw, self.xw, strict=True)]
+        pairs = zip(self.rw, self.xw, strict=True)
+        return [r - x @ self.theta[self.rows.used(j)] for j, (r, x) in enumerate(pairs)]
+
+    def products(self, j: int, s: np.ndarray) -> np.ndarray:
+        """X_j' s (p, ...) of whitened s (R_j, ...) at joint j, in the places of all parameters."""
+        out = np.zeros((len(self.theta), *s.shape[1:]))
+        out[self.rows.used(j)] = self.xw[j].T @ s
+        return out
 
     def gain_of(
         self, pieces: Mapping[int, Products], g: np.ndarray, spread: tuple[float, ...] | None = None
@@ -162,7 +185,7 @@ class Solved:
         for j, s in columns.items():
             g += s.T @ left[j]
             ss += s.T @ s
-            xs += self.xw[j].T @ s
+            xs += self.products(j, s)
         return _gained(g, ss, xs, self.inverse, spread, ridge)
 
 
@@ -182,7 +205,7 @@ def _gained(
 
 @dataclass(frozen=True)
 class White:
-    """Whitened rows of one joint and their products: x (R, p), r (R,), x'x, x'r; of which noise and rows, so that identities stay."""
+    """Whitened rows of one joint and their products: x (R, q), r (R,), x'x, x'r; of which noise and rows, so that identities stay."""
 
     x: np.ndarray
     r: np.ndarray
@@ -217,7 +240,10 @@ def solve(rows: ResidualRows, noise: Noise) -> Solved:
     """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
     white = [_whitened(rows, noise, j) for j in range(rows.n)]
     xw, rw = [w.x for w in white], [w.r for w in white]
-    a = np.eye(len(rows.mean)) + np.sum([w.xx for w in white], axis=0)
-    g = rows.mean + np.sum([w.xr for w in white], axis=0)
+    a, g = np.eye(len(rows.mean)), rows.mean.copy()
+    for j, w in enumerate(white):
+        used = rows.used(j)
+        a[np.ix_(used, used)] += w.xx
+        g[used] += w.xr
     theta, inverse = bounded(a, g, rows.least)
     return Solved(rows, noise, xw, rw, inverse, theta)

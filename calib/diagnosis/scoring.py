@@ -60,7 +60,7 @@ class Bank:
             rows = solved.rows
             s = rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns]))
             # what the key tells apart by identity is kept with it
-            found = Products(s, s.T @ s, solved.xw[j].T @ s), (solved.noise, *sides)
+            found = Products(s, s.T @ s, solved.products(j, s)), (solved.noise, *sides)
         if keep:
             self._new[key] = found
         return found[0]
@@ -103,7 +103,7 @@ def beside_accepted(
     """Every candidate beside the nuisance and the accepted effects of a fit, per joint that it touches; without `skip` and what is ordinary there."""
     if wanted is None:
         bank.turn()
-    accepted = [x[:, f.solved.rows.p :] for x in f.joint.xw]
+    accepted = [x[:, z.shape[1] :] for x, z in zip(f.joint.xw, f.solved.xw, strict=True)]
     numbers: dict[Key, int] = {}
     ordinary = unstated_keys(f.hypothesis.arm)
     for c in candidates(f.models, wanted):

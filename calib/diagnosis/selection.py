@@ -101,9 +101,10 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
     left, tried = ranked, 0
     while left and tried < MOST_TRIED:
         some = [s for s in left[:TRIED] if s.gain > CLOSE * left[0].gain]
-        fits = [g for s in some if admissible(g := add(measurements, f, s)) and cost(g) < cost(f)]
-        if fits:
-            return min(fits, key=cost)
+        # one after the other: a fit holds tens of megabytes
+        fits = (g for s in some if admissible(g := add(measurements, f, s)) and cost(g) < cost(f))
+        if (best := min(fits, key=cost, default=None)) is not None:
+            return best
         left, tried = [s for s in left if s not in some and s.gain > price(s.effect)], tried + len(some)
     return None
 

@@ -93,11 +93,10 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
         fitted, c, _ = solved.gain({j: white}, (SPREAD,) * white.shape[1], left=rest)
         held_out = np.nan
         if other is not None:
-            nuisance = other.whiten(noise, j, other.columns(j))
-            left = other.whiten(noise, j, other.r[j]) - nuisance @ solved.theta
+            left = other.whiten(noise, j, other.r[j] - other.predicted(j, solved.theta))
             part = other.whiten(noise, j, other.take(j, columns[count:])[:, varied] - middle) / size
-            moved = solved.inverse @ (solved.xw[j].T @ (white @ c))
-            held_out = huber(left) - huber(left - part @ c + nuisance @ moved)
+            moved = solved.inverse @ solved.products(j, white @ c)
+            held_out = huber(left) - huber(left - part @ c + other.whiten(noise, j, other.predicted(j, moved)))
         share = min(1.0, fitted / len(white))
         rms = float(noise.sigma[j] * np.sqrt(share))
         many = white.shape[1] if name in spots else 0
@@ -108,7 +107,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
 def _tones(best: Fit, kept: list[LogModel], j: int) -> list[Structure]:
     """The strongest oscillation at one frequency, if every recording has it."""
     models = [*best.models, *kept]
-    left = [m.residual[:, j] - m.nuisance(j) @ best.solved.theta[: len(m.names)] for m in models]
+    left = [m.residual[:, j] - m.nuisance_torque(j, best.solved.theta) for m in models]
     found = strongest(models, left, j, len(best.models))
     if found is None or min(found.gains) < LEAST_APART:
         return []

@@ -82,7 +82,7 @@ def portion(point: Point, log: Log, others: bool = True) -> JointInformation:
     beside = _beside(model, point.hypothesis) if others else []
     factors = []
     for j in range(rows.n):
-        parts = [rows.columns(j), *(rows.take(j, [c[:, j : j + 1]]) for c in named), rows.r[j][:, None]]
+        parts = [rows.among_all(j), *(rows.take(j, [c[:, j : j + 1]]) for c in named), rows.r[j][:, None]]
         parts += [rows.take(j, [columns[j]]) for _, columns in beside if j in columns]
         factors.append(InformationMatrix.of(rows.whiten(point.noise, j, np.concatenate(parts, axis=1))))
     return tuple(factors)
