@@ -21,6 +21,7 @@ AT_ONCE = 1000  # samples of which the regressor is in memory before it is filte
 FRICTION_LAW = FrictionLaw()
 # of a path, what stages behind the gear fill
 FILLED = ("level", "width", "warmth", "slip", "tau")
+# and what moves and loads each joint
 MOVES = ("q", "dq", "ddq", "load")
 
 

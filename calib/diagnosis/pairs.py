@@ -2,8 +2,8 @@
 
 A sinusoid of the wrong period, say, may fit a spring and a ripple better than either fits alone; beside it neither brings much, and
 structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia: exchanging
-one effect at a time does not lead from either to the other. Pairs are tried at joints with structure, with two names, or with one name that another effect nearly
-equals.
+one effect at a time does not lead from either to the other. Pairs are tried at joints with unexplained structure, with two
+identified effects, or with one that another effect nearly equals.
 """
 
 from __future__ import annotations
