@@ -63,6 +63,11 @@ class Assessment:
         return Verdict.GOOD if set(decided) == {Verdict.GOOD} else Verdict.POOR
 
     @property
+    def uncompared(self) -> list[str]:
+        """Joints that the verdict is silent about: they do not move, or have no torque to compare with."""
+        return [j for j, v in zip(self.joint_names, self.verdicts, strict=True) if v is Verdict.NOTHING]
+
+    @property
     def worst(self) -> int | None:
         """The joint that is farthest beyond its limit, or nearest to it; None where nothing was compared."""
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -80,6 +85,7 @@ class Assessment:
                 "left": None if k is None else float(self.left[k]),
                 "limit": None if k is None else float(self.limit[k]),
                 "beyond": [j for j, v in zip(self.joint_names, self.verdicts, strict=True) if v in (Verdict.POOR, Verdict.WRONG_ARM)],
+                "uncompared": self.uncompared,
             },
         )  # fmt: skip
 

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.arm import Arm
+from sim.postures import POSTURES, postures
 
-POSTURES, MANY_POSTURES = 200, 2000
+MANY_POSTURES = 2000
 # m beyond its margin that a pair must reach somewhere to count as one that can part: links two joints apart, and others
 KIN_EXTRA, EXTRA = 0.002, 0.006
 # distances that a proof for every posture may take
@@ -19,13 +20,6 @@ TURN_DOUBT = 0.06
 def adjacent(parent: np.ndarray, a: int, b: int) -> bool:
     """Whether two links are one, or share a joint; -1 is the base."""
     return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
-
-
-def postures(arm: Arm, count: int = POSTURES) -> np.ndarray:
-    """(count, n) rad drawn over the whole range of the joints, at most a turn of it."""
-    low, high = np.where(np.isfinite(arm.q_min), arm.q_min, -np.pi), np.where(np.isfinite(arm.q_max), arm.q_max, np.pi)
-    middle, half = (low + high) / 2, np.minimum((high - low) / 2, np.pi)
-    return np.asarray(middle + half * np.random.default_rng(0).uniform(-1, 1, (count, arm.n)))
 
 
 def never_part(

@@ -6,14 +6,13 @@ Loading is strict: an unknown key lists the known ones, a missing limit is an er
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sim.arm_table import ArmTable, EffectTable, LimitsTable, PriorTable, SensorsTable, SpeedFrom, TorqueAt
+from sim.arm_table import ArmTable, LimitsTable, PriorTable, SensorsTable, SpeedFrom, TorqueAt
 from sim.errors import ConfigError
 from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
@@ -161,14 +160,17 @@ def _folder(folder: Path) -> Arm:
             f"{file}: torque_continuous of {table.joints[j]} is {rated[j]:g} N m, above its tau_max of {limits['tau_max'][j]:g} N m; "
             "tau_max is the drive's peak, torque_continuous what it holds for any time: correct one"
         )
-    return Arm(
+    arm = Arm(
         name=table.name, joint_names=tree.joint_names, **limits,
         torque_constant=None if constant is None else _row(constant, table.joints, f"{file}: torque_constant"),
-        effects=_all_effects(table.effects, tree, file), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
+        effects=model_effects(tree), sensors=sensors, prior=table.prior, provenance=table.provenance, tree=tree,
         model_path=model_path, model_text=text, sha256=hashlib.sha256(raw + text.encode()).hexdigest(),
         incomplete=tuple(table.incomplete), torque_at=table.torque_at, speed_from=table.speed_from,
         torque_continuous=None if rated is None else _row(rated, table.joints, f"{file}: torque_continuous"),
     )  # fmt: skip
+    from sim.listed_effects import with_listed
+
+    return with_listed(arm, table.effects, file)
 
 
 def _limit(table: ArmTable, key: Any, tree: KinematicTree, file: Path) -> np.ndarray:
@@ -185,29 +187,6 @@ def _stated(key: str, given: bool) -> str:
     if given:
         return f"{key} is given, but incomplete says that it is not; take it off that list"
     return f"missing key {key}; add it: it is never guessed"
-
-
-def _all_effects(listed: list[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
-    """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
-    from_model = dict(effects := {(e.effect, e.joint): e for e in model_effects(tree)})
-    for item in listed:
-        key, parameters = (item.effect, item.joint), dict(item.parameters)
-        if item.joint is not None and item.joint not in tree.joint_names:
-            raise ConfigError(f"{file}: effects: {item.effect}: joint {item.joint!r}; {nearest(item.joint, tree.joint_names)}")
-        own = from_model.pop(key, None)
-        if own is None and key in effects:
-            raise ConfigError(f"{file}: effects: {item.effect} of {item.joint or 'the arm'} stands there twice; keep one")
-        if own is not None and not _same(own.parameters, parameters):
-            raise ConfigError(
-                f"{file}: effects: {item.effect} of {item.joint} is {parameters}, but the model file has {own.parameters}; "
-                "the model is what is simulated: make both the same, or remove the entry here"
-            )
-        effects[key] = ArmEffect(item.effect, item.joint, parameters if own is None else own.parameters, dict(item.std))
-    return tuple(effects.values())
-
-
-def _same(a: dict[str, float], b: dict[str, float]) -> bool:
-    return a.keys() == b.keys() and all(math.isclose(a[k], b[k], rel_tol=1e-12, abs_tol=1e-15) for k in a)
 
 
 def _model(path: Path, root: Path) -> tuple[str, KinematicTree]:

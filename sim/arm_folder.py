@@ -16,7 +16,7 @@ import tomli_w
 
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_table import ArmTable, LimitsTable
-from sim.effects import with_effect
+from sim.effects import checked, with_effect
 from sim.errors import ConfigError
 from sim.mjcf_edit import Inertial, edited
 from sim.mjcf_tree import tree_text
@@ -65,13 +65,7 @@ def write_arm(
     """
     folder = Path(folder)
     _check_place(folder, arm)
-    for item in effects:
-        if item.effect == "payload":
-            p = item.parameters
-            body = (p["mass"], np.array([p["com_x"], p["com_y"], p["com_z"]]), POINT)
-            payload = body if payload is None else combined([payload, body])
-        else:
-            arm = with_effect(arm, item)
+    arm, payload = with_effects(arm, effects, payload)
     for joint, values in (joints or {}).items():
         arm = _with_joint(arm, joint, values)
     tree = _with_joint_effects(arm)
@@ -98,6 +92,18 @@ def write_arm(
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return load_arm(folder)
+
+
+def with_effects(arm: Arm, effects: Iterable[ArmEffect], payload: Inertial | None) -> tuple[Arm, Inertial | None]:
+    """The arm with effects, and what is mounted on it with their payloads."""
+    for item in effects:
+        if checked(arm, item).effect == "payload":
+            p = item.parameters
+            body = (p["mass"], np.array([p["com_x"], p["com_y"], p["com_z"]]), POINT)
+            payload = body if payload is None else combined([payload, body])
+        else:
+            arm = with_effect(arm, item)
+    return arm, payload
 
 
 def _check_place(folder: Path, arm: Arm) -> None:
@@ -130,9 +136,9 @@ def _with_joint_effects(arm: Arm) -> KinematicTree:
     return replace(arm.tree, **rows)
 
 
-def model_text(arm: Arm) -> tuple[str, dict[str, Path]]:
-    """The arm as MJCF text with every effect that MuJoCo has, and the files it names: path beside the text -> file."""
-    return _model_text(arm, _with_joint_effects(arm), None)
+def model_text(arm: Arm, payload: Inertial | None = None) -> tuple[str, dict[str, Path]]:
+    """The arm as MJCF text with every effect that MuJoCo has and with a payload, and the files it names: path beside the text -> file."""
+    return _model_text(arm, _with_joint_effects(arm), payload)
 
 
 def _model_text(arm: Arm, tree: KinematicTree, payload: Inertial | None) -> tuple[str, dict[str, Path]]:

@@ -86,8 +86,11 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
     """
     rows: list[dict[str, Any]] = []
 
+    slides = {name for name, slide in zip(arm.joint_names, arm.tree.prismatic, strict=True) if slide}
+
     def add(joint: str, parameter: str, value: float, unit: str, meaning: str, std: float | None = None) -> None:
         if np.isfinite(value):
+            unit = _of_slide(unit) if joint in slides and "link" not in meaning else unit
             row = {"joint": joint, "parameter": parameter, "value": float(value), "std": std, "unit": unit, "meaning": meaning}
             rows.append(row)
 
@@ -113,6 +116,11 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
         "schema": "parameters/1", "arm": arm.name, "sha256": arm.sha256, "joints": list(arm.joint_names),
         "not_stated": list(arm.incomplete), "parameters": rows, "provenance": arm.provenance,
     }  # fmt: skip
+
+
+def _of_slide(unit: str) -> str:
+    """The unit of a slide's number: force for torque, length for angle, mass for inertia."""
+    return unit.replace("kg*m^2", "kg").replace("N*m", "N").replace("rad", "m")
 
 
 def _json(data: dict[str, Any]) -> str:

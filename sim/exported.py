@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +15,8 @@ from sim.effects import Effect, PathState, Stage, effect_named
 from sim.errors import ConfigError
 from sim.instant import instant
 from sim.mjcf import TWIST
-from sim.mujoco_export import DRY, READING, SCHEMA, TABLE
+from sim.mjcf_drives import READING
+from sim.mujoco_export import DRY, SCHEMA, TABLE
 
 MANY = 1000  # simulations whose memory is kept at once
 
@@ -69,8 +71,8 @@ class ExportedArm:
         self.dry = {
             names.index(joint): (model.actuator(DRY.format(joint)).id, law) for joint, law in table["dry_friction"].items()
         }
-        sensors = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, READING.format(name)) for name in names]
-        self.sensor = np.array([int(model.sensor_adr[k]) if k >= 0 else -1 for k in sensors])
+        self.motors = [(j, *place) for j, name in enumerate(names) for place in _motor_sensors(model, READING.format(name))]
+        self.driven = np.isin(np.arange(self.n), [j for j, *_ in self.motors])
         self.items: dict[Stage, list[_Item]] = {stage: [] for stage in Stage}
         for row in table["effects"]:
             effect = effect_named(row["effect"])
@@ -153,7 +155,7 @@ class ExportedArm:
         return instant(data.time, data.qpos[self.qpos], data.qvel[self.dof], data.qacc[self.dof])
 
     def reading(self, data: mujoco.MjData) -> Reading:
-        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor."""
+        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor. A motor's force counts times its gear ratio."""
         q_motor, dq_motor = data.qpos[self.qpos].copy(), data.qvel[self.dof].copy()
         q, dq = q_motor.copy(), dq_motor.copy()
         for j, at, speed in self.twist:
@@ -163,13 +165,24 @@ class ExportedArm:
             if item.joint is not None:
                 q_motor, dq_motor = _read_angle(item, q_motor, dq_motor)
                 q, dq = _read_angle(item, q, dq)
-        torque = np.where(self.sensor >= 0, data.sensordata[self.sensor] if len(data.sensordata) else np.nan, np.nan)
+        torque = np.where(self.driven, 0.0, np.nan)
+        for j, address, gear in self.motors:
+            torque[j] += gear * data.sensordata[address]
         if self.items[Stage.SENSOR]:
             state = self._instant(data)
             state.tau = torque[None]
             _apply(state, self.items[Stage.SENSOR])
             torque = state.tau[0]
         return Reading(q, dq, q_motor, dq_motor, torque)
+
+
+def _motor_sensors(model: mujoco.MjModel, name: str) -> Iterator[tuple[int, float]]:
+    """(address in sensordata, gear ratio) of the sensor of each motor of a joint."""
+    for k in itertools.count():
+        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, f"{name}_{k}" if k else name)
+        if sensor < 0:
+            return
+        yield int(model.sensor_adr[sensor]), float(model.actuator_gear[model.sensor_objid[sensor], 0])
 
 
 def _apply(state: PathState, items: list[_Item]) -> None:

@@ -65,6 +65,10 @@ def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | Plan
         motor = {"name": f"{joint}:motor", "joint": joint, "gear": "1"}
         ElementTree.SubElement(actuators, "motor", motor)
     _add_effects(root, arm)
+    for element in root.iter("joint"):
+        least = least_rotor(soft.get(element.get("name", ""), {}), timestep)
+        if float(element.get("armature", "0")) < least:
+            element.set("armature", repr(least))
     obstacles = list(obstacles)
     if obstacles:
         _add_obstacles(world, obstacles)
@@ -121,6 +125,14 @@ def twists(arm: Arm) -> dict[str, Mapping[str, str]]:
         if e.joint is not None and effect_named(e.effect).stage is Stage.TRANSMISSION
     ]
     return {joint: form.twist for joint, form in forms if form.twist}
+
+
+def least_rotor(twist: Mapping[str, str], step: float) -> float:
+    """kg m^2 that a motor behind a soft gear needs at a step h (s) of simulation: K h^2, one radian of its oscillation a step.
+
+    A massless motor on a spring has no equation of motion; below this the simulation diverges.
+    """
+    return float(twist.get("stiffness", "0")) * step**2
 
 
 def _add_obstacles(world: ElementTree.Element, obstacles: list[BoxObstacle | PlaneObstacle | MeshObstacle]) -> None:

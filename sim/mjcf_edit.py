@@ -49,7 +49,8 @@ def edited(
                 changed = list(range(before.n))
     for j in changed:
         _set_inertial(bodies[j][0], _shifted(after, j, model.jnt_pos[j]), j)
-    degrees = not any(c.get("angle") == "radian" for c in root.findall("compiler"))
+    _without_drives(root, model)
+    degrees = in_degrees(root)
     for j, (_, joint) in enumerate(bodies):
         _set_joint(joint, model, before, after, j, degrees)
     if not np.array_equal(before.gravity, after.gravity):
@@ -59,6 +60,11 @@ def edited(
     _set_elements(root, effects, after.joint_names)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def in_degrees(root: Element) -> bool:
+    """Whether the text gives angles in degrees, as MJCF does where nothing else is said."""
+    return not any(c.get("angle") == "radian" for c in root.findall("compiler"))
 
 
 def bodies_of(root: Element) -> list[tuple[Element, Element]]:
@@ -115,14 +121,26 @@ def _set_joint(
 ) -> None:
     dof = int(model.jnt_dofadr[j])
     rest = {"damping": model.dof_dampingpoly[dof], "stiffness": model.jnt_stiffnesspoly[j]}
+    own = {"damping": model.dof_damping[dof], "frictionloss": model.dof_frictionloss[dof], "armature": model.dof_armature[dof]}
     for key in ("damping", "frictionloss", "armature", "stiffness"):
         value = getattr(after, key)[j]
-        if value != getattr(before, key)[j]:
+        if value != own.get(key, before.stiffness[j]):
             higher = rest.get(key, np.zeros(0))
             joint.set(key, numbers([value, *higher] if np.any(higher) else [value]))
     if after.springref[j] != before.springref[j]:
         turn = degrees and not after.prismatic[j]
         joint.set("springref", numbers([math.degrees(after.springref[j]) if turn else after.springref[j]]))
+
+
+def _without_drives(root: Element, model: mujoco.MjModel) -> None:
+    """Actuators keep no armature and damping of their own: the joint has them, as it has in the tree."""
+    motors = [e for place in root.findall("actuator") for e in place]
+    for k in np.flatnonzero((model.actuator_armature != 0) | (model.actuator_damping != 0)):
+        if len(motors) != model.nactuator:
+            raise ConfigError(
+                "the model's actuators have armature or damping and are not plain elements; write these at the joints"
+            )
+        motors[k].attrib.update(armature="0", damping="0")
 
 
 def _set_gravity(root: Element, gravity: np.ndarray) -> None:

@@ -107,7 +107,8 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_J
     tree = KinematicTree(
         joint_names=tuple(names), link_names=tuple(links), parent=parent, rotation=rotation, position=position, axis=axis,
         prismatic=model.jnt_type == SLIDE, mass=mass, com=com, inertia=inertia,
-        armature=model.dof_armature[dof].copy(), damping=model.dof_damping[dof].copy(),
+        armature=model.dof_armature[dof] + of_actuators(model, model.actuator_armature),
+        damping=model.dof_damping[dof] + of_actuators(model, model.actuator_damping),
         frictionloss=model.dof_frictionloss[dof].copy(), stiffness=model.jnt_stiffness.copy(),
         springref=model.qpos_spring[model.jnt_qposadr].copy(),
         q_min=np.where(limited, model.jnt_range[:, 0], np.nan), q_max=np.where(limited, model.jnt_range[:, 1], np.nan),
@@ -115,6 +116,14 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_J
     )  # fmt: skip
     _check_numbers(tree, name)
     return tree
+
+
+def of_actuators(model: mujoco.MjModel, values: np.ndarray) -> np.ndarray:
+    """(n,) at each joint of a number of every actuator, armature or damping: its value times the square of its gear ratio."""
+    out = np.zeros(model.njnt)
+    for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)):
+        out[int(model.actuator_trnid[a, 0])] += values[a] * model.actuator_gear[a, 0] ** 2
+    return out
 
 
 def _torque_limits(model: mujoco.MjModel) -> np.ndarray:

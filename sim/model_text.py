@@ -16,6 +16,8 @@ import numpy as np
 from sim.errors import ConfigError
 from sim.files import read_text
 
+# name of the <custom> text by which an exported model has its effects
+EXPORTED = "calib_effects"
 MAX_BYTES = 20_000_000
 MAX_BODIES = 500
 MAX_DEPTH = 100
@@ -64,6 +66,11 @@ def checked_text(path: Path, root: Path | None = None) -> str:
             if depth > MAX_DEPTH or bodies > MAX_BODIES or elements > MAX_ELEMENTS:
                 raise ConfigError(
                     f"{path}: deeper than {MAX_DEPTH} elements, more than {MAX_BODIES} bodies or {MAX_ELEMENTS} elements; this is not an arm"
+                )
+            if element.tag == "text" and element.get("name") == EXPORTED:
+                raise ConfigError(
+                    f"{path}: is an export of calib, whose friction and gears are elements of MuJoCo and not numbers of the joints; "
+                    "give the arm that it was exported from"
                 )
             if not (hardware and element.tag == "plugin"):
                 _check_attributes(path, root, element, within[-1] if within else "")

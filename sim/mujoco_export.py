@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,21 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import JOINT_KEYS, model_text
 from sim.effects import Effect, Exported, Stage, effect_named
-from sim.mjcf import SOFT_STEP, STEP, joint_size, numbers, section
-from sim.mjcf_edit import bodies_of
+from sim.foreign_physics import foreign_physics, without_foreign_physics
+from sim.mjcf import SOFT_STEP, STEP, joint_size, least_rotor, numbers, section
+from sim.mjcf_drives import add_readings, set_limit, set_range
+from sim.mjcf_edit import bodies_of, in_degrees
 from sim.mjcf_form import passive
 from sim.model import compiled
+from sim.model_text import EXPORTED as TABLE
 from sim.own_values import value_of
 from sim.rigid_body import RigidBody
+from sim.self_contact import exclude_lasting_contacts
 from sim.slip import SLIP_WIDTH
-from sim.split_joint import split_joint
+from sim.split_joint import extend_keys, split_joint
 
 Element = ElementTree.Element
-TABLE = "calib_effects"
-DRY, READING, WORLD, LAST = "calib_dry_friction_{}", "calib_torque_{}", "calib_world", "calib_last_link"
+DRY, WORLD, LAST = "calib_dry_friction_{}", "calib_world", "calib_last_link"
 SCHEMA = "effects/1"
 # the stiffest bristle of a joint of inertia M at a step h: its natural frequency is a quarter of 1/h
 STIFFEST = 0.25**2
@@ -37,11 +41,12 @@ STIFFEST = 0.25**2
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """MJCF text, the files it names (path beside it -> file), and the table of its effects."""
+    """MJCF text, the files it names (path beside it -> file), the table of its effects, and what of its source no arm has and it has not."""
 
     text: str
     files: dict[str, Path]
     table: dict[str, Any]
+    removed: list[str]
 
 
 @dataclass(frozen=True)
@@ -61,12 +66,16 @@ def exported_model(arm: Arm) -> ExportedModel:
     text, files = model_text(arm)
     model = compiled(text, arm.model_path.parent, arm.name)
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    without_foreign_physics(root, model)
+    exclude_lasting_contacts(root, model, arm)
     bodies = dict(zip(arm.joint_names, bodies_of(root), strict=True))
     soft = any(e.form.twist for e in entries)
     step = min(float(model.opt.timestep), SOFT_STEP if soft else STEP)
     _set_option(root, step)
     actuators = section(root, "actuator")
-    own = [e for e in actuators if not e.get("name", "").startswith("calib_")]
+    degrees = in_degrees(root)
+    elements = [e for place in root.findall("actuator") for e in place]
+    own = [e for e in elements if not e.get("name", "").startswith("calib_")]
     stiffest = STIFFEST * _inertia(arm) / step**2
     dry = {}
     for j, joint in enumerate(arm.joint_names):
@@ -76,13 +85,18 @@ def exported_model(arm: Arm) -> ExportedModel:
             attributes = entry.form.mjcf.joint if entry.form.mjcf else {}
             element.attrib.update({k: v for k, v in attributes.items() if k not in JOINT_KEYS})
         bend = np.sum([e.form.damping for e in here], axis=0) if here else np.zeros(3)
-        if np.any(bend):
+        if np.any(bend) or np.any(model.dof_dampingpoly[j]):
             element.set("damping", numbers(np.add(bend, (value_of(arm, "viscous_friction", joint, "viscous"), 0.0, 0.0))))
+        if np.any(model.jnt_stiffnesspoly[j]):
+            element.set("stiffness", numbers([model.jnt_stiffness[j]]))
+        set_range(element, arm, model, j, degrees)
         limits = [e.form.limit for e in here if e.form.limit is not None]
+        if np.isfinite(arm.tau_max[j]) and not np.isclose(arm.tau_max[j], arm.tree.tau_max[j]):
+            limits.append(float(arm.tau_max[j]))
         if model.jnt_actfrclimited[j]:  # it would clip what the passive elements add, too
             element.set("actuatorfrclimited", "false")
             limits.append(float(np.abs(model.jnt_actfrcrange[j]).min()))
-        _set_limit(model, motors, limits)
+        set_limit(model, elements, motors, limits)
         law = _dry_friction(here, float(stiffest[j]), arm.tau_max[j])
         if law is not None:
             dry[joint] = law
@@ -93,21 +107,40 @@ def exported_model(arm: Arm) -> ExportedModel:
                 passive(DRY.format(joint), joint=joint) | {"lugre": numbers([law["stiffness"], 0.0, *law["lugre"]])},
             )
     _add_forces(root, model, bodies, actuators, entries)
-    _add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
+    add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
     gears = {e.item.joint: e for e in entries if e.form.twist and e.item.joint is not None}
+    raised = {}
     for joint, entry in gears.items():
+        least = least_rotor(entry.form.twist, step)
+        if value_of(arm, "rotor_inertia", joint, "inertia") < least:
+            raised[joint] = least
+            bodies[joint][1].set("armature", numbers([least]))
         split_joint(root, bodies, joint, entry.form, bool(arm.tree.prismatic[arm.joint_index(joint)]))
-    table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears)
+    extend_keys(root, [arm.joint_index(joint) for joint in gears], lambda: _states(root, arm))
+    table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears, raised)
     for custom in root.findall("custom"):
         for old in [e for e in custom.findall("text") if e.get("name") == TABLE]:
             custom.remove(old)
     ElementTree.SubElement(section(root, "custom"), "text", {"name": TABLE, "data": json.dumps(table, allow_nan=False)})
     ElementTree.indent(root)
-    return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", files, table)
+    return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", files, table, foreign_physics(model))
+
+
+def _states(root: Element, arm: Arm) -> int:
+    """How many states the model's motors have."""
+    bare = deepcopy(root)
+    for place in bare.findall("keyframe"):
+        bare.remove(place)
+    return int(compiled(ElementTree.tostring(bare, encoding="unicode"), arm.model_path.parent, arm.name).na)
 
 
 def _table(
-    arm: Arm, entries: Iterable[_Entry], dry: dict[str, dict[str, Any]], driven: set[str | None], gears: dict[str, _Entry]
+    arm: Arm,
+    entries: Iterable[_Entry],
+    dry: dict[str, dict[str, Any]],
+    driven: set[str | None],
+    gears: dict[str, _Entry],
+    raised: dict[str, float],
 ) -> dict[str, Any]:
     """What `calib.mujoco` reads, and what `calib export` says: each effect with its parameters, form, element and error."""
     rows = []
@@ -118,6 +151,10 @@ def _table(
             error = "this model has no motor on the joint: limit the torque that you apply"
         if form.twist and gears.get(item.joint or "") is not entry:
             error = "left out: another effect of this joint is its soft gear"
+        elif form.twist and item.joint in raised:
+            error = (
+                f"reflected inertia raised to {raised[item.joint]:.2g} kg m^2: the simulation step needs it behind this gear"
+            )
         if "stiffness" in form.dry and dry.get(item.joint or "", {}).get("softened"):
             error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, which the simulation step allows"
         rows.append({
@@ -167,25 +204,6 @@ def _dry_friction(here: list[_Entry], stiffest: float, tau_max: float) -> dict[s
     return {"stiffness": min(stiffness, stiffest), "softened": stiffness > stiffest and "stiffness" in shares, "lugre": lugre}
 
 
-def _set_limit(model: mujoco.MjModel, motors: list[Element], limits: list[float]) -> None:
-    for motor in motors if limits else []:
-        actuator = next(
-            (
-                k
-                for k in range(model.nactuator)
-                if mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k) == motor.get("name")
-            ),
-            None,
-        )
-        gear = 1.0 if actuator is None else max(abs(float(model.actuator_gear[actuator, 0])), 1e-12)
-        least = min(limits) / gear
-        if actuator is not None and model.actuator_forcelimited[actuator]:
-            least = min(least, float(np.abs(model.actuator_forcerange[actuator]).min()))
-        motor.attrib.pop("forcelimited", None)
-        motor.set("forcerange", numbers([-least, least]))
-        motor.set("forcelimited", "true")
-
-
 def _set_option(root: Element, step: float) -> None:
     """Passive actuators and stiff friction want implicitfast and a step of a millisecond at most."""
     option = section(root, "option")
@@ -210,18 +228,3 @@ def _add_forces(
         ElementTree.SubElement(place, "site", {"name": name, "pos": numbers(position)})
     at = {"site": LAST, "refsite": WORLD, "gear": numbers([*np.sum(forces, axis=0), 0, 0, 0])}
     ElementTree.SubElement(actuators, "dcmotor", passive("calib_tool_force", 1.0) | at)
-
-
-def _add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step: float) -> None:
-    """One sensor a motor for its torque, as late as the arm's torque channel is."""
-    late = {"delay": repr(delay), "nsample": str(int(np.ceil(delay / step)) + 2), "interp": "linear"} if delay > 0 else {}
-    sensors = section(root, "sensor")
-    for old in [e for e in sensors if e.get("name", "").startswith("calib_")]:
-        sensors.remove(old)
-    for joint in arm.joint_names:
-        motor = next((e for e in own if e.get("joint") == joint and e.get("name")), None)
-        if motor is not None:
-            reading = {"name": READING.format(joint), "actuator": motor.get("name", "")}
-            ElementTree.SubElement(sensors, "actuatorfrc", reading | late)
-    if not len(sensors):
-        root.remove(sensors)

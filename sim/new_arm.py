@@ -16,6 +16,7 @@ from sim.arm_table import Numbers
 from sim.bench_drive import bench_drive
 from sim.enclosing import with_pieces
 from sim.errors import ConfigError
+from sim.foreign_physics import foreign_physics
 from sim.locked import locked
 from sim.mjcf_tree import tree_text
 from sim.model import compiled, kinematic_tree
@@ -63,7 +64,8 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         shapeless, impossible = bool(found.without_shape), found.impossible
         model = compiled(found.text, staging, str(file))
         tree = kinematic_tree(model, str(file), most=ROBOT)
-        tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names))
+        rotors = np.array([found.rotors.get(joint, 0.0) for joint in tree.joint_names])
+        tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names), armature=tree.armature + rotors)
         followers = {name: found.followers[name] for name in tree.joint_names if name in found.followers}
         parents = _urdf_parents(found.text)
         whole, name = None, _robot_name(found.text)
@@ -72,6 +74,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         tree = whole.tree
         model = compiled(whole.model_text, file.parent, str(file))
         followers, parents, name = _followers(model), _body_parents(model), whole.name
+        notes += [f"not part of an arm, and left out: {found}" for found in foreign_physics(model)]
     held = _held(file, tree, choice, followers, parents, notes)
     kept = locked(tree, held) if held else tree
     _check_chain(file, kept, choice, notes)

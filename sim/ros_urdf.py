@@ -20,6 +20,7 @@ Element = ElementTree.Element
 NO_MASS = 1e-9
 # m; a point mass is a ball of this radius of gyration
 POINT = 1e-3
+DRAKE = "http://drake.mit.edu"
 
 
 @dataclass
@@ -27,6 +28,7 @@ class Urdf:
     """Text with meshes beside it in `folder`, what was left out, the joints that follow another one, and links without their shape.
 
     impossible: principal moments (3,) kg m^2 of links whose inertia no body has; the text has the nearest that is possible.
+    rotors: kg m^2 at the joint of the motors of each joint whose transmission states them as Drake reads them.
     """
 
     text: str
@@ -35,6 +37,7 @@ class Urdf:
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     without_shape: list[str] = field(default_factory=list)
     impossible: dict[str, np.ndarray] = field(default_factory=dict)
+    rotors: dict[str, float] = field(default_factory=dict)
 
 
 def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
@@ -44,7 +47,7 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
     fixed. A collision mesh that is not there leaves its link in `without_shape`. ConfigError where the file is no readable XML.
     """
     robot = _parsed(file)
-    out = Urdf("", staging)
+    out = Urdf("", staging, rotors=_rotors(robot))
     for element in list(robot):
         if element.tag not in ("link", "joint", "mujoco"):
             robot.remove(element)
@@ -67,6 +70,21 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
             joint.set("type", "fixed")
     out.text = ElementTree.tostring(robot, encoding="unicode")
     return out
+
+
+def _rotors(robot: Element) -> dict[str, float]:
+    """joint -> rotor inertia times gear ratio squared, from drake:rotor_inertia and drake:gear_ratio (https://drake.mit.edu, "Supported
+    URDF tags")."""
+    found: dict[str, float] = {}
+    for transmission in robot.iter("transmission"):
+        joint = transmission.find("joint")
+        if joint is None:
+            continue
+        for actuator in transmission.findall("actuator"):
+            rotor, gear = (actuator.find(f"{{{DRAKE}}}{key}") for key in ("rotor_inertia", "gear_ratio"))
+            ratio = 1.0 if gear is None else _number(gear, "value")
+            found[joint.get("name", "")] = found.get(joint.get("name", ""), 0.0) + _number(rotor, "value") * ratio**2
+    return found
 
 
 def _parsed(file: Path) -> Element:

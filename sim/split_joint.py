@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from xml.etree import ElementTree
 
 import numpy as np
 
 from sim.effects import Exported
-from sim.mjcf import TWIST, numbers, section
-from sim.mjcf_edit import Element, fixed_children
+from sim.mjcf import TWIST, numbers
+from sim.mjcf_edit import Element, fixed_children, in_degrees
+from sim.self_contact import exclude
 
 
 def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, slides: bool) -> None:
@@ -29,8 +30,7 @@ def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint
     shape = {key: hinge.get(key, "") for key in ("class", "type", "pos", "axis") if hinge.get(key)}
     bare = {"armature": "0", "frictionloss": "0", "stiffness": "0", "springref": "0", "ref": "0", "limited": "false"}
     twist = {"name": TWIST.format(joint=joint), **shape, **bare, "actuatorfrclimited": "false", **form.twist}
-    degrees = not any(c.get("angle") == "radian" for c in root.findall("compiler"))
-    if "range" in twist and degrees and not slides:
+    if "range" in twist and in_degrees(root) and not slides:
         twist["range"] = numbers(np.degrees([float(x) for x in twist["range"].split()]))
     body.insert(0, Element("joint", twist))
     rotor.append(body)
@@ -42,9 +42,22 @@ def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint
     for a in group:
         for b in (body, *fixed_children(body)):
             if a.get("name") and b.get("name"):
-                pair = {"body1": a.get("name", ""), "body2": b.get("name", "")}
-                if not any(e.attrib.items() >= pair.items() for e in section(root, "contact")):
-                    ElementTree.SubElement(section(root, "contact"), "exclude", pair)
+                exclude(root, a.get("name", ""), b.get("name", ""))
+
+
+def extend_keys(root: Element, split: Collection[int], states: Callable[[], int]) -> None:
+    """Untwisted gears in every keyframe: 0 behind the angle and the speed of each joint in `split`, and behind the states of the motors
+    those of the elements that were added, `states()` in all."""
+    for key in root.iter("key"):
+        for name in ("qpos", "qvel"):
+            values = key.get(name, "").split()
+            for j in sorted(split, reverse=True):
+                if values:
+                    values.insert(j + 1, "0")
+            if values:
+                key.set(name, " ".join(values))
+        if act := key.get("act", "").split():
+            key.set("act", " ".join([*act, *["0"] * (states() - len(act))]))
 
 
 def _upwards(element: Element, above: dict[Element, Element]) -> Iterable[Element]:

@@ -1,4 +1,4 @@
-"""An arm as URDF: what the format can hold, in full precision, and comments that say what it cannot."""
+"""An arm as URDF: what the format can hold, in full precision, and comments that name what it cannot."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import Arm
+from sim.arm import Arm, ArmEffect
 from sim.errors import ConfigError
 from sim.mjcf import numbers
 from sim.required import require_limits
+from sim.ros_urdf import DRAKE
 from sim.tree import Shape
 
 Element = ElementTree.Element
@@ -25,13 +26,13 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     A link's frame is its joint's frame; <inertial> has the centre of mass as origin and the inertia about it in the link's axes.
     A tilted base becomes a fixed joint under the base. Viscous and dry friction stand in <dynamics>; rotor inertia, for which URDF has
     no place, in each joint's <transmission> as <drake:rotor_inertia>, at the joint. <ros2_control> lists the joints with ROS's mock
-    hardware, to be replaced by the robot's driver. Capsules become a cylinder and two spheres; `meshes` names the file of each mesh shape.
+    hardware, to be replaced by the robot's driver. Comments name the effects that are left out. Capsules become a cylinder and two spheres; `meshes` names the file of each mesh shape.
     ConfigError where the format demands a limit that the arm does not state, or gravity is not 9.81 m/s^2.
     """
     require_limits(arm, "q_min", "q_max", "dq_max", "tau_max")
     tree = arm.tree
     base = base_name(arm)
-    root = Element("robot", {"name": arm.name, "xmlns:drake": "http://drake.mit.edu"})
+    root = Element("robot", {"name": arm.name, "xmlns:drake": DRAKE})
     links = [_add_link(root, base)] + [_add_link(root, name) for name in tree.link_names]
     tilt = _tilt(arm.gravity)
     if not np.allclose(tilt, np.eye(3), rtol=0, atol=1e-15):
@@ -52,8 +53,15 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     for k, shape in enumerate(tree.shapes):
         _add_shape(links[shape.link + 1], shape, (meshes or {}).get(shape.name, Path(f"shape_{k}.stl")))
     _add_drives(root, arm)
+    for item in not_in_urdf(arm):
+        root.append(ElementTree.Comment(f" left out, URDF has no place for it: {item.title.replace('--', '- -')} "))
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def not_in_urdf(arm: Arm) -> list[ArmEffect]:
+    """The effects that the URDF of an arm leaves out."""
+    return [e for e in arm.effects if e.effect not in ("coulomb_friction", "viscous_friction", "rotor_inertia")]
 
 
 def _add_drives(root: Element, arm: Arm) -> None:

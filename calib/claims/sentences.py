@@ -28,7 +28,8 @@ def _residual(n: Numbers) -> str:
         f"{n['where']} (limit {limit})"
     )
     others = [joint for joint in n["beyond"] if joint != n["worst"]]
-    return f"{sentence}; also above their limits: {_some(others)}" if others else sentence
+    sentence += f"; also above their limits: {_some(others)}" if others else ""
+    return sentence + (f"; not compared: {_some(n['uncompared'])}" if n["uncompared"] else "")
 
 
 def _worse(n: Numbers) -> str:

@@ -57,7 +57,7 @@ def command(
     from sim.export import FORMATS, export
     from sim.mujoco_export import exported_model
     from sim.passivity import driving_friction
-    from sim.required import require_limits
+    from sim.urdf import not_in_urdf, urdf_text
 
     arm = named(arm)
     table = load_arm(arm, configs)
@@ -65,20 +65,31 @@ def command(
     formats = tuple(only or FORMATS)
     if not only:
         try:
-            require_limits(table, "q_min", "q_max", "dq_max", "tau_max")
+            urdf_text(table)
         except ConfigError as error:
             formats = tuple(name for name in FORMATS if name != "urdf")
-            left_out = f"no URDF, which must state every limit: {error}"
+            left_out = f"no URDF: {error}"
     driven = [found.joint for found in driving_friction(table, np.nan_to_num(table.dq_max), np.zeros(table.n))]
     folder = new_run(table, "export", out)
     files = export(table, folder, formats)
-    effects = exported_model(table).table["effects"] if "mjcf" in formats else []
+    model = exported_model(table) if "mjcf" in formats else None
+    effects = [] if model is None else model.table["effects"]
+    removed = [] if model is None else model.removed
+    outside = [e.title for e in not_in_urdf(table)] if "urdf" in formats else []
     outcome = f"{arm} is written as {len(files)} file{'s' * (len(files) != 1)}"
     conclude(outcome)
     if json:
         shown = [{key: row[key] for key in ("effect", "joint", "form", "how", "error")} for row in effects]
         console.print_json(
-            {"arm": table.name, "files": files, "effects": shown, "left_out": left_out or None, "driven_by_friction": driven}
+            {
+                "arm": table.name,
+                "files": files,
+                "effects": shown,
+                "left_out": left_out or None,
+                "removed_from_mjcf": removed,
+                "not_in_urdf": outside,
+                "driven_by_friction": driven,
+            }
         )
         return
     console.table(["file", "bytes"], [[str(file), file.stat().st_size] for file in files])
@@ -89,6 +100,10 @@ def command(
                 console.say(sentence)
     if left_out:
         console.warn(left_out)
+    if removed:
+        console.warn(f"no part of an arm, and removed from the MuJoCo model: {'; '.join(removed)}")
+    if outside:
+        console.warn(f"not in the URDF, which has no place for it: {'; '.join(outside)}")
     if driven:
         console.warn(
             f"friction drives {', '.join(driven)} within the speed limits of {arm}, as no passive joint does: a simulation can run away. "

@@ -31,7 +31,7 @@ def command(
 
     Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
     Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0: the model is good, that
-    is, at every joint the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
+    is, at every joint compared the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
     poor. 2: wrong arm or wrong model (at half of the joints the residual exceeds the torque's standard deviation), no joint moves, or the
     recordings are not of this arm.
 
@@ -62,7 +62,7 @@ def command(
     verdict = found.assessment.verdict
     name = subject.name if is_log(arm) else arm
     then: list[str | Path] = ["export", name] if verdict is Verdict.GOOD else ["diagnose", arm, *(log or [])]
-    if verdict is Verdict.NOTHING:
+    if verdict is Verdict.NOTHING or (verdict is Verdict.GOOD and found.assessment.uncompared):
         then = ["plan", name]
     if as_json:
         console.print_json({**found.as_dict(), "next": console.command_line(then)})

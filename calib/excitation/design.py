@@ -10,9 +10,9 @@ from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import MARGIN, Room, Use
 from calib.identification.model import TorqueModel
-from safety.pairs import postures
 from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
+from sim.postures import postures
 from sim.trajectory import Trajectory
 
 SAMPLES = 120

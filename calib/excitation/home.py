@@ -15,12 +15,12 @@ from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.reaches import sweepable
 from calib.excitation.room import Room
 from safety.collision import Clearance
-from safety.pairs import postures
 from safety.parameters import missing_facts
 from safety.reach import spine
 from sim.arm import Arm
 from sim.cell import Cell, CellTable, MotionTable
 from sim.errors import AnswerIsNo, ConfigError
+from sim.postures import postures
 from sim.prior import unstated
 from sim.rigid_body import RigidBody
 

@@ -14,9 +14,9 @@ from calib.excitation.capsules import from_box, rpy_matrix
 from calib.excitation.distances import least_distances, pair_distances, too_near
 from calib.excitation.moving_capsules import MovingCapsules
 from safety.collision import Clearance
-from safety.pairs import postures
 from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell
+from sim.postures import postures
 
 # m beyond what a proof asks for at a posture: what lies between samples, and what it cannot decide within a stop
 CLEARANCE_MARGIN = 0.004

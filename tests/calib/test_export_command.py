@@ -34,7 +34,8 @@ def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", "servo6", "--format", "urdf", "--json", "--out", str(tmp_path / "out")]) == 0
     reply = json.loads(capsys.readouterr().out)
     files = [str(tmp_path / "out" / "servo6.urdf")]
-    assert reply == {"arm": "servo6", "files": files, "effects": [], "left_out": None, "driven_by_friction": []}
+    none = {"left_out": None, "removed_from_mjcf": [], "not_in_urdf": [], "driven_by_friction": []}
+    assert reply == {"arm": "servo6", "files": files, "effects": [], **none}
 
 
 def test_says_what_plain_mujoco_leaves_out(tmp_path, capsys):
@@ -65,7 +66,30 @@ def test_an_arm_whose_friction_drives_it_is_written_with_a_warning(tmp_path, cap
 def test_a_bare_model_without_limits_gets_no_urdf_and_the_reason(tmp_path, capsys):
     (tmp_path / "one.xml").write_text(BARE)
     assert main(["export", str(tmp_path / "one.xml"), "--out", str(tmp_path / "out")]) == 0
-    assert "no URDF, which must state every limit: " in " ".join(capsys.readouterr().err.split())
+    assert "no URDF: " in " ".join(capsys.readouterr().err.split())
     assert {p.suffix for p in (tmp_path / "out").iterdir()} == {".xml", ".csv", ".json", ".toml"}
     assert main(["export", str(tmp_path / "one.xml"), "--format", "urdf", "--out", str(tmp_path / "other")]) == 2
     assert "q_min of hinge is not given" in " ".join(capsys.readouterr().err.split())
+
+
+def test_gravity_that_no_urdf_has_leaves_the_other_formats(tmp_path, capsys):
+    write_arm(tmp_path / "arm", load_arm("ur5e"), gravity=[0.0, 0.0, -9.80665])
+    assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "out")]) == 0
+    assert "no URDF: gravity of 9.80665 m/s^2" in " ".join(capsys.readouterr().err.split())
+    assert {p.suffix for p in (tmp_path / "out").iterdir()} == {".xml", ".csv", ".json", ".toml"}
+
+
+def test_names_what_the_urdf_and_the_model_of_mujoco_leave_out(tmp_path, capsys):
+    spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 3.0, "rest_angle": 0.5})
+    write_arm(tmp_path / "arm", load_arm("ur5e"), effects=[spring])
+    assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "out")]) == 0
+    assert "not in the URDF, which has no place for it: joint spring at elbow_joint" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    assert (
+        "<!-- left out, URDF has no place for it: joint spring at elbow_joint -->"
+        in (tmp_path / "out" / "ur5e.urdf").read_text()
+    )
+    (tmp_path / "one.xml").write_text(BARE.replace('<body name="rod">', '<body name="rod" gravcomp="1">'))
+    assert main(["export", str(tmp_path / "one.xml"), "--format", "mjcf", "--json", "--out", str(tmp_path / "held")]) == 0
+    assert json.loads(capsys.readouterr().out)["removed_from_mjcf"] == ["gravcomp of body rod"]

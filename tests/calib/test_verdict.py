@@ -35,6 +35,12 @@ def test_the_worst_joint_decides(left: tuple[float, ...], verdict: Verdict, code
     assert found.as_dict()["limits"]["good"] == GOOD_SHARE
 
 
+def test_names_the_joints_that_nothing_was_compared_at() -> None:
+    found = assess(NAMES, np.array([NAN, 0.1, NAN, 0.1]) * SIGNAL, SIGNAL, MOST)
+    assert found.claim("arm", "the log").sentence.endswith("; not compared: a, c")
+    assert "not compared" not in assess(NAMES, 0.1 * SIGNAL, SIGNAL, MOST).claim("arm", "the log").sentence
+
+
 def test_a_joint_that_hardly_bears_anything_is_assessed_by_its_largest_torque() -> None:
     signal = np.array([10.0, 10.0, 10.0, 1.0])
     small = np.array([0.1, 0.1, 0.1, 0.45])

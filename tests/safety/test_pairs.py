@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.pairs import MANY_POSTURES, POSTURES, adjacent, always_apart, never_part, postures
+from safety.pairs import MANY_POSTURES, adjacent, always_apart, never_part
 from sim.arm import load_arm
 from sim.cell import load_cell
+from sim.postures import POSTURES, postures
 from sim.tree import Shape
 
 
