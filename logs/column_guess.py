@@ -2,81 +2,73 @@
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from logs.column_groups import Group, best_of, following, groups_of, keys_of
 from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns
+from logs.column_names import TIMES, words_of
 from logs.tables.table import Table
-from logs.unit_guess import UNIT_WORDS, integer_unit, speeds, turns, unit_behind, unit_of, words_of
+from logs.unit_guess import integer_unit, speeds, time_unit, turns, unit_of
 from logs.units import TIME, UNITS
 from sim.errors import BadLog
 
-TIMES = {"t", "time", "timestamp", "stamp", "times", "seconds", "secs", "sec", "elapsed", "clock"}
-# words in a column's name -> channel; the first that stands in it decides
-WORDS: dict[str, str] = {
-    **dict.fromkeys(
-        ("dq", "qd", "qdot", "dqs", "vel", "velocity", "velocities", "speed", "omega", "qvel", "dtheta", "rpm"), "dq"
-    ),
-    **dict.fromkeys(("tau", "torque", "torques", "effort", "efforts", "trq", "moment", "tauj", "taus"), "tau"),
-    **dict.fromkeys(("i", "current", "currents", "cur", "curr", "iq"), "current"),
-    **dict.fromkeys(("temp", "temperature", "temperatures", "temps"), "temperature"),
-    **dict.fromkeys(
-        ("q", "pos", "position", "positions", "qpos", "theta", "angle", "angles", "qs", "state", "enc", "encoder"), "q"
-    ),
-}
-COMMANDED = {
-    "cmd",
-    "des",
-    "desired",
-    "d",
-    "ref",
-    "reference",
-    "target",
-    "goal",
-    "command",
-    "commanded",
-    "setpoint",
-    "sp",
-    "action",
-}
-MEASURED = {"act", "actual", "meas", "measured", "real", "fb", "feedback", "observation", "m"}
-ACCELERATIONS = {"ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"}
+
+@dataclass(frozen=True)
+class Stated:
+    """What is known of the columns and is not guessed: the time's column and unit, or the rate Hz; channel -> its columns."""
+
+    time: str | None = None
+    time_unit: str = "s"
+    rate: float | None = None
+    channels: Mapping[str, Columns] = field(default_factory=dict)
 
 
 def guess_map(
-    table: Table, joint_names: Sequence[str] | None = None, episode: int | None = None
+    table: Table, joint_names: Sequence[str] | None = None, episode: int | None = None, stated: Stated | None = None
 ) -> tuple[ColumnMap, list[str]]:
     """The likely meaning of the columns, and sentences about what is doubtful; BadLog where no positions are found.
 
-    `joint_names` are the arm's, in the order of the columns.
+    `joint_names` are the arm's, in the order of the columns; what is `stated` stands in the map as it is.
     """
+    stated = stated or Stated()
     doubts: list[str] = []
-    time, unit = _time(table, doubts)
+    time, unit, rate = stated.time, stated.time_unit, stated.rate
+    if time is None and rate is None:
+        time, unit = _time(table, doubts)
     where: dict[str, float] = {}
     if "episode_index" in table.columns:
         episodes = np.unique(table.columns["episode_index"])
         if episode is not None or len(episodes) > 1:
             where = {"episode_index": float(episodes[0] if episode is None else episode)}
             doubts.append(f"the file holds {len(episodes)} episodes; rows of episode {where['episode_index']:g} are taken")
-    groups = _groups(table, time)
-    best = {channel: max(parts, key=lambda g: _rank(g, parts)) for channel, parts in groups.items()}
-    if "q" not in best:
-        raise BadLog(
-            f"no columns that are positions by their names: {', '.join(list(table.columns)[:24])}; say which they are: "
-            "--column q=NAME,NAME,...:deg"
-        )
+    rows = np.ones(len(table), dtype=bool)
+    for name, value in where.items():
+        rows &= table.columns[name] == value
+    t = np.full(len(table), np.nan)  # of a column of words, which is refused where it is read
+    if rate is not None:
+        t = np.arange(len(table)) / rate
+    elif time in table.columns:
+        t = table.columns[time].astype(float) * TIME[unit]
+    t = t[rows]
+    groups = _groups(table, time, stated, joint_names)
+    best = _best(table, groups, joint_names, t, rows)
     for channel, parts in groups.items():
         others = [name for g in parts if g is not best[channel] for name in g.values()]
         if others:
             doubts.append(f"{channel} could also be {', '.join(others)}; {', '.join(best[channel].values())} is taken")
     keys = list(best["q"])
-    names = _joint_names(keys, joint_names, doubts)
+    names = numbered_joints(len(keys))
+    if joint_names or "q" not in stated.channels:
+        names = _joint_names(keys, joint_names, doubts)
     channels = {}
     for channel in UNITS:
         group = best.get(channel)
+        if channel in stated.channels:
+            channels[channel] = stated.channels[channel]
+            continue
         if group is None:
             continue
         columns = tuple(group.get(key, "") for key in keys)
@@ -87,13 +79,43 @@ def guess_map(
             continue
         integer = integer_unit(table, columns, doubts) if channel in DRIVE else None
         channels[channel] = Columns(columns, unit_of(table, channel, columns, doubts), (1.0,) * len(keys), None, integer)
-    rows = np.ones(len(table), dtype=bool)
-    for name, value in where.items():
-        rows &= table.columns[name] == value
-    channels["q"] = turns(table, channels["q"], time, unit, rows, doubts)
-    if "dq" in channels:
-        channels["dq"] = speeds(table, channels["dq"], channels["q"], time, unit, rows, doubts)
-    return ColumnMap(names, time, unit, channels, None, where), doubts
+    if "q" not in stated.channels:
+        channels["q"] = turns(table, channels["q"], t, rows, doubts)
+    if "dq" in channels and "dq" not in stated.channels:
+        channels["dq"] = speeds(table, channels["dq"], channels["q"], t, rows, doubts)
+    return ColumnMap(names, time, unit, channels, rate, where), doubts
+
+
+def numbered_joints(n: int) -> tuple[str, ...]:
+    """Names for n joints that have none."""
+    return tuple(f"joint{k + 1}" for k in range(n))
+
+
+def _groups(table: Table, time: str | None, stated: Stated, joint_names: Sequence[str] | None) -> dict[str, list[Group]]:
+    """Channel -> groups of columns, of which none is taken for anything but what it is stated to be."""
+    used = {time, *(name for part in stated.channels.values() for name in part.columns)}
+    groups = groups_of([name for name in table.columns if name not in used], joint_names)
+    for channel, part in stated.channels.items():
+        # a joint without a column, or one whose name says nothing of the joint, keeps its place
+        keys = keys_of(part.columns, joint_names)
+        if len(set(keys)) < len(keys):
+            keys = [str(k + 1) for k in range(len(keys))]
+        groups[channel] = [dict(zip(keys, part.columns, strict=True))]
+    return groups
+
+
+def _best(
+    table: Table, groups: Mapping[str, list[Group]], joint_names: Sequence[str] | None, t: np.ndarray, rows: np.ndarray
+) -> dict[str, Group]:
+    if "q" not in groups:
+        raise BadLog(
+            f"no columns that are positions by their names: {', '.join(list(table.columns)[:24])}; say which they are: "
+            "--column q=NAME,NAME,...:deg"
+        )
+    moving = following(table, groups["q"], groups.get("dq", ()), t, rows) if len(groups["q"]) > 1 else ()
+    positions = best_of(groups["q"], None, len(joint_names) if joint_names else None, moving)
+    others = {channel: best_of(parts, list(positions), None) for channel, parts in groups.items() if channel != "q"}
+    return {"q": positions, **others}
 
 
 def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
@@ -107,61 +129,12 @@ def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
             f"no column of times among {', '.join(list(table.columns)[:24])}; say which it is: --column time=NAME:ms, or --rate HZ"
         )
     name = min(rising, key=lambda x: (len(words_of(x)), list(table.columns).index(x)))
-    units = [UNIT_WORDS[word] for word in words_of(name)[1:] if UNIT_WORDS.get(word) in TIME] + [unit_behind(name)]
-    if units[0]:
-        return name, units[0]
-    x = table.columns[name]
-    step = float(np.median(np.diff(x[np.isfinite(x)])))
-    # between 2 Hz and 5 kHz an arm is recorded; the unit that puts the rate there is the likely one
-    unit = next((u for u in ("s", "ms", "us", "ns") if 2e-4 <= step * TIME[u] <= 0.5), "s")
-    if unit != "s":
-        doubts.append(f"{name} rises by {step:g} a sample: it is taken as {unit}")
-    return name, unit
+    return name, time_unit(table, name, doubts)
 
 
 def _rises(x: np.ndarray) -> bool:
     x = x[np.isfinite(x)]
     return len(x) > 1 and x[-1] > x[0] and bool(np.mean(np.diff(x) >= 0) > 0.9)
-
-
-def _groups(table: Table, time: str) -> dict[str, list[dict[str, str]]]:
-    """Channel -> groups of columns, joint's key -> column; a group is what differs in the joint only."""
-    found: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
-    for name in table.columns:
-        words = words_of(name)
-        if name == time or set(words) & ACCELERATIONS:
-            continue
-        hit = next((word for word in WORDS if word in words), None)
-        inside = re.search(r"\[(.*)\]$", name)
-        a_unit = hit is not None and unit_behind(name) in UNITS[WORDS[hit]]
-        named = bool(inside and not inside[1].isdigit() and not a_unit)  # by its joint, which may be called d or ref
-        commanded = bool(set(words_of(name.partition("[")[0]) if named else words) & COMMANDED)
-        if hit is None and "action" not in words:
-            continue
-        channel = WORDS[hit] if hit else "q"
-        if commanded:
-            channel += "_cmd"
-        if channel not in UNITS:
-            continue
-        numbers = [word for word in words if word.isdigit()]
-        rest = [word for word in words if word not in {hit} | COMMANDED | MEASURED | set(UNIT_WORDS) - {"a", "s", "c", "k"}]
-        if inside and named:
-            key, stem = re.sub(r"[._ ](pos|position)$", "", inside[1]), name[: inside.start()]
-        elif numbers:
-            key, stem = numbers[-1], " ".join(word for word in words if not word.isdigit())
-        else:
-            key, stem = "_".join(rest), " ".join(word for word in words if word not in rest)
-        found[channel, stem].setdefault(key, name)
-    out: dict[str, list[dict[str, str]]] = defaultdict(list)
-    for (channel, _), group in found.items():
-        out[channel].append(group)
-    return out
-
-
-def _rank(group: dict[str, str], parts: list[dict[str, str]]) -> tuple[int, bool, int]:
-    """The group with the most joints, of these the one that is called measured, of these the one with the shortest names."""
-    first = next(iter(group.values()))
-    return len(group), bool(set(words_of(first)) & MEASURED), -len(first)
 
 
 def _joint_names(keys: list[str], wanted: Sequence[str] | None, doubts: list[str]) -> tuple[str, ...]:

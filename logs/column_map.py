@@ -66,8 +66,8 @@ class ColumnMap:
     rate: float | None = None
     where: Mapping[str, float] = field(default_factory=dict)
 
-    def text(self) -> str:
-        """As TOML."""
+    def plain(self) -> dict[str, Any]:
+        """As plain dictionaries, which `of_plain` reads."""
         out: dict[str, Any] = {"joints": list(self.joints)}
         out["time"] = {"rate": self.rate} if self.time is None else {"column": self.time, "unit": self.time_unit}
         for name, part in self.channels.items():
@@ -80,7 +80,11 @@ class ColumnMap:
                 out[name]["integer"] = part.integer
         if self.where:
             out["where"] = dict(self.where)
-        return tomli_w.dumps(out)
+        return out
+
+    def text(self) -> str:
+        """As TOML."""
+        return tomli_w.dumps(self.plain())
 
 
 def read_map(path: Path) -> ColumnMap:

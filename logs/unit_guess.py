@@ -3,48 +3,61 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 
 from logs.column_map import Columns
+from logs.column_names import stated_unit, unknown_unit
 from logs.tables.table import Table
 from logs.units import TIME, UNITS
 from logs.words import finding, wrapped
 
-UNIT_WORDS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "rpm": "rpm", "ms": "ms", "us": "us", "ns": "ns", "ma": "mA",
-    "nmm": "N mm", "mnm": "mN m", "nm": "N m", "amp": "A", "rev": "rev", "celsius": "degC", "k": "K", "s": "s", "a": "A", "c": "degC",
-}  # fmt: skip
-# as they stand in brackets, without blanks and signs of multiplication
-WRITTEN = {
-    **{unit.replace(" ", ""): unit for channel in UNITS.values() for unit in channel},
-    **{unit: unit for unit in TIME}, "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "degrees/s": "deg/s", "°C": "degC",
-    "C": "degC", "Amp": "A",
-}  # fmt: skip
 TURNS = (2 * math.pi, 25.0)  # rad: a full turn; the range of many CAN drives' position field, -12.5 to 12.5
 SAME_SPEED = 0.15  # share by which a speed may be off the derivative of the position
 MOVES = 0.02  # rad/s in the median
+FOLLOWS = 0.9  # correlation of a position with the integral of its speed; FIXME
 TURNING_SPEED = 100.0  # rad/s: beyond it a step of the position is no motion
 
 
 def unit_of(table: Table, channel: str, columns: tuple[str, ...], doubts: list[str]) -> str:
     """The unit that the names state, else the one that the size of the numbers makes likely."""
-    stated = {UNIT_WORDS[w] for name in columns for w in words_of(name)[1:] if w in UNIT_WORDS} | set(map(unit_behind, columns))
-    own = next(iter(UNITS[channel]))
-    if "dps" in {w for name in columns for w in words_of(name)} or ("deg" in stated and channel.startswith("dq")):
-        stated.add("deg/s")
-    fits = [unit for unit in UNITS[channel] if unit in stated and unit != own]
-    if fits:
-        return fits[0]
-    if channel in ("q", "q_cmd") and own not in stated:
+    stated = {stated_unit(channel, name) for name in columns if name} - {""}
+    unit = next((unit for unit in reversed(UNITS[channel]) if unit in stated), "")
+    if len(stated) > 1:
+        doubts.append(f"the columns of {channel} state {' and '.join(sorted(stated))}: {unit} is taken for all of them")
+    if unit:
+        return unit
+    unit = next(iter(UNITS[channel]))
+    if channel in ("q", "q_cmd"):
         x = np.concatenate([table.columns[name] for name in columns if name])
         x = np.abs(x[np.isfinite(x)])
         reach = float(np.quantile(x, 0.99)) if len(x) else 0.0
         if reach > 6 * math.pi and not any(reach <= turn / 2 * 1.001 for turn in TURNS):
             doubts.append(f"{channel} reaches {reach:.4g}: it is taken as deg")
-            return "deg"
-    return own
+            unit = "deg"
+    text = unknown_unit(channel, columns)
+    if text:
+        doubts.append(
+            f"the unit '{text:.40}' of {', '.join(filter(None, columns))} is not known: {unit} is taken; state it with "
+            f"--column {channel}=NAME,NAME,...:UNIT"
+        )
+    return unit
+
+
+def time_unit(table: Table, name: str, doubts: list[str]) -> str:
+    """The unit of a column of times that its name states, else the one that its steps make likely."""
+    unit = stated_unit("time", name)
+    if unit:
+        return unit
+    x = table.columns[name]
+    step = float(np.median(np.diff(x[np.isfinite(x)])))
+    # between 2 Hz and 5 kHz an arm is recorded; the unit that puts the rate there is the likely one
+    unit = next((u for u in ("s", "ms", "us", "ns") if 2e-4 <= step * TIME[u] <= 0.5), "s")
+    text = unknown_unit("time", (name,))
+    if unit != "s" or text:
+        unknown = f", whose unit '{text:.40}' is not known," if text else ""
+        doubts.append(f"{name}{unknown} rises by {step:g} a sample: it is taken as {unit}")
+    return unit
 
 
 def integer_unit(table: Table, columns: tuple[str, ...], doubts: list[str]) -> str | None:
@@ -57,22 +70,18 @@ def integer_unit(table: Table, columns: tuple[str, ...], doubts: list[str]) -> s
     return None
 
 
-def speeds(
-    table: Table, part: Columns, positions: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]
-) -> Columns:
+def speeds(table: Table, part: Columns, positions: Columns, t: np.ndarray, rows: np.ndarray, doubts: list[str]) -> Columns:
     """Speeds in the unit in which they are the derivative of the positions, where their names state none."""
-    if positions.wraps is not None or any(
-        unit_behind(name) or any(word in UNIT_WORDS for word in words_of(name)[1:]) for name in part.columns
-    ):
+    if positions.wraps is not None or any(stated_unit("dq", name) for name in part.columns):
         return part
-    t = table.columns[time].astype(float)[rows] * TIME[unit]
+    rising = np.r_[True, np.diff(t) > 0]  # a stamp that is printed to fewer digits than the rate needs stands still in between
     ratios = []
     for of_q, of_dq in zip(positions.columns, part.columns, strict=True):
-        if not (of_q and of_dq):
+        if not (of_q in table.columns and of_dq in table.columns):
             continue
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            q, dq = table.columns[of_q][rows] * UNITS["q"][positions.unit], table.columns[of_dq][rows]
-            slope = np.diff(q) / np.diff(t)
+            q, dq = table.columns[of_q][rows][rising] * UNITS["q"][positions.unit], table.columns[of_dq][rows][rising]
+            slope = np.diff(q) / np.diff(t[rising])
             ok = np.isfinite(slope) & np.isfinite(dq[1:])
         size = float(np.median(np.abs(slope[ok]))) if ok.any() else 0.0
         if size > MOVES:
@@ -85,9 +94,8 @@ def speeds(
     return part
 
 
-def turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, doubts: list[str]) -> Columns:
+def turns(table: Table, part: Columns, t: np.ndarray, rows: np.ndarray, doubts: list[str]) -> Columns:
     """A position that jumps by one and the same angle, and covers just that angle, starts again after it."""
-    t = table.columns[time].astype(float)[rows] * TIME[unit]
     for name in filter(None, part.columns):
         with np.errstate(over="ignore", invalid="ignore"):  # values beyond all measure are no readings
             q = table.columns[name][rows] * UNITS["q"][part.unit]
@@ -103,13 +111,13 @@ def turns(table: Table, part: Columns, time: str, unit: str, rows: np.ndarray, d
     return part
 
 
-def unit_behind(name: str) -> str:
-    """The unit in brackets at the end of a column's name, as in `q1 [deg]` and `speed 2 (°/s)`; "" where there is none."""
-    inside = re.search(r"[\[(]([^\[(]*)[\])]$", name)
-    return WRITTEN.get(re.sub(r"[\s*·.]", "", inside[1]), "") if inside else ""
-
-
-def words_of(name: str) -> list[str]:
-    """`actual_q_0` -> actual q 0; `jointPos[2]` -> joint pos 2."""
-    split = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
-    return re.findall(r"[a-z]+|\d+", split)
+def follows(table: Table, position: str, speed: str, t: np.ndarray, rows: np.ndarray) -> bool:
+    """Whether a column is, to a scale and an offset, the integral of another; the integral, which noise of either hardly changes."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        q, dq = table.columns[position][rows].astype(float), table.columns[speed][rows].astype(float)
+        ok = np.isfinite(q) & np.isfinite(dq) & np.isfinite(t)
+        q, dq, t = q[ok], dq[ok], t[ok]
+        walked = np.r_[0.0, np.cumsum((dq[1:] + dq[:-1]) / 2 * np.diff(t))] if len(q) else q
+        q, walked = q - np.mean(q) if len(q) else q, walked - np.mean(walked) if len(q) else q
+        size = float(np.linalg.norm(q) * np.linalg.norm(walked))
+        return bool(math.isfinite(size) and size > 0 and float(q @ walked) > FOLLOWS * size)

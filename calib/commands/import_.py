@@ -115,6 +115,8 @@ def command(
     if table is None:
         read_log(file, model.joint_names if model else None, accept_partial=True)
     folder = new_run(model or "log", "import", out)
+    for sentence in doubts if complete else ():
+        console.warn(sentence)
     if table is not None and chosen is not None and not complete:
         if yes:
             for doubt in doubts:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.terminal import console
-from logs.column_guess import guess_map
-from logs.column_map import CHANNELS, DRIVE, ColumnMap, of_plain, read_map
+from logs.column_guess import Stated, guess_map, numbered_joints
+from logs.column_map import CALENDAR, CHANNELS, DRIVE, ColumnMap, Columns, of_plain, read_map
+from logs.column_names import stated_unit
 from logs.tables import Table
 from logs.units import TIME, UNITS
 from logs.words import BITS
@@ -21,27 +22,24 @@ def chosen_map(
     table: Table, file: Path, map_file: Path | None, columns: Sequence[str], rate: float | None, joints: str | None,
     joint_names: Sequence[str] | None, episode: int | None,
 ) -> tuple[ColumnMap, list[str], bool]:  # fmt: skip
-    """The map, what is doubtful about it, and whether the options stated all of it."""
+    """The map, what is doubtful about it or was not taken, and whether it was stated, not guessed: by a map, or time and positions by options."""
     if map_file is not None:
         found = read_map(map_file)
         return (replace(found, where={"episode_index": float(episode)}) if episode is not None else found), [], True
-    stated = dict(_option(option, (*table.columns, *table.words)) for option in columns)
+    stated = _stated(table, columns, rate)
     names = tuple(part.strip() for part in joints.split(",")) if joints else joint_names
-    complete = "q" in stated and ("time" in stated or rate is not None)
+    complete = "q" in stated.channels and (stated.time is not None or stated.rate is not None)
     if complete:
-        return _of_options(stated, rate, names, episode), [], True
-    guess, doubts = guess_map(table, names, episode)
-    if not stated and rate is None:
-        return guess, doubts, False
-    plain = {"joints": list(guess.joints), "time": {"column": guess.time, "unit": guess.time_unit}}
-    plain |= {
-        name: {"columns": list(part.columns), "unit": part.unit} | ({"integer": part.integer} if part.integer else {})
-        for name, part in guess.channels.items()
-    }
-    own = _plain(stated, rate)
-    if "q" in own and names is None:
-        plain["joints"] = _names(own["q"]["columns"])
-    return of_plain({**plain, **own, "where": dict(guess.where)}, "--column"), doubts, False
+        joint_names = names if names is not None else numbered_joints(len(stated.channels["q"].columns))
+        where = {"episode_index": float(episode)} if episode is not None else {}
+        found = ColumnMap(tuple(joint_names), stated.time, stated.time_unit, stated.channels, stated.rate, where)
+        idle = ", ".join(_idle(found, table))
+        doubts = (
+            [f"time and q are stated, so nothing is guessed, and not taken: {idle}; state others with --column"] if idle else []
+        )
+    else:
+        found, doubts = guess_map(table, names, episode, stated)
+    return of_plain(found.plain(), "--column"), doubts, complete
 
 
 def with_words(chosen: ColumnMap, assume: Sequence[str]) -> tuple[ColumnMap, list[str]]:
@@ -60,9 +58,7 @@ def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) 
     """Show the guess and ask; ConfigError where nobody answers, or the answer is no."""
     rows = [["time", chosen.time or "", chosen.time_unit]]
     rows += [[name, ", ".join(part.columns), part.unit] for name, part in chosen.channels.items()]
-    used = {chosen.time, *chosen.where} | {name for part in chosen.channels.values() for name in part.columns}
-    idle = [name for name in (*table.columns, *table.words) if name not in used]
-    for row in (["joints", ", ".join(chosen.joints), ""], *rows, ["not used", ", ".join(idle) or "none", ""]):
+    for row in (["joints", ", ".join(chosen.joints), ""], *rows, ["not used", ", ".join(_idle(chosen, table)) or "none", ""]):
         console.warn(f"  {row[0]:<12} {row[1]}{'  [' + row[2] + ']' if row[2] else ''}")
     for doubt in doubts:
         console.warn(f"  doubtful: {doubt}")
@@ -73,6 +69,11 @@ def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) 
         )
     if console.ask("calib: is this what the columns mean? [y/N] ").strip().lower() not in ("y", "yes"):
         raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept}")
+
+
+def _idle(chosen: ColumnMap, table: Table) -> list[str]:
+    used = {chosen.time, *chosen.where} | {name for part in chosen.channels.values() for name in part.columns}
+    return [name for name in (*table.columns, *table.words) if name not in used]
 
 
 def _option(text: str, known: Sequence[str]) -> tuple[str, tuple[list[str], str | None]]:
@@ -105,29 +106,15 @@ def _columns_of(name: str, known: Sequence[str]) -> list[str]:
     return parts if parts and name not in known else [name]
 
 
-def _plain(stated: dict[str, tuple[list[str], str | None]], rate: float | None) -> dict[str, dict]:
-    out: dict[str, dict] = {}
-    for channel, (names, unit) in stated.items():
-        if channel == "time":
-            out["time"] = {"column": names[0], "unit": unit or "s"}
-        else:
-            out[channel] = {"columns": names, "unit": unit or next(iter(UNITS[channel]))}
-    if rate is not None:
-        out["time"] = {"rate": rate}
-    return out
-
-
-def _names(columns: Sequence[str]) -> list[str]:
-    return [f"joint{k + 1}" for k in range(len(columns))]
-
-
-def _of_options(
-    stated: dict[str, tuple[list[str], str | None]],
-    rate: float | None,
-    names: Sequence[str] | None,
-    episode: int | None,
-) -> ColumnMap:
-    plain = _plain(stated, rate)
-    joints = list(names) if names is not None else _names(plain["q"]["columns"])
-    rows = {"episode_index": float(episode)} if episode is not None else {}
-    return of_plain({"joints": joints, **plain, "where": rows}, "--column")
+def _stated(table: Table, options: Sequence[str], rate: float | None) -> Stated:
+    """What the options state; a unit that they leave out is the one in the columns' names, else the log's own."""
+    time, time_unit, channels = None, "s", {}
+    for channel, (names, given) in (_option(option, (*table.columns, *table.words)) for option in options):
+        unit = given or next(filter(None, (stated_unit(channel, name) for name in names if name)), "")
+        if channel != "time":
+            channels[channel] = Columns(tuple(names), unit or next(iter(UNITS[channel])), (1.0,) * len(names))
+        elif rate is None:
+            time = names[0]
+            instants = time in table.columns and table.columns[time].dtype.kind == "i"
+            time_unit = unit or (CALENDAR if instants else "s")
+    return Stated(time, time_unit, rate, channels)

@@ -1,0 +1,198 @@
+"""Columns that belong together: one channel's, which differ in the joint only; which of several such groups is likely the channel."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from logs.column_names import (
+    ACCELERATIONS,
+    ACTION,
+    ASIDE,
+    COMMANDED,
+    MEASURED,
+    UNIT_WORDS,
+    VAGUE,
+    WORDS,
+    apart,
+    stated_unit,
+    words_of,
+)
+from logs.tables.table import Table
+from logs.unit_guess import follows
+from logs.units import UNITS
+
+Group = dict[str, str]  # joint's key -> column
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A column's name: the words without those of an arm's joint, the joint they name, the text in brackets that is no unit, the channel."""
+
+    name: str
+    words: tuple[str, ...]
+    joint: str
+    text: str
+    hit: str
+    channel: str
+
+    @property
+    def stem(self) -> tuple[str, ...]:
+        return tuple(word for word in self.words if not word.isdigit())
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        return tuple(word for word in self.words if word.isdigit())
+
+    @property
+    def meaning(self) -> tuple[str, ...]:
+        return tuple(word for word in self.words if word in {self.hit} | COMMANDED | MEASURED | ASIDE | set(UNIT_WORDS))
+
+    @property
+    def rest(self) -> tuple[str, ...]:
+        return tuple(word for word in self.words if word not in self.meaning)
+
+
+def groups_of(names: Sequence[str], joint_names: Sequence[str] | None) -> dict[str, list[Group]]:
+    """Channel -> its groups. An arm's joint names are looked for first, and count where one channel has all of them."""
+    out: dict[str, list[Group]] = defaultdict(list)
+    read = [_read(name, joint_names or ()) for name in names]
+    named = _by(read, lambda x: (x.channel, x.words) if x.joint else None)
+    if any(len({x.joint for x in part}) == len(joint_names or ()) for part in named.values()):
+        for part in named.values():
+            out[part[0].channel] += _unique((x.joint, x.name) for x in part)
+        read = [x for x in read if not x.joint]
+    else:
+        read = [_read(name, ()) for name in names]
+    behind = _by(read, lambda x: (x.channel, x.stem) if x.text else None)
+    for part in behind.values():
+        if len({x.text for x in part}) > 1:  # else it is a unit that is not known
+            out[part[0].channel] += _unique((re.sub(r"[._ ](pos|position)$", "", x.text), x.name) for x in part)
+            read = [x for x in read if x not in part]
+    for part in _by(read, lambda x: (x.channel, x.meaning) if x.channel else None).values():
+        out[part[0].channel] += _of_one_meaning(part)
+    return out
+
+
+def keys_of(names: Sequence[str], joint_names: Sequence[str] | None) -> list[str]:
+    """The joints' keys of columns that are one group; "" where a name holds none."""
+    there = [name for name in names if name]
+    named, read = ([_read(name, joints, "q") for name in there] for joints in (joint_names or (), ()))
+    ways = ([x.joint for x in named], [x.text for x in read], [x.numbers[-1] if x.numbers else "" for x in read], _called(read))
+    keys = next((keys for keys in ways if len(set(keys) - {""}) == len(there)), [""] * len(there))
+    found = dict(zip(there, keys, strict=True))
+    return [found.get(name, "") for name in names]
+
+
+def best_of(groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | None, moving: Sequence[str] = ()) -> Group:
+    """The group of the most joints of `keys`; where these are unknown, of `wanted` joints or else the most.
+
+    Among these: one of those in `moving` (first columns of groups that follow a speed), then one whose words are exact, one that is called
+    measured, the one with the shortest names.
+    """
+
+    def rank(group: Group) -> tuple[bool, int, bool, bool, bool, int]:
+        first = next(iter(group.values()))
+        words = set(words_of(first))
+        joints = len(group) if keys is None else sum(key in group for key in keys)
+        exact = not words & (ASIDE | VAGUE | {"g"})  # tau_g: what weight alone takes
+        return len(group) == wanted, joints, first in moving, exact, bool(words & MEASURED), -len(first)
+
+    return max(groups, key=rank)
+
+
+def following(table: Table, groups: Sequence[Group], speeds: Sequence[Group], t: np.ndarray, rows: np.ndarray) -> list[str]:
+    """First columns of the groups of positions most of whose joints are the integral of a speed."""
+    out = []
+    for group in groups:
+        pairs = [(name, part[key]) for part in speeds for key, name in group.items() if key in part]
+        if not pairs and len(group) == 1:
+            pairs = [(name, speed) for part in speeds if len(part) == 1 for name in group.values() for speed in part.values()]
+        found = [follows(table, q, dq, t, rows) for q, dq in pairs if dq in table.columns]
+        if found and np.mean(found) > 0.5:
+            out.append(next(iter(group.values())))
+    return out
+
+
+def _read(name: str, joint_names: Sequence[str], channel: str = "") -> _Name:
+    before, text = apart(name)
+    words, joint = words_of(before), ""
+    if text.isdigit():
+        words, text = [*words, text], ""
+    hit = _hit(words)
+    if not hit and _hit(words_of(name)):  # joint1 [pos]
+        words, text = words_of(name), ""
+        hit = _hit(words)
+    everywhere = [*words, *words_of(text)]
+    for candidate in sorted(joint_names, key=len, reverse=True):
+        wanted = words_of(candidate)
+        at = next((k for k in range(len(everywhere)) if everywhere[k : k + len(wanted)] == wanted), None)
+        if wanted and at is not None and _hit(others := [*everywhere[:at], *everywhere[at + len(wanted) :]]):
+            words, joint, hit = others, candidate, _hit(others)
+            break
+    if not channel and hit and not set(words) & ACCELERATIONS:
+        channel = WORDS.get(hit, "q") + ("_cmd" if set(words) & COMMANDED else "")
+        channel = channel if channel in UNITS else ""
+    if channel and stated_unit(channel, name):
+        text = ""
+    return _Name(name, tuple(words), joint, text, hit, channel)
+
+
+def _hit(words: Sequence[str]) -> str:
+    return next((word for word in (*WORDS, ACTION) if word in words), "")
+
+
+def _by(read: Iterable[_Name], of: Callable[[_Name], Hashable | None]) -> dict[Hashable, list[_Name]]:
+    out: dict[Hashable, list[_Name]] = defaultdict(list)
+    for x in read:
+        if (key := of(x)) is not None:
+            out[key].append(x)
+    return out
+
+
+def _of_one_meaning(part: list[_Name]) -> list[Group]:
+    """Groups of columns that are called the same but for joints, numbers and other words, `q_1`, `q_hip`, `q_filtered_1`.
+
+    A number is the joint's, and other words make another group; but it is part of a joint's name (shoulder, elbow, wrist_1, wrist_2) where
+    the columns with the largest group's numbers are no more than half of all.
+    """
+    bare, others = [x for x in part if not x.rest], [x for x in part if x.rest]
+    numbered = list(_by(others, lambda x: x.stem if x.numbers else None).values())
+    plain = [x for x in others if not x.numbers]
+    out = _unique(("", x.name) for x in bare)
+    sets = [{x.numbers[-1] for x in group} for group in numbered]
+    largest = max(sets, key=len, default=set())
+    alike = sum(len(group) for group, numbers in zip(numbered, sets, strict=True) if numbers == largest)
+    if 2 * alike <= len(others):
+        return out + _unique(zip(_called(others), (x.name for x in others), strict=True))
+    for group in numbered:
+        out += _unique((x.numbers[-1], x.name) for x in group)
+    return out + _unique(zip(_called(plain), (x.name for x in plain), strict=True))
+
+
+def _called(read: list[_Name]) -> list[str]:
+    """What joints are called in names such as `/joint_states/elbow_joint/position`, without the parts that all of them share."""
+    paths = [re.split(r"[/.:]+", x.name) for x in read]
+    if len(read) > 1 and len({len(path) for path in paths}) == 1:
+        differ = [len(set(parts)) > 1 for parts in zip(*paths, strict=True)]
+        kept = [words_of(" ".join(part for part, use in zip(path, differ, strict=True) if use)) for path in paths]
+        keys = ["_".join(word for word in words if word in x.rest) for x, words in zip(read, kept, strict=True)]
+        if all(keys):
+            return keys
+    return ["_".join(x.rest) for x in read]
+
+
+def _unique(pairs: Iterable[tuple[str, str]]) -> list[Group]:
+    """Groups in which each key stands once; in the order of the joints' numbers, where all keys are numbers."""
+    groups: list[Group] = []
+    for key, name in pairs:
+        group = next((group for group in groups if key not in group), None)
+        if group is None:
+            group = {}
+            groups.append(group)
+        group[key] = name
+    return [dict(sorted(x.items(), key=lambda item: int(item[0]))) if all(k.isdecimal() for k in x) else x for x in groups]
