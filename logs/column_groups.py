@@ -31,7 +31,7 @@ Group = dict[str, str]  # joint's key -> column
 
 @dataclass(frozen=True)
 class _Name:
-    """A column's name: the words without those of an arm's joint, the joint they name, the text in brackets that is no unit, the channel."""
+    """A column's name: the words without those of an arm's joint, that joint, the text in brackets that is no number, the channel."""
 
     name: str
     words: tuple[str, ...]
@@ -60,20 +60,22 @@ class _Name:
 def groups_of(names: Sequence[str], joint_names: Sequence[str] | None) -> dict[str, list[Group]]:
     """Channel -> its groups. An arm's joint names are looked for first, and count where one channel has all of them."""
     out: dict[str, list[Group]] = defaultdict(list)
-    read = [_read(name, joint_names or ()) for name in names]
+    joints = _named_joints(joint_names)
+    read = _channels(names, joints)
     named = _by(read, lambda x: (x.channel, x.words) if x.joint else None)
-    if any(len({x.joint for x in part}) == len(joint_names or ()) for part in named.values()):
+    if any(len({x.joint for x in part}) == len(joints) for part in named.values()):
         for part in named.values():
             out[part[0].channel] += _unique((x.joint, x.name) for x in part)
         read = [x for x in read if not x.joint]
     else:
-        read = [_read(name, ()) for name in names]
+        read = _channels(names, ())
     behind = _by(read, lambda x: (x.channel, x.stem) if x.text else None)
     for part in behind.values():
-        if len({x.text for x in part}) > 1:  # else it is a unit that is not known
+        if _tell_joints(part):
             out[part[0].channel] += _unique((re.sub(r"[._ ](pos|position)$", "", x.text), x.name) for x in part)
-            read = [x for x in read if x not in part]
-    for part in _by(read, lambda x: (x.channel, x.meaning) if x.channel else None).values():
+            taken = {x.name for x in part}
+            read = [x for x in read if x.name not in taken]
+    for part in _by(read, lambda x: (x.channel, x.meaning)).values():
         out[part[0].channel] += _of_one_meaning(part)
     return out
 
@@ -81,8 +83,13 @@ def groups_of(names: Sequence[str], joint_names: Sequence[str] | None) -> dict[s
 def keys_of(names: Sequence[str], joint_names: Sequence[str] | None) -> list[str]:
     """The joints' keys of columns that are one group; "" where a name holds none."""
     there = [name for name in names if name]
-    named, read = ([_read(name, joints, "q") for name in there] for joints in (joint_names or (), ()))
-    ways = ([x.joint for x in named], [x.text for x in read], [x.numbers[-1] if x.numbers else "" for x in read], _called(read))
+    named, read = ([_read(name, joints, "q") for name in there] for joints in (_named_joints(joint_names), ()))
+    ways = (
+        [x.joint for x in named],
+        [x.text for x in read if _tell_joints(read)],
+        [x.numbers[-1] if x.numbers else "" for x in read],
+        _called(read),
+    )
     keys = next((keys for keys in ways if len(set(keys) - {""}) == len(there)), [""] * len(there))
     found = dict(zip(there, keys, strict=True))
     return [found.get(name, "") for name in names]
@@ -105,17 +112,21 @@ def best_of(groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | N
     return max(groups, key=rank)
 
 
-def following(table: Table, groups: Sequence[Group], speeds: Sequence[Group], t: np.ndarray, rows: np.ndarray) -> list[str]:
-    """First columns of the groups of positions most of whose joints are the integral of a speed."""
+def following(table: Table, groups: Sequence[Group], speed: Group, t: np.ndarray, rows: np.ndarray) -> list[str]:
+    """First columns of the groups of positions most of whose joints are the integral of the speed."""
     out = []
     for group in groups:
-        pairs = [(name, part[key]) for part in speeds for key, name in group.items() if key in part]
-        if not pairs and len(group) == 1:
-            pairs = [(name, speed) for part in speeds if len(part) == 1 for name in group.values() for speed in part.values()]
+        pairs = [(name, speed[key]) for key, name in group.items() if key in speed]
+        if len(group) == len(speed) == 1:
+            pairs = list(zip(group.values(), speed.values(), strict=True))
         found = [follows(table, q, dq, t, rows) for q, dq in pairs if dq in table.columns]
         if found and np.mean(found) > 0.5:
             out.append(next(iter(group.values())))
     return out
+
+
+def _channels(names: Sequence[str], joint_names: Sequence[str]) -> list[_Name]:
+    return [x for x in (_read(name, joint_names) for name in names) if x.channel]
 
 
 def _read(name: str, joint_names: Sequence[str], channel: str = "") -> _Name:
@@ -137,9 +148,20 @@ def _read(name: str, joint_names: Sequence[str], channel: str = "") -> _Name:
     if not channel and hit and not set(words) & ACCELERATIONS:
         channel = WORDS.get(hit, "q") + ("_cmd" if set(words) & COMMANDED else "")
         channel = channel if channel in UNITS else ""
-    if channel and stated_unit(channel, name):
-        text = ""
     return _Name(name, tuple(words), joint, text, hit, channel)
+
+
+def _named_joints(joint_names: Sequence[str] | None) -> Sequence[str]:
+    """The names, unless they differ in their numbers only: then numbers are keys, which stand in the names of all channels."""
+    stems = {tuple(word for word in words_of(name) if not word.isdigit()) for name in joint_names or ()}
+    return joint_names or () if len(stems) > 1 or len(joint_names or ()) == 1 else ()
+
+
+def _tell_joints(part: list[_Name]) -> bool:
+    """Whether the texts in brackets are joints: they differ, and they are no units, of which one of a letter may be a joint's name."""
+    texts = {x.text for x in part}
+    units = {text for text in texts if stated_unit(part[0].channel, f"[{text}]")}
+    return len(texts) > 1 and units < texts and all(re.match(r"\w", text) for text in texts) and all(len(x) == 1 for x in units)
 
 
 def _hit(words: Sequence[str]) -> str:

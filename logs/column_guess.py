@@ -112,8 +112,11 @@ def _best(
             f"no columns that are positions by their names: {', '.join(list(table.columns)[:24])}; say which they are: "
             "--column q=NAME,NAME,...:deg"
         )
-    moving = following(table, groups["q"], groups.get("dq", ()), t, rows) if len(groups["q"]) > 1 else ()
-    positions = best_of(groups["q"], None, len(joint_names) if joint_names else None, moving)
+    wanted = len(joint_names) if joint_names else None
+    positions = best_of(groups["q"], None, wanted)
+    if len(groups["q"]) > 1 and "dq" in groups:
+        speed = best_of(groups["dq"], list(positions), None)
+        positions = best_of(groups["q"], None, wanted, following(table, groups["q"], speed, t, rows))
     others = {channel: best_of(parts, list(positions), None) for channel, parts in groups.items() if channel != "q"}
     return {"q": positions, **others}
 

@@ -15,7 +15,7 @@ from logs.words import finding, wrapped
 TURNS = (2 * math.pi, 25.0)  # rad: a full turn; the range of many CAN drives' position field, -12.5 to 12.5
 SAME_SPEED = 0.15  # share by which a speed may be off the derivative of the position
 MOVES = 0.02  # rad/s in the median
-FOLLOWS = 0.9  # correlation of a position with the integral of its speed; FIXME
+FOLLOWS = 0.9  # correlation of a position with the integral of its speed; 0.98 and more in benchmarks/real_sets.py, wrapped ones left out
 TURNING_SPEED = 100.0  # rad/s: beyond it a step of the position is no motion
 
 
