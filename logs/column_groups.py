@@ -20,6 +20,7 @@ from logs.column_names import (
     WORDS,
     apart,
     stated_unit,
+    unknown_unit,
     words_of,
 )
 from logs.tables.table import Table
@@ -95,8 +96,10 @@ def keys_of(names: Sequence[str], joint_names: Sequence[str] | None) -> list[str
     return [found.get(name, "") for name in names]
 
 
-def best_of(groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | None, moving: Sequence[str] = ()) -> Group:
-    """The group of the most joints of `keys`; where these are unknown, of `wanted` joints or else the most.
+def best_of(
+    channel: str, groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | None, moving: Sequence[str] = ()
+) -> Group:
+    """The group of a channel that has the most joints of `keys`; where these are unknown, of `wanted` joints or else the most.
 
     Among these: one of those in `moving` (first columns of groups that follow a speed), then one whose words are exact, one that is called
     measured, the one with the shortest names.
@@ -106,7 +109,7 @@ def best_of(groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | N
         first = next(iter(group.values()))
         words = set(words_of(first))
         joints = len(group) if keys is None else sum(key in group for key in keys)
-        exact = not words & (ASIDE | VAGUE | {"g"})  # tau_g: what weight alone takes
+        exact = not words & (ASIDE | VAGUE | {"g"}) and not unknown_unit(channel, list(group.values()))  # g: what weight takes
         return len(group) == wanted, joints, first in moving, exact, bool(words & MEASURED), -len(first)
 
     return max(groups, key=rank)

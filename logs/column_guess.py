@@ -55,10 +55,6 @@ def guess_map(
     t = t[rows]
     groups = _groups(table, time, stated, joint_names)
     best = _best(table, groups, joint_names, t, rows)
-    for channel, parts in groups.items():
-        others = [name for g in parts if g is not best[channel] for name in g.values()]
-        if others:
-            doubts.append(f"{channel} could also be {', '.join(others)}; {', '.join(best[channel].values())} is taken")
     keys = list(best["q"])
     names = numbered_joints(len(keys))
     if joint_names or "q" not in stated.channels:
@@ -77,6 +73,9 @@ def guess_map(
         if not any(columns):
             doubts.append(f"{', '.join(group.values())} is {channel} of other joints than the positions and is not taken")
             continue
+        others = [name for part in groups[channel] if part is not group for name in part.values()]
+        if others:
+            doubts.append(f"{channel} could also be {', '.join(others)}; {', '.join(filter(None, columns))} is taken")
         integer = integer_unit(table, columns, doubts) if channel in DRIVE else None
         channels[channel] = Columns(columns, unit_of(table, channel, columns, doubts), (1.0,) * len(keys), None, integer)
     if "q" not in stated.channels:
@@ -113,11 +112,11 @@ def _best(
             "--column q=NAME,NAME,...:deg"
         )
     wanted = len(joint_names) if joint_names else None
-    positions = best_of(groups["q"], None, wanted)
+    positions = best_of("q", groups["q"], None, wanted)
     if len(groups["q"]) > 1 and "dq" in groups:
-        speed = best_of(groups["dq"], list(positions), None)
-        positions = best_of(groups["q"], None, wanted, following(table, groups["q"], speed, t, rows))
-    others = {channel: best_of(parts, list(positions), None) for channel, parts in groups.items() if channel != "q"}
+        speed = best_of("dq", groups["dq"], list(positions), None)
+        positions = best_of("q", groups["q"], None, wanted, following(table, groups["q"], speed, t, rows))
+    others = {channel: best_of(channel, parts, list(positions), None) for channel, parts in groups.items() if channel != "q"}
     return {"q": positions, **others}
 
 

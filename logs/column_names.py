@@ -25,7 +25,7 @@ COMMANDED = {ACTION, "cmd", "des", "desired", "d", "ref", "reference", "target",
 MEASURED = {"act", "actual", "meas", "measured", "real", "fb", "feedback", "observation", "m"}
 ACCELERATIONS = {"ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"}
 VAGUE = {"state", "enc", "encoder"}  # words of positions that as often are something else: a drive's mode, raw counts
-ASIDE = {"err", "error", "errors", "ext", "external"}  # not the reading itself
+ASIDE = {"err", "error", "errors", "ext", "external", "raw", "filtered", "filt"}  # not the reading itself
 
 KNOWN = {
     **{unit.replace(" ", "").lower(): unit for units in (TIME, *UNITS.values()) for unit in units},
@@ -38,6 +38,7 @@ UNIT_WORDS = (
 )  # fmt: skip
 UNIT_LETTERS = ("s", "a", "c", "k")
 _WHOLE = TIMES | set(WORDS) | COMMANDED | MEASURED | ACCELERATIONS | set(UNIT_WORDS)
+_NO_UNIT = (set(WORDS) | MEASURED) - {"m"} - set(UNIT_WORDS)  # joint1 [pos]
 _SPELLINGS = ((r"seconds?|secs?\b", "s"), (r"degrees?|°", "deg"), (r"radians?", "rad"), (r"turns?", "rev"), ("[µμ]", "u"))
 
 
@@ -80,4 +81,4 @@ def unknown_unit(channel: str, columns: Sequence[str]) -> str:
     """The text in brackets behind a channel's columns that is none of its units; "" where there is none, or where it tells joints apart."""
     texts = {apart(name)[1] for name in columns if name and not stated_unit(channel, name)} - {""}
     text = texts.pop() if len(texts) == 1 else ""
-    return "" if text.isdigit() else text
+    return "" if text.isdigit() or (words_of(text) and set(words_of(text)) <= _NO_UNIT) else text
