@@ -81,4 +81,4 @@ def unknown_unit(channel: str, columns: Sequence[str]) -> str:
     """The text in brackets behind a channel's columns that is none of its units; "" where there is none, or where it tells joints apart."""
     texts = {apart(name)[1] for name in columns if name and not stated_unit(channel, name)} - {""}
     text = texts.pop() if len(texts) == 1 else ""
-    return "" if text.isdigit() or (words_of(text) and set(words_of(text)) <= _NO_UNIT) else text
+    return "" if text.isdigit() or set(words_of(text)) & _NO_UNIT else text
