@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import Arm
 from sim.effects import Stage, effect_named
-from sim.mjcf import joint_size
-from sim.mjcf_edit import full_inertia, mounted
+from sim.mjcf import full_inertia, joint_size
+from sim.mjcf_edit import mounted
 from sim.model import compiled
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH

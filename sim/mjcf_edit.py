@@ -9,12 +9,13 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmEffect
 from sim.effects import driven_by, effect_named
 from sim.errors import ConfigError
-from sim.mjcf import add_elements, add_inertial, full_inertia, numbers
-from sim.tree import KinematicTree, combined
+from sim.mjcf import add_elements, add_inertial, numbers, quaternion
+from sim.tree import KinematicTree, combined, possible_moments
 
 Element = ElementTree.Element
 Inertial = tuple[float, np.ndarray, np.ndarray]
@@ -161,7 +162,10 @@ def _add_payload(last: Element, payload: Inertial, joint_position: np.ndarray) -
         payload = combined([payload, _inertial(earlier)])
     mass, com, inertia = payload
     body = Element("body", {"name": PAYLOAD, "pos": numbers(joint_position)})
-    form = {"fullinertia": numbers(full_inertia(inertia))} if np.any(inertia) else {"diaginertia": "0 0 0"}
+    moments, axes = possible_moments(
+        inertia
+    )  # of points in a line one moment is zero, which MuJoCo takes as a principal moment only
+    form = {"quat": numbers(quaternion(axes)), "diaginertia": numbers(moments)}
     body.append(Element("inertial", {"pos": numbers(com), "mass": numbers([mass]), **form}))
     last.append(body)
 
@@ -177,9 +181,15 @@ def _inertial(body: Element) -> Inertial:
     inertial = body.find("inertial")
     if inertial is None:
         return 0.0, np.zeros(3), np.zeros((3, 3))
-    xx, yy, zz, xy, xz, yz = [float(x) for x in inertial.get("fullinertia", "0 0 0 0 0 0").split()]
-    com = np.array([float(x) for x in inertial.get("pos", "0 0 0").split()])
-    return float(inertial.get("mass", "0")), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    com, moments, full = (
+        np.array([float(x) for x in inertial.get(key, "0 0 0").split()]) for key in ("pos", "diaginertia", "fullinertia")
+    )
+    if len(full) == 6:  # as earlier releases wrote it
+        xx, yy, zz, xy, xz, yz = full
+        return float(inertial.get("mass", "0")), com, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    w, x, y, z = (float(number) for number in inertial.get("quat", "1 0 0 0").split())
+    axes = Rotation.from_quat([w, x, y, z], scalar_first=True).as_matrix()
+    return float(inertial.get("mass", "0")), com, axes @ np.diag(moments) @ axes.T
 
 
 def _set_elements(root: Element, effects: Iterable[ArmEffect], joint_names: Sequence[str]) -> None:

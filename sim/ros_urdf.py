@@ -14,6 +14,7 @@ from sim.errors import ConfigError
 from sim.files import read_text
 from sim.meshes import as_stl
 from sim.model_text import MAX_BYTES
+from sim.tree import possible_moments
 
 Element = ElementTree.Element
 # a moving body without a mass is no model for MuJoCo; what stands here is below every real link and is found again by it
@@ -116,13 +117,13 @@ def _set_mass(link: Element, out: Urdf) -> None:
     found = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (_number(found, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    moments, axes = np.linalg.eigh(inertia)
+    moments = np.linalg.eigvalsh(inertia)
     if np.abs(inertia).max() <= 1e-12 * mass:
         _set_inertia(inertial, np.eye(3) * max(mass * POINT**2, NO_MASS**1.5))
     elif moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
         out.impossible[link.get("name", "")] = moments
-        second = np.maximum(moments.sum() / 2 - moments, 1e-6 * max(moments.max(), mass * POINT**2))
-        _set_inertia(inertial, axes @ np.diag(second.sum() - second) @ axes.T)
+        nearest, axes = possible_moments(inertia, 1e-6 * max(moments.max(), mass * POINT**2))
+        _set_inertia(inertial, axes @ np.diag(nearest) @ axes.T)
 
 
 def _set_inertia(inertial: Element, inertia: np.ndarray) -> None:

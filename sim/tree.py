@@ -89,6 +89,16 @@ def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, 
     return mass, com, inertia
 
 
+def possible_moments(inertia: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Principal moments (3,) and axes (3, 3), a rotation, of the nearest inertia that a body can have: no second moment below `least`, kg m^2.
+
+    Each moment is the sum of the second moments along the two other axes, so that two of them add up to the third at least.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    second = np.maximum(moments.sum() / 2 - moments, least)
+    return second.sum() - second, axes * np.sign(np.linalg.det(axes))
+
+
 def with_point_mass(tree: KinematicTree, link: int, mass: float, com: np.ndarray) -> KinematicTree:
     """The tree with a point mass (kg, at com (3,) m in the link's frame) added to one link."""
     masses, coms, inertias = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()

@@ -43,7 +43,7 @@ def command(
     """
     from calib.claims.diagnosis_sentences import quantity
     from calib.claims.of_diagnosis import is_corrected
-    from calib.diagnosis.changes import diagnose_changes
+    from calib.diagnosis.changes import diagnose_changes, require_baseline
     from calib.diagnosis.whole import diagnose_pieces
     from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.newest_arm import named
@@ -54,6 +54,8 @@ def command(
     subject, given = arm_and_logs(arm, log, configs)
     require_identified(subject)
     require_unseen([*given, *(baseline or [])], holdout or [])
+    if baseline:
+        require_baseline(len(baseline))
     require_free(out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, subject, Path(scratch), accept_partial, assume)
@@ -68,6 +70,7 @@ def command(
         answer = found.answer
         from calib import evidence  # with it come libraries that draw, into the memory that the fits have left
         from calib.report import diagnosis as page
+        from calib.report.evidence import gap_columns, gap_title
 
         advance(0, "comparing before and after")
         shown = evidence.of_diagnosis(
@@ -94,15 +97,15 @@ def command(
     gap = answer["gap"]
     if gap["before"]:
         noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
-        sliding = gap.get("sliding")
-        titles = ["joint", "before", "after parameter refit", "after", *(["after, sliding"] if sliding else []), "noise floor"]
-        columns = [gap["joints"], gap["before"], gap["refit"], gap["after"], *([sliding["after"]] if sliding else []), noise]
-        console.table(titles, [list(row) for row in zip(*columns, strict=True)], f"residual RMS [N m] on {gap['log']}")
+        columns = gap_columns(gap) | {"noise floor": noise}
+        console.table(
+            ["joint", *columns], [list(row) for row in zip(gap["joints"], *columns.values(), strict=True)], gap_title(answer)
+        )
     for check in answer["data_checks"]:
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")
     console.conclusion(page.sentence(answer), page.next_steps(answer))
     console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] else ''}report.html")
     if is_corrected(answer):
-        console.next_step(["validate", folder / "arm", "OTHER_RECORDING"])
+        console.next_step(["validate", folder / "arm", "OTHER_RECORDING", *options.read_as(accept_partial, assume, configs)])
     return code

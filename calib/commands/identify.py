@@ -95,12 +95,18 @@ def command(
     conclude(result.outcome)
     then: list[str | Path]
     if result.verdict is Verdict.GOOD:
-        then = ["validate", folder / "arm", *(holdout or [Path("OTHER_RECORDING")])]
+        then = [
+            "validate",
+            folder / "arm",
+            *(holdout or [Path("OTHER_RECORDING")]),
+            *options.read_as(accept_partial, assume, configs),
+        ]
     else:
         # torque constants that came from a known mass are in the identified arm alone, and so are masses that nobody knew
         nobodys = known_mass is not None or nominal.prior.numbers == "unknown"
         then = ["diagnose", folder / "arm" if nobodys else arm, *(log or [])]
         then += ["--holdout", *holdout] if holdout else []
+        then += options.read_as(accept_partial, assume, configs)
     if as_json:
         console.print_json({**result.as_dict(), "next": console.command_line(then)})
         return result.verdict.exit_code

@@ -68,6 +68,7 @@ def command(
         (folder / "polish.json").write_text(json.dumps(found.as_dict(), indent=2) + "\n", encoding="utf-8")
     conclude(found.sentence)
     then: list[str | Path] = ["validate", folder / "arm" if found.accepted else arm, Path("OTHER_RECORDING")]
+    then += options.read_as(accept_partial, assume, configs)
     code = 0 if found.accepted else 1
     if as_json:
         console.print_json({**found.as_dict(), "next": console.command_line(then)})

@@ -61,7 +61,11 @@ def command(
     conclude(found.outcome)
     verdict = found.assessment.verdict
     name = subject.name if is_log(arm) else arm
-    then: list[str | Path] = ["export", name] if verdict is Verdict.GOOD else ["diagnose", arm, *(log or [])]
+    then: list[str | Path] = (
+        ["export", name]
+        if verdict is Verdict.GOOD
+        else ["diagnose", arm, *(log or []), *options.read_as(accept_partial, assume, configs)]
+    )
     if verdict is Verdict.NOTHING or (verdict is Verdict.GOOD and found.assessment.uncompared):
         then = ["plan", name]
     if as_json:

@@ -46,14 +46,13 @@ class Diagnosis:
         return replace(self, found=None)
 
     def write(self, folder: Path, arm: Arm) -> None:
-        """diagnosis.json, and the corrected arm unless every correction was refused; a contact is an event and does not belong to the arm."""
+        """The corrected arm, then diagnosis.json, which names it; no arm where every correction was refused; a contact is an event and does not belong to the arm."""
+        if self.answer["arm_out"] is not None:
+            change = self.correction or ArmChange({}, ())
+            stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
+            why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
+            write_arm(folder / self.answer["arm_out"], arm, effects=change.effects, inertials=change.inertials, provenance=why)
         (folder / "diagnosis.json").write_text(json.dumps(self.answer, indent=1, allow_nan=False) + "\n")
-        if self.answer["arm_out"] is None:
-            return
-        change = self.correction or ArmChange({}, ())
-        stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
-        why = {f"{e.effect} {e.joint or ''}".strip(): "found by calib diagnose" for e in stay}
-        write_arm(folder / self.answer["arm_out"], arm, effects=change.effects, inertials=change.inertials, provenance=why)
 
 
 def unusable(arm: Arm, trusted: Sequence[GateCheck]) -> Diagnosis:

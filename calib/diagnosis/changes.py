@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from calib.diagnosis.answer import Diagnosis, answer, entry, unusable
 from calib.diagnosis.at_rest import pushed_at_rest
 from calib.diagnosis.baseline import Healthy, Since
-from calib.diagnosis.corrected import ArmChange
+from calib.diagnosis.corrected import ArmChange, finite
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
@@ -18,10 +19,13 @@ from calib.diagnosis.unstated import with_unstated
 from calib.gate.commands import examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
-from sim.arm import Arm, ArmEffect
-from sim.errors import AnswerIsNo
+from sim.arm import Arm
+from sim.errors import BadLog, ConfigError
+from sim.prediction import predict
 
 LEAST_LOGS = 3
+# of a joint's residual RMS; of a change of the whole arm, joints that hardly bear it keep theirs within the noise of a recording. Not tuned.
+WORSE = 1.05
 
 
 def diagnose_changes(
@@ -33,13 +37,10 @@ def diagnose_changes(
 ) -> Diagnosis:
     """The effects that `logs` have and `baseline`, at least three recordings of the healthy arm, has not.
 
-    AnswerIsNo where fewer are given: how an arm varies from day to day does not follow from two of its days.
+    A corrected arm is offered where no joint that has changed is predicted worse by it. ConfigError where fewer are given: how an arm varies
+    from day to day does not follow from two of its days. BadLog where a joint moves in new recordings only.
     """
-    if len(baseline) < LEAST_LOGS:
-        raise AnswerIsNo(
-            f"--baseline: {len(baseline)} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
-            "from one recording to the next; record the plan again, or give the others"
-        )
+    require_baseline(len(baseline))
     progress("checking")
     trusted, refusal = examined(arm, (*baseline, *logs, *holdout), logs)
     if refusal is not None:
@@ -74,17 +75,58 @@ def diagnose_changes(
     result = answer(arm, verdict, entries, odd, _gap(reference, found, shown), shown[0].name, trusted)
     result["gap"]["held_out"] = bool(apart)
     result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}
-    lasting = tuple(c.effect for c in found.changes if c.effect.effect != CONTACT)
-    correction = ArmChange({}, tuple(ArmEffect(e.effect, e.joint, dict(e.parameters)) for e in lasting)) if lasting else None
+    lasting = [c for c in found.changes if c.effect.effect != CONTACT]
+    correction = ArmChange({}, tuple(replace(c.effect, std=finite(c.std)) for c in lasting)) if lasting else None
+    if correction is not None:
+        before, with_it = (_left(a, shown) for a in (arm, correction.of(arm)))
+        result["gap"] |= {"given_arm": before.tolist(), "corrected_arm": with_it.tolist()}
+        if refused := _worse(arm, lasting, before, with_it, result["gap"]["log"]):
+            result |= {"refused": refused, "arm_out": None}
+            correction = None
     return Diagnosis(result, tuple(c.effect for c in found.changes), None, correction)
 
 
+def _left(arm: Arm, shown: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m, RMS of what an arm's prediction leaves of recordings; 0 of a joint that stands in all of them."""
+    power, count = np.zeros(arm.n), np.zeros(arm.n)
+    for m in shown:
+        off = m.rows(m.tau) - m.rows(predict(arm, m.trajectory))
+        power += np.where(m.row_usable, off**2, 0.0).sum(axis=0)
+        count += m.row_usable.sum(axis=0)
+    return np.asarray(np.sqrt(power / np.maximum(count, 1.0)))
+
+
+def _worse(arm: Arm, changes: Sequence[Changed], before: np.ndarray, with_it: np.ndarray, log: str) -> list[str]:
+    """Why the corrected arm is refused: a joint that has changed is predicted worse by it, as by an arm that holds the change already."""
+    joints = {c.effect.joint for c in changes}
+    worse = [
+        f"{name} ({before[j]:.3g} -> {with_it[j]:.3g} N m)"
+        for j, name in enumerate(arm.joint_names)
+        if joints & {name, None} and with_it[j] > WORSE * before[j]
+    ]
+    if not worse:
+        return []
+    return [
+        f"the corrected arm has a higher residual RMS on {log} than the given one at {', '.join(worse)}: the given arm may hold this change "
+        "already, or does not agree with its healthy recordings"
+    ]
+
+
+def require_baseline(count: int) -> None:
+    """ConfigError unless so many recordings of the healthy arm tell how it varies."""
+    if count < LEAST_LOGS:
+        raise ConfigError(
+            f"--baseline: {count} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
+            "from one recording to the next; record the plan again, or give the others"
+        )
+
+
 def _require_moved(arm: Arm, healthy: Sequence[Measurement], new: Sequence[Measurement]) -> None:
-    """AnswerIsNo where a joint moves in new recordings only: what it does when healthy is not known."""
+    """BadLog where a joint moves in new recordings only: what it does when healthy is not known."""
     before, now = ([any(m.row_usable[:, j].any() for m in x) for j in range(arm.n)] for x in (healthy, new))
     unknown = [joint for joint, a, b in zip(arm.joint_names, before, now, strict=True) if b and not a]
     if unknown:
-        raise AnswerIsNo(
+        raise BadLog(
             f"--baseline: {', '.join(unknown)} moves in the new recordings and stands in all of the healthy arm; record the healthy arm "
             "in the same motion, or give new recordings in which the same joints move"
         )
@@ -101,4 +143,4 @@ def _gap(reference: Healthy, found: Since, shown: list) -> dict[str, list[float]
     rows = reference.law.rows(models)
     before = [float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in rows.r]
     after = [float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in found.left(reference, models)]
-    return {"noise_floor": [float(s) for s in found.noise.sigma], "before": before, "refit": before, "after": after}
+    return {"noise_floor": [float(s) for s in found.noise.sigma], "before": before, "refit": [], "after": after}

@@ -64,7 +64,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
     moving = start.joint_names if joints is None else [start.joint_names[j] for j in joints]
     links = [(i, joint) for i, joint in enumerate(start.joint_names) if joints is None and joint not in taken]
     inertials = {joint: _inertial(start, i, theta) for i, joint in links}
-    effects = [replace(e, parameters=_moved(e, start, theta), std=_finite(s)) for e, s in named]
+    effects = [replace(e, parameters=_moved(e, start, theta), std=finite(s)) for e, s in named]
     have = {(e.effect, e.joint) for e, _ in named}
     effects += [
         replace(e, parameters=_moved(e, start, theta)) if e.joint in moving else e
@@ -78,7 +78,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
 def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
     """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
     named = [
-        replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=_finite(s))
+        replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=finite(s))
         for e, s in zip(f.accepted, f.std(), strict=True)
         if e.effect != CONTACT
     ]
@@ -133,5 +133,6 @@ def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, floa
     return {name: float(value + change if item.effect == "torque_offset" else max(0.0, value + change))}
 
 
-def _finite(std: dict[str, float]) -> dict[str, float]:
+def finite(std: dict[str, float]) -> dict[str, float]:
+    """The standard deviations that an arm's file can hold."""
     return {k: v for k, v in std.items() if np.isfinite(v) and v > 0}

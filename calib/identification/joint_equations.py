@@ -10,7 +10,7 @@ from calib.identification.model import TorqueModel
 from calib.regression.information import InformationMatrix
 from calib.regression.noise import MOST_ORDER
 from calib.regression.normal_equations import Prior, combined, condition, scaled_condition
-from sim.errors import AnswerIsNo
+from sim.errors import BadLog
 
 RIDGE_ABOVE = 1e4
 LEAST_ROWS = 3 * MOST_ORDER + 8
@@ -23,7 +23,7 @@ def prior_in_use(
     p = model.p
     few = next((j for j, s in enumerate(sums) if s.rows < LEAST_ROWS), None)
     if few is not None:
-        raise AnswerIsNo(
+        raise BadLog(
             f"{model.arm.joint_names[few]}: {sums[few].rows} usable rows after standing, clipped and end samples were left out; "
             "nothing can be identified of a joint that hardly moves: record a motion in which it does"
         )

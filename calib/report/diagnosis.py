@@ -150,10 +150,9 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
     gap = diagnosis.get("gap") or {}
     if gap.get("noise_floor"):
         worst = [float(np.nanmax(x)) for x in over_noise(gap).values() if np.isfinite(x).any()]
-        if len(worst) == 3:
-            facts.append(
-                ("worst joint, before → after parameter refit → after", " → ".join(f"{w:.1f}×" for w in worst) + " noise")
-            )
+        if len(worst) > 1:
+            roles = " → ".join(pictures.WORDS[role] for role in over_noise(gap))
+            facts.append((f"worst joint, {roles}", " → ".join(f"{w:.1f}×" for w in worst) + " noise"))
         facts.append((_which(gap), gap.get("log", "")))
     return facts
 
@@ -171,10 +170,11 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     page.section("Where the residual is")
     gap = diagnosis.get("gap") or {}
     levels = over_noise(gap)
-    if all(np.isfinite(x).any() for x in levels.values()) and len(levels) == 3:
+    if all(np.isfinite(x).any() for x in levels.values()) and len(levels) > 1:
+        sliding = " while a joint slides" if "baseline" not in diagnosis else ", beside what the healthy arm does"
         page.figure(
             pictures.gaps(gap["joints"], levels),
-            f"Residual RMS on the {_which(gap)} {gap['log']} while a joint slides, over its own noise floor. {gained(diagnosis)}",
+            f"Residual RMS on the {_which(gap)} {gap['log']}{sliding}, over its own noise floor. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}
@@ -187,11 +187,12 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
 
 
 def gained(diagnosis: Mapping[str, Any]) -> str:
-    """What the effects explain beyond a parameter refit, at the joint with the largest residual after it."""
+    """What the effects explain beyond a parameter refit, or beyond the healthy arm, at the joint with the largest residual before them."""
     gap = diagnosis["gap"]
     levels = over_noise(gap)
-    j = int(np.nanargmax(levels["refit"]))
-    text = f"After parameter refit it is {levels['refit'][j]:.1f} times the noise at {gap['joints'][j]}"
+    role = "refit" if "refit" in levels else "before"
+    j = int(np.nanargmax(levels[role]))
+    text = f"{capital(pictures.WORDS[role])} it is {levels[role][j]:.1f} times the noise at {gap['joints'][j]}"
     return text + (f"; with the identified effects {levels['after'][j]:.1f}." if diagnosis.get("effects") else ".")
 
 

@@ -72,22 +72,45 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
         )
 
 
+def gap_columns(gap: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Title -> a number for each joint, of those that the answer has."""
+    columns = {"before": gap["before"], "after parameter refit": gap.get("refit"), "after": gap["after"]}
+    columns |= {"after, sliding": (gap.get("sliding") or {}).get("after")}
+    columns |= {"given arm": gap.get("given_arm"), "corrected arm": gap.get("corrected_arm")}
+    return {title: values for title, values in columns.items() if values}
+
+
+def gap_title(diagnosis: Mapping[str, Any]) -> str:
+    """What the numbers are."""
+    unit, log = unit_of(diagnosis["gap"]["unit"]), diagnosis["gap"]["log"]
+    if "baseline" in diagnosis:
+        return f"RMS [{unit}] on {log} beside what the healthy arm does: before and after the changes"
+    return f"residual RMS [{unit}] on {log}"
+
+
+def gap_caption(diagnosis: Mapping[str, Any]) -> str:
+    """The same, with what each column means."""
+    gap = diagnosis["gap"]
+    if "baseline" in diagnosis:
+        text = f"RMS on {gap['log']} of what is left beside all that the healthy recordings show, without and with the changes"
+        return text + (
+            "; “given arm”, “corrected arm”: the residual RMS of their own predictions" if "given_arm" in gap else ""
+        )
+    caption = f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added"
+    if gap.get("sliding"):
+        caption += "; “sliding”: without changes of direction, where dry friction holds any torque and no noise can be measured"
+    return caption
+
+
 def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
     gap = diagnosis.get("gap") or {}
     if gap.get("before"):
         unit = unit_of(gap["unit"])
-        columns = ["before", "refit", "after"]
-        noise, sliding = gap["noise_floor"] or ["not measured"] * len(gap["joints"]), gap.get("sliding")
-        titles = ["before", "after parameter refit", "after", "noise floor"]
-        rows = [[joint, *(gap[c][k] for c in columns), noise[k]] for k, joint in enumerate(gap["joints"])]
-        caption = f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added"
-        if sliding:
-            titles[3:3] = ["after, sliding"]
-            rows = [[*row[:4], sliding["after"][k], row[4]] for k, row in enumerate(rows)]
-            caption += (
-                "; “sliding”: without changes of direction, where dry friction holds any torque and no noise can be measured"
-            )
-        page.section("The residual in numbers").table(["joint", *(f"{title} [{unit}]" for title in titles)], rows, caption)
+        columns = gap_columns(gap) | {"noise floor": gap["noise_floor"] or ["not measured"] * len(gap["joints"])}
+        rows = [list(row) for row in zip(gap["joints"], *columns.values(), strict=True)]
+        page.section("The residual in numbers").table(
+            ["joint", *(f"{title} [{unit}]" for title in columns)], rows, gap_caption(diagnosis)
+        )
     motion = diagnosis.get("motion") or []
     if motion:
         rows = [

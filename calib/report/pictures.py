@@ -111,7 +111,7 @@ def gaps(joint_names: Sequence[str], levels: Mapping[str, np.ndarray]) -> Figure
     ax.set_yticks(rows, labels=list(joint_names))
     ax.invert_yaxis()
     ax.set_ylim(len(joint_names) - 0.5, -0.5)
-    name(ax, x="residual RMS while sliding / noise floor")
+    name(ax, x="residual RMS / noise floor")
     figure.legend(loc="outside upper center", ncols=3, fontsize=9)
     return figure
 

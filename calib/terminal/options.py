@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -105,3 +105,13 @@ def run_folders(verb: str) -> Callable[[str], list[str]]:
 def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str) -> list[str]:
     found = {name(p) for folder in config_folders(None, kind) for p in folder.glob(pattern)}
     return sorted(n for n in found if n.startswith(incomplete))
+
+
+def read_as(accept_partial: bool, assume: Sequence[str] | None, configs: Path | None) -> list[str | Path]:
+    """The options by which another command reads the same recordings as this one did."""
+    out: list[str | Path] = ["--accept-partial"] * accept_partial
+    for words in assume or ():
+        out += ["--assume", words]
+    if configs is not None:
+        out += ["--configs", configs]
+    return out

@@ -18,7 +18,7 @@ from calib.identification.law import Laws
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
 from sim.arm import Arm, load_arm
-from sim.errors import AnswerIsNo
+from sim.errors import BadLog
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 from tests.calib.conftest import fourier_motion, recorded, varied
@@ -87,7 +87,7 @@ def test_a_joint_that_hardly_moves_is_named(ur5e: Arm) -> None:
     motion = fourier_motion(ur5e, 1)
     q, dq, ddq = (x.copy() for x in (motion.q, motion.dq, motion.ddq))
     q[:, 4], dq[:, 4], ddq[:, 4] = q[0, 4], 0.0, 0.0
-    with pytest.raises(AnswerIsNo, match="wrist_2_joint"):
+    with pytest.raises(BadLog, match="wrist_2_joint"):
         identify(ur5e, [recorded(ur5e, Trajectory(motion.t, q, dq, ddq))])
 
 

@@ -15,7 +15,8 @@ from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.motion import measured
 from calib.diagnosis.scored_changes import ScoredChange
 from sim.arm import Arm, ArmEffect, load_arm
-from sim.errors import AnswerIsNo
+from sim.effects import with_effect
+from sim.errors import ConfigError
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
 
@@ -101,9 +102,23 @@ def test_the_answer_names_the_question_and_writes_the_changed_arm(ur10e: Arm, tm
     written = load_arm(tmp_path / "arm").effect("torque_offset", "wrist_1_joint")
     assert written is not None
     assert written.parameters["offset"] == pytest.approx(3.0, abs=0.3)
+    assert 0 < written.std["offset"] < 1.0
+    assert gap["corrected_arm"][WRIST] < 0.5 * gap["given_arm"][WRIST]
+    assert gap["refit"] == []
+
+
+def test_an_arm_that_holds_the_change_already_is_not_given_it_again(ur10e: Arm, tmp_path: Path) -> None:
+    before = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
+    corrected = with_effect(ur10e, ArmEffect("torque_offset", "wrist_1_joint", {"offset": 3.0}))
+    found = diagnose_changes(corrected, [recording(ur10e, 11, and_offset)], [recording(ur10e, 12, and_offset)], before)
+    assert [e["effect"] for e in found.answer["effects"]] == ["torque_offset"]
+    assert found.answer["arm_out"] is None
+    assert "the given arm may hold this change already" in found.answer["refused"][0]
+    found.write(tmp_path, corrected)
+    assert [p.name for p in tmp_path.iterdir()] == ["diagnosis.json"]
 
 
 def test_two_healthy_logs_are_too_few(ur10e: Arm) -> None:
     log = recording(ur10e, 1)
-    with pytest.raises(AnswerIsNo, match="at least 3"):
+    with pytest.raises(ConfigError, match="at least 3"):
         diagnose_changes(ur10e, [log], [], [log, log])
