@@ -111,7 +111,7 @@ def test_an_arm_that_holds_the_change_already_is_not_given_it_again(ur10e: Arm, 
     before = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
     corrected = with_effect(ur10e, ArmEffect("torque_offset", "wrist_1_joint", {"offset": 3.0}))
     found = diagnose_changes(corrected, [recording(ur10e, 11, and_offset)], [recording(ur10e, 12, and_offset)], before)
-    assert [e["effect"] for e in found.answer["effects"]] == ["torque_offset"]
+    assert [e["joint"] for e in found.answer["effects"]] == ["wrist_1_joint"]
     assert found.answer["arm_out"] is None
     assert "the given arm may hold this change already" in found.answer["refused"][0]
     found.write(tmp_path, corrected)
