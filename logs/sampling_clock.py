@@ -18,9 +18,12 @@ import numpy as np
 from numba import njit
 from scipy.linalg import solveh_banded
 
+from logs.elapsed import LEAST_INFORMATIVE
+
 LEAST_COHERENCE = 0.6  # mean of cos(2 pi d / T): 1 on a lattice, 0 for any other steps
 LEAST_AGREEING = 0.9
 OFFSETS = 10  # periods by which a stamp may be off
+LONGEST = 10  # usual steps: over a longer one the mean of two speeds is not the speed, and samples were lost or not recorded
 BOUND_STAMP, BOUND_MOTION, PRICE = 9.0, 1000.0, 2.0
 # a host's delay wanders: stamps near one another err together, and many of them get no more weight than a few
 TOGETHER = 5.0
@@ -39,18 +42,22 @@ class DeviceClock:
 def rebuilt_clock(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> DeviceClock | None:
     """Instants of N samples from their stamps (N,), the time between them (N - 1,) and its standard deviation, infinite where unknown.
 
-    None where neither model agrees with the motion.
+    None where neither model agrees with the motion, or an instant would lie OFFSETS periods from its stamp.
     """
-    known = np.isfinite(error)
     steps = np.diff(stamps)
+    known = np.isfinite(error)
+    usual = float(np.median(elapsed[known]))
+    pause = (elapsed > LONGEST * usual) | (np.abs(steps - elapsed) > 2 * OFFSETS * usual)
+    error = np.where(pause, np.inf, error)
+    known &= ~pause
+    if known.sum() < LEAST_INFORMATIVE:
+        return None
     # the speed reading may be a little off in scale: over the whole recording it is the stamps that are right
     elapsed = elapsed * (steps[known].sum() / elapsed[known].sum())
     period = _period(elapsed[known])
-    if period is not None:
-        clock = _on_lattice(stamps, elapsed, error, jitter, period)
-        if clock is not None:
-            return clock
-    return _smoothed(stamps, elapsed, error, jitter)
+    clock = None if period is None else _on_lattice(stamps, elapsed, error, jitter, period)
+    clock = clock or _smoothed(stamps, elapsed, error, jitter)
+    return None if clock is None or np.abs(clock.t - stamps).max() > OFFSETS * clock.period else clock
 
 
 def _period(elapsed: np.ndarray) -> float | None:

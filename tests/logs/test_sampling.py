@@ -180,3 +180,24 @@ def test_the_panda_as_published(real_data: Path) -> None:
     assert found.left < 2e-5
     assert 1 / 20 < found.repeated / len(a) < 1 / 14
     assert np.all(np.diff(found.t) > 0)
+
+
+@pytest.mark.parametrize(("paused", "lost"), [(5.0, 0.0), (60.0, 0.0), (0.0, 0.3), (0.0, 1.0)])
+def test_the_clock_on_both_sides_of_a_pause(paused: float, lost: float) -> None:
+    """paused s: the recorder stood still, and so did the arm; lost s: the arm moved on."""
+    n, stamps, q, dq, tau = recording(5)
+    off = np.where(n * PERIOD > 4.0, paused, 0.0)
+    keep = (n * PERIOD < 4.0) | (n * PERIOD > 4.0 + lost)
+    found = examine((stamps + off)[keep], q[keep], dq[keep], {"tau": tau[keep]}, bridging=False)
+    assert found.rebuilt
+    assert found.period == pytest.approx(PERIOD, rel=3e-4)
+    late = found.t - (n * PERIOD + off)[keep][found.source]
+    assert np.abs(late).max() < 1.5 * PERIOD  # which side of a pause is off by a period, no stamp says
+
+
+def test_a_clock_far_from_its_stamps_is_not_written() -> None:
+    """The stamps run at two speeds, the motion at one: no clock of one period holds both."""
+    n, stamps, q, dq, tau = recording(6)
+    found = examine(np.where(n > 4000, 4.0 + 1.1 * (stamps - 4.0), stamps), q, dq, {"tau": tau}, bridging=False)
+    assert not found.rebuilt
+    assert any("the stamps stand as they are" in sentence for sentence in found.findings)
