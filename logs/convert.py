@@ -35,6 +35,7 @@ from logs.schemas import (
 )
 from logs.table_log import log_of_table
 from logs.tables import FORMATS, Table, read_table
+from logs.tables.table import HEAD
 from sim.errors import BadLog, DeviceError
 from sim.files import is_name
 from sim.version import software_version
@@ -61,7 +62,7 @@ def table_of(source: Path) -> Table | None:
 
     if source.is_file():
         with source.open("rb") as file:
-            head = file.read(1024)
+            head = file.read(HEAD)
         if head.startswith((MAGIC, b"SQLite format 3", b"#ROSBAG")) or looks_like_csv(head):
             return None
     damage = Damage(source, accept_partial=True)

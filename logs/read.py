@@ -13,12 +13,11 @@ from logs.mcap_log import read_mcap
 from logs.mcap_records import MAGIC
 from logs.recover import recovered
 from logs.rosbag2 import bag_parts
+from logs.tables.table import HEAD
 from logs.ur_rtde_csv import looks_like_csv, read_csv
 from sim.errors import BadLog, EmptyLog
 from sim.files import open_regular
 from sim.resources import nearest
-
-HEAD = 1024  # bytes from which the format is recognised
 
 
 def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:

@@ -34,9 +34,12 @@ MAX_HEADER = 1 << 16
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Whether the first bytes of a file can be the header of such a CSV file; its columns may stand in any order."""
+    """Whether the first bytes of a file can be the header of such a CSV file; its columns may stand in any order.
+
+    A column `timestamp` is in many tables; it is the positions' name that is ur_rtde's.
+    """
     first = head.removeprefix(b"\xef\xbb\xbf").partition(b"\n")[0]
-    return re.search(rb"(^|,)\s*\"?(timestamp|actual_q_0)\"?\s*(,|\r?$)", first) is not None
+    return re.search(rb"(^|,)\s*\"?actual_q_\d\"?\s*(,|\r?$)", first) is not None
 
 
 def read_csv(path: Path, accept_partial: bool = False) -> Log:

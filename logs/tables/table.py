@@ -11,6 +11,7 @@ import numpy as np
 
 from logs.damage import Damage
 
+HEAD = 4096  # bytes from which a format is recognised
 MAX_BYTES = 2 << 30
 MAX_COLUMNS = 4096
 MAX_CELLS = 1 << 28
@@ -50,7 +51,7 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
         if size > MAX_BYTES:
             raise damage.refuse("file", f"{size} bytes, more than {MAX_BYTES}", "split the recording into shorter ones")
         with path.open("rb") as file:
-            head = file.read(4096)
+            head = file.read(HEAD)
         if not head:
             raise damage.refuse("file", "it is empty", "copy it or record it again")
     for form in formats:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs.convert import table_of
 from sim.errors import BadLog
 from tests.logs.test_tables import DQ, PLAIN, TAU, WIDE, Q, T, csv_text, same, taken
 
@@ -44,6 +45,12 @@ def test_utf_16_as_a_windows_shell_writes_it(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_text(csv_text(PLAIN, WIDE), encoding="utf-16")
     same(taken(file))
+
+
+def test_a_time_called_timestamp_makes_no_ur_rtde_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text(PLAIN.replace("t,", "timestamp,", 1), WIDE))
+    assert table_of(tmp_path / "a.csv") is not None
+    same(taken(tmp_path / "a.csv"))
 
 
 def test_one_sample_is_no_recording(tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def test_a_truncated_row_and_compensating_widths_are_seen(tmp_path, csv_text):
     [
         (b"", "it is empty"),
         (b"timestamp,actual_q_0\n", r"columns actual_q_1.* are missing"),
-        (b"timestamp," + b"a" * 100_000, "no end of line"),
+        (b"timestamp,actual_q_0," + b"a" * 100_000, "no end of line"),
         (b"time,q0\n1,2\n", "unrecognised format"),
     ],
 )
