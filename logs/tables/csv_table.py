@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from logs.damage import Damage
-from logs.tables.table import MAX_COLUMNS, Format, Table, number
+from logs.tables.table import HEAD, MAX_COLUMNS, Format, Table, number
 from sim.extras import Lazily
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ else:
 
 SEPARATORS = (",", ";", "\t", " ")
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+WINDOWS = "cp1252"
 MAX_HEADER = 1 << 18
 MOST_WORDS = 0.5  # a column with more cells that are no numbers is one of words
 
@@ -34,15 +35,25 @@ def _recognises(head: bytes | None, path: Path) -> bool:
     if head is None or (b"\0" in head and not head.startswith(UTF16)):
         return False
     try:
-        text = _text(head, errors="strict" if len(head) < 4096 else "ignore")
+        text = head.decode(_encoding(head), errors="ignore")
     except UnicodeDecodeError:
         return False
     return path.suffix.lower() in (".csv", ".tsv", ".txt", ".dat", ".log", ".asc") and any(map(_separator, text.splitlines()))
 
 
-def _text(data: bytes, errors: str) -> str:
-    """As UTF-8, or as the UTF-16 that its first two bytes state, which is what Windows' shell writes."""
-    return data.decode("utf-16" if data.startswith(UTF16) else "utf-8", errors=errors).removeprefix("\ufeff")
+def _encoding(data: bytes) -> str:
+    """UTF-8, the UTF-16 that the first two bytes state, which is what Windows' shell writes, or Windows-1252; UnicodeDecodeError for neither.
+
+    Only what begins a file of text is looked at: a byte that was damaged later makes one cell no number, and not another file.
+    """
+    if data.startswith(UTF16):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(data[:HEAD])  # which may end inside a character
+        return "utf-8-sig"
+    except UnicodeDecodeError:
+        data[:HEAD].decode(WINDOWS)
+        return WINDOWS
 
 
 def _separator(line: str) -> str:
@@ -55,7 +66,11 @@ def _separator(line: str) -> str:
 
 
 def _read(path: Path, damage: Damage) -> Table:
-    text = _text(path.read_bytes(), errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    data = path.read_bytes()
+    encoding = _encoding(data)
+    if encoding == WINDOWS:
+        damage.note("the file is not in UTF-8: it was read as Windows-1252")
+    text = data.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     skipped, head, rest = _header(text, damage)
     separator = _separator(head)
     names = _names(head, separator)

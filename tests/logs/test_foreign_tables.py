@@ -47,6 +47,24 @@ def test_utf_16_as_a_windows_shell_writes_it(tmp_path: Path) -> None:
     same(taken(file))
 
 
+@pytest.mark.parametrize("before", [0, 1017, 4089])
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8"])
+def test_a_degree_sign_in_any_place_and_encoding(tmp_path: Path, encoding: str, before: int) -> None:
+    """A file is recognised by its first bytes, which may end inside a character."""
+    head = ",".join(["x" * before + "t", *(f"q{j} (°)" for j in range(3))])
+    (tmp_path / "a.csv").write_text(csv_text(head, [T, *np.rad2deg(Q).T]), encoding=encoding)
+    table = table_of(tmp_path / "a.csv")
+    assert table is not None
+    assert list(table.columns)[1:] == ["q0 (°)", "q1 (°)", "q2 (°)"]
+
+
+def test_a_file_of_windows_says_that_it_was_read_as_one(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text("t," + ",".join(f"q{j} (°)" for j in range(3)), [T, *np.rad2deg(Q).T]), encoding="cp1252")
+    log = taken(tmp_path / "a.csv")
+    np.testing.assert_allclose(log.q, Q)
+    assert any("Windows-1252" in finding for finding in log.findings)
+
+
 def test_a_time_called_timestamp_makes_no_ur_rtde_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(csv_text(PLAIN.replace("t,", "timestamp,", 1), WIDE))
     assert table_of(tmp_path / "a.csv") is not None
