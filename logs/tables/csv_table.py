@@ -27,6 +27,9 @@ SEPARATORS = (",", ";", "\t", " ")
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 WINDOWS = "cp1252"
 MAX_HEADER = 1 << 18
+NULLS = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "-")
+NO_UNIT = ("", "-")
+EVEN = "delete lines before the header, and give every row as many values as it has names; a comma between values cannot be their decimal sign"
 MOST_WORDS = 0.5  # a column with more cells that are no numbers is one of words
 
 
@@ -76,6 +79,7 @@ def _read(path: Path, damage: Damage) -> Table:
     names = _names(head, separator)
     if all(np.isfinite(number(name)) for name in names):
         names, rest, skipped = [f"column {k + 1}" for k in range(len(names))], f"{head}\n{rest}", skipped - 1
+    names, rest, of_units = _with_units(names, rest, separator)
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise damage.refuse(
@@ -85,7 +89,11 @@ def _read(path: Path, damage: Damage) -> Table:
         raise damage.refuse(f"row {skipped + 1}", f"{len(names)} columns, at most {MAX_COLUMNS} are read", "leave columns out")
     if not rest.strip():
         raise damage.refuse(f"row {skipped + 2}", "the file has a header and no samples", "record it again")
-    cells, rows = _cells(rest, separator, names, skipped + 2, damage)
+    first = skipped + 2 + of_units
+    spare = _row(rest, separator)[len(names) :] == [""]  # every row ends with a separator, and the header does not
+    cells, rows = _cells(rest, separator, [*names, ""] if spare else names, first, damage)
+    if spare and len(over := np.flatnonzero(cells.pop().is_valid())):
+        raise damage.refuse(f"row {rows[over[0]]}", _width(len(names) + 1, len(names)), EVEN)
     columns, words = {}, []
     for name, column in zip(names, cells, strict=True):
         values = _numbers(column)
@@ -113,6 +121,29 @@ def _header(text: str, damage: Damage) -> tuple[int, str, str]:
     return skipped, line, rest
 
 
+def _with_units(names: list[str], rest: str, separator: str) -> tuple[list[str], str, int]:
+    """A row of units under the header joins the names, as `q1 (deg)`: it holds words alone, and the row after it a number."""
+    after = rest.partition("\n")[2]
+    units = [cell.strip("[]()") for cell in _row(rest, separator)]
+    words = [unit for unit in units if unit not in NO_UNIT]
+    numbers = any(np.isfinite(number(cell)) for cell in _row(after, separator))
+    if not words or not numbers or any(np.isfinite(number(word)) or word in NULLS for word in words):
+        return names, rest, 0
+    if len(units[: len(names)]) < len(names):
+        return names, rest, 0
+    joined = [f"{name} ({unit})" if unit not in NO_UNIT else name for name, unit in zip(names, units, strict=False)]
+    return joined, after, 1
+
+
+def _row(text: str, separator: str) -> list[str]:
+    """The cells of the first line."""
+    return _names(text.partition("\n")[0], separator)
+
+
+def _width(found: int, columns: int) -> str:
+    return f"{found} values where the header has {columns} columns"
+
+
 def _names(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
@@ -133,7 +164,7 @@ def _cells(rest: str, separator: str, names: list[str], first: int, damage: Dama
     options = arrow_csv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 30)
     parse = arrow_csv.ParseOptions(delimiter=separator, invalid_row_handler=skip, newlines_in_values=False)
     convert = arrow_csv.ConvertOptions(
-        null_values=["", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "-"], strings_can_be_null=True,
+        null_values=list(NULLS), strings_can_be_null=True,
         decimal_point="," if separator != "," and re.search(r"\d,\d", rest[:4096]) else ".",
     )  # fmt: skip
     whole = rest if rest.endswith("\n") else _without_the_last(rest, first, separator, len(names), damage)
@@ -143,12 +174,15 @@ def _cells(rest: str, separator: str, names: list[str], first: int, damage: Dama
         raise damage.refuse(
             "rows", f"they are no table ({str(error).splitlines()[0][:120]})", "give a CSV file with a header"
         ) from error
-    for number_of_row, count in wrong:
-        damage.report(f"row {first + number_of_row}", f"{count} values where the header has {len(names)} columns")
-    bad = [k for k, _ in wrong]
     blank = [k for k, line in enumerate(whole.split("\n")) if not line] if "\n\n" in whole or whole.startswith("\n") else []
-    rows = np.setdiff1d(np.arange(table.num_rows + len(bad) + len(blank)), np.array(bad + blank, dtype=int))[: table.num_rows]
-    return [column.combine_chunks() for column in table.columns], rows + first
+    lines = np.setdiff1d(np.arange(table.num_rows + len(wrong) + len(blank)), blank)[: table.num_rows + len(wrong)] + first
+    if len(wrong) > table.num_rows:
+        place, count = wrong[0]
+        raise damage.refuse(f"row {lines[place]}", f"{_width(count, len(names))}, as in most rows", EVEN)
+    for place, count in wrong:
+        damage.report(f"row {lines[place]}", _width(count, len(names)))
+    rows = np.delete(lines, [place for place, _ in wrong])
+    return [column.combine_chunks() for column in table.columns], rows
 
 
 def _without_the_last(rest: str, first: int, separator: str, width: int, damage: Damage) -> str:

@@ -65,6 +65,20 @@ def test_a_file_of_windows_says_that_it_was_read_as_one(tmp_path: Path) -> None:
     assert any("Windows-1252" in finding for finding in log.findings)
 
 
+@pytest.mark.parametrize("end", ["", ";"])
+def test_a_row_of_units_under_the_header(tmp_path: Path, end: str) -> None:
+    head = PLAIN.replace(",", ";")
+    units = ";".join(["ms", *3 * ["[deg]"], *3 * ["deg/s"], *3 * ["-"]])
+    rows = csv_text("", [1e3 * T, *np.rad2deg(Q).T, *np.rad2deg(DQ).T, *TAU.T], ";").splitlines()[1:]
+    (tmp_path / "a.csv").write_text("\n".join([head, *(f"{line}{end}" for line in (units, *rows))]) + "\n")
+    same(taken(tmp_path / "a.csv"), rtol=1e-9)
+
+
+def test_a_separator_behind_every_row_and_not_behind_the_header(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text(PLAIN, WIDE).replace("\n", ",\n").replace(",\n", "\n", 1))
+    same(taken(tmp_path / "a.csv"))
+
+
 def test_a_time_called_timestamp_makes_no_ur_rtde_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(csv_text(PLAIN.replace("t,", "timestamp,", 1), WIDE))
     assert table_of(tmp_path / "a.csv") is not None

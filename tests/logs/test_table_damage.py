@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,25 @@ def test_damage_is_reported_with_its_row(tmp_path: Path) -> None:
     file.write_text(csv_text(PLAIN, WIDE)[:-12])
     with pytest.raises(BadLog, match="ends inside this row"):
         taken(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda head, rows: [head, *(f"{row}," for row in rows[:9]), *(f"{row},7" for row in rows[9:])], "row 11: 11 values"),
+        (
+            lambda head, rows: [head, *(row.replace(".", ",") for row in rows)],
+            r"row 2: \d+ values where the header has 10 columns, as in most",
+        ),
+        (lambda head, rows: ["Recording,2024", "Robot,X1", "", head, *rows], r"row 4: 10 values where the header has 2"),
+    ],
+)
+def test_rows_of_another_width_than_the_header(tmp_path: Path, change: Callable[[str, list[str]], list[str]], words: str) -> None:
+    """What most rows have is no damage of a few: it is said even where damage is accepted."""
+    head, *rows = csv_text(PLAIN, WIDE).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join(change(head, rows)) + "\n")
+    with pytest.raises(BadLog, match=words):
+        taken(tmp_path / "a.csv", accept=True)
 
 
 def test_what_is_no_recording(tmp_path: Path) -> None:
