@@ -10,7 +10,7 @@ import numpy as np
 from logs.column_groups import Group, best_of, following, groups_of, keys_of
 from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns
 from logs.column_names import TIMES, words_of
-from logs.tables.table import Table
+from logs.tables.table import IN_WORDS, INSTANTS, Table
 from logs.unit_guess import integer_unit, speeds, time_unit, turns, unit_of
 from logs.units import TIME, UNITS
 from sim.errors import BadLog
@@ -127,8 +127,10 @@ def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
             return name, CALENDAR
     rising = [name for name in candidates if _rises(table.columns[name])]
     if not rising:
+        words = [name for name in table.words if set(words_of(name)) & TIMES]
+        held = f"; {', '.join(words[:3])} {IN_WORDS}; {INSTANTS}" if words else ""
         raise BadLog(
-            f"no column of times among {', '.join(list(table.columns)[:24])}; say which it is: --column time=NAME:ms, or --rate HZ"
+            f"no column of times among {', '.join(list(table.columns)[:24])}; say which it is: --column time=NAME:ms, or --rate HZ{held}"
         )
     name = min(rising, key=lambda x: (len(words_of(x)), list(table.columns).index(x)))
     return name, time_unit(table, name, doubts)

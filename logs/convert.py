@@ -36,6 +36,7 @@ from logs.schemas import (
 from logs.table_log import log_of_table
 from logs.tables import FORMATS, Table, read_table
 from logs.tables.table import HEAD
+from logs.timing import FINER, coarse
 from sim.errors import BadLog, DeviceError
 from sim.files import is_name
 from sim.version import software_version
@@ -93,6 +94,9 @@ def import_recording(
     state = "killed" if log.state is State.KILLED else "clean" if whole else "aborted"
     ended = log.state
     reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
+    unresolved = coarse(log.t, log.q, log.dq, log.tau, log.current)
+    if change is None and unresolved:  # a change judges by itself
+        raise BadLog(f"{source}: time: {unresolved}; {FINER}")
     read = log if change is None else change(log)
     journal = source.is_file() and is_journal(source) and read is log
     log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(read))

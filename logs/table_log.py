@@ -10,7 +10,7 @@ from logs.column_map import CHANNELS, DRIVE, ColumnMap
 from logs.damage import Damage
 from logs.log import Log, State
 from logs.plausible import UNIT, bad_samples, first_fault
-from logs.tables.table import Table
+from logs.tables.table import IN_WORDS, INSTANTS, Table
 from logs.timing import checked_times
 from logs.units import TEMPERATURE_ZERO, TIME, UNITS
 from logs.words import finding, signed, wrapped
@@ -70,11 +70,12 @@ def _require_signed(channel: str, column: str, raw: np.ndarray, damage: Damage) 
         )  # fmt: skip
 
 
-def _column(table: Table, name: str, damage: Damage) -> np.ndarray:
+def _column(table: Table, name: str, damage: Damage, instants: bool = False) -> np.ndarray:
     if name in table.columns:
         return table.columns[name]
-    kind = "holds words, no numbers" if name in table.words else "is not in the file"
-    raise damage.refuse(f"column {name!r:.80}", kind, nearest(name[:80], list(table.columns)[:40]))
+    kind = IN_WORDS if name in table.words else "is not in the file"
+    remedy = INSTANTS if instants and name in table.words else nearest(name[:80], list(table.columns)[:40])
+    raise damage.refuse(f"column {name!r:.80}", kind, remedy)
 
 
 def _instants(
@@ -83,7 +84,7 @@ def _instants(
     """Seconds from the first row's, the first in ns, and which rows have a time."""
     if columns.time is None:
         return np.arange(int(rows.sum())) / float(columns.rate or 1), 0, np.ones(int(rows.sum()), dtype=bool)
-    raw = _column(table, columns.time, damage)[rows]
+    raw = _column(table, columns.time, damage, instants=True)[rows]
     if raw.dtype.kind == "i":  # ns since 1970: seconds as floats would resolve 0.24 us
         return (raw - raw[0]) * 1e-9, int(raw[0]), np.ones(len(raw), dtype=bool)
     there = np.isfinite(raw)

@@ -8,8 +8,22 @@ from logs.clock_fit import ClockFit, fit_clocks
 from logs.damage import Damage
 
 GAP_FACTOR = 2.5  # a step longer than this many median steps is a gap
+FINER = "give stamps that tell the samples apart, or the rate of even samples: `calib import --rate HZ`"
 # counters of 16, 31 and 32 bits that count ns, us, ms or 1/10 ms
 WRAP_PERIODS = tuple(2.0**bits * tick for bits in (16, 31, 32) for tick in (1e-9, 1e-6, 1e-4, 1e-3))
+
+
+def coarse(t: np.ndarray, *readings: np.ndarray) -> str:
+    """Why the stamps t (N,) s do not tell the samples apart, each of `readings` (N, n): most carry that of the sample before; else ""."""
+    same = np.diff(t) == 0
+    with np.errstate(invalid="ignore"):
+        new = np.any([(np.abs(np.diff(x, axis=0)) > 0).any(axis=1) for x in readings], axis=0)
+    if 2 * np.count_nonzero(same & new) <= len(same):
+        return ""
+    return (
+        f"{np.count_nonzero(same)} of {len(t)} samples carry the stamp of the sample before beside other readings: the stamps are coarser than "
+        "the samples"
+    )
 
 
 def checked_times(t: np.ndarray, t_host: np.ndarray, damage: Damage) -> tuple[np.ndarray, ClockFit | None]:

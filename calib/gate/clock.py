@@ -11,6 +11,7 @@ from calib.gate.correction import UNITS, Correction
 from calib.gate.readings import LEAST_ROWS, name_of
 from logs.log import Log
 from logs.lost_time import finding, lost_time
+from logs.timing import FINER, coarse
 
 STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
 USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
@@ -18,10 +19,13 @@ MOST_LOST = 0.3
 
 
 def clock(log: Log) -> GateCheck:
-    """Between 5 Hz and 10 kHz an arm is recorded."""
+    """Between 5 Hz and 10 kHz an arm is recorded, by stamps that tell the samples apart."""
     name = name_of(log)
     step = np.diff(log.t[np.isfinite(log.t)])
     short = GateCheck("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
+    unresolved = coarse(log.t, log.q, log.dq, log.tau, log.current)
+    if unresolved:
+        return GateCheck("clock", False, f"{name}: {unresolved}", (Cause(f"stamps that were rounded: {FINER}"),))
     if not (step > 0).any():
         return short
     if np.any(step < 0):

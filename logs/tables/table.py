@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,10 @@ HEAD = 4096  # bytes from which a format is recognised
 MAX_BYTES = 2 << 30
 MAX_COLUMNS = 4096
 MAX_CELLS = 1 << 28
+IN_WORDS = "holds words, no numbers"
+INSTANTS = "instants are read as numbers in s, ms, us or ns, or as 2024-03-01 12:00:00.125 (ISO 8601)"
+_SECONDS = re.compile(r"(.*[^a-z])?sec(s|onds)?", re.IGNORECASE)
+_NANOSECONDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs")
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
                 raise damage.refuse("rows", "the file has columns and no samples", "record it again")
             if len(table) == 1:
                 raise damage.refuse("rows", "the file has one sample, and a motion takes at least two", "record it again")
-            return table
+            return replace(table, columns=with_stamps(table.columns))
     known = ", ".join(form.name for form in formats)
     raise damage.refuse("byte 0", "unrecognised format", f"supported: MCAP, a ROS bag, or a table: {known}")
 
@@ -95,6 +100,22 @@ def of_arrays(arrays: Mapping[str, np.ndarray], damage: Damage, about: str = "")
     if len(columns) > MAX_COLUMNS or len(columns) * length > MAX_CELLS:
         raise damage.refuse("arrays", f"{len(columns)} columns of {length}", f"save at most {MAX_COLUMNS} columns")
     return Table(columns, np.arange(length), (), tuple(left), about)
+
+
+def with_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns, and before them the instants, int64 ns, of each pair as `header.stamp.sec` and `header.stamp.nanosec`, by both names."""
+    names, out = {name.lower(): name for name in columns}, {}
+    for name, whole in columns.items():
+        match = _SECONDS.fullmatch(name)
+        stem = (match[1] or "").lower() if match else ""
+        part = next((names[stem + word] for word in _NANOSECONDS if match and stem + word in names), None)
+        if part is not None and _are_whole(whole, 9e9) and _are_whole(columns[part], 1e9):
+            out[f"{name} + {part}"] = whole.astype(np.int64) * 10**9 + columns[part].astype(np.int64)
+    return {**out, **columns}
+
+
+def _are_whole(x: np.ndarray, most: float) -> bool:
+    return bool(np.all((x >= 0) & (x < most)) and np.all(x == np.rint(x)))
 
 
 def number(cell: object) -> float:

@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs.convert import table_of
+from logs.column_guess import guess_map
+from logs.convert import import_recording, table_of
+from logs.damage import Damage
+from logs.tables import FORMATS, read_table
 from sim.errors import BadLog
 from tests.logs.test_tables import DQ, PLAIN, TAU, WIDE, Q, T, csv_text, same, taken
 
@@ -77,6 +80,35 @@ def test_a_row_of_units_under_the_header(tmp_path: Path, end: str) -> None:
 def test_a_separator_behind_every_row_and_not_behind_the_header(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(csv_text(PLAIN, WIDE).replace("\n", ",\n").replace(",\n", "\n", 1))
     same(taken(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize("names", [("header.stamp.sec", "header.stamp.nanosec"), ("secs", "nsecs")])
+def test_seconds_and_nanoseconds_in_two_columns(tmp_path: Path, names: tuple[str, str]) -> None:
+    instants = 1_700_000_000_995_000_000 + np.rint(T * 1e9).astype(np.int64)
+    head = ",".join([*names, *PLAIN.split(",")[1:]])
+    (tmp_path / "a.csv").write_text(csv_text(head, [instants // 10**9, instants % 10**9, *WIDE[1:]]))
+    log = taken(tmp_path / "a.csv")
+    same(log)
+    assert log.t_origin == instants[0]
+
+
+def test_stamps_coarser_than_the_samples_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text(PLAIN, [np.floor(10 * T) / 10, *WIDE[1:]]))
+    damage = Damage(tmp_path / "a.csv")
+    chosen = guess_map(read_table(tmp_path / "a.csv", FORMATS, damage))[0]
+    with pytest.raises(BadLog, match=r"288 of 300 samples .* coarser than the samples; .*--rate"):
+        import_recording(tmp_path / "a.csv", tmp_path / "a.mcap", chosen)
+    assert not (tmp_path / "a.mcap").exists()
+
+
+@pytest.mark.parametrize("form", ["01.03.2024 12:00:{:09.6f}", "12:00:{:09.6f}", "2024-03-01 12:00:{:09.6f}"])
+def test_instants_in_a_form_that_is_not_read_are_named(tmp_path: Path, form: str) -> None:
+    rows = csv_text("", WIDE[1:], ";").splitlines()[1:]
+    lines = [f"{form.format(t)};{row}" for t, row in zip(T, rows, strict=True)]
+    text = "\n".join([PLAIN.replace(",", ";"), *lines]) + "\n"
+    (tmp_path / "a.csv").write_text(text.replace(".", ",") if form.startswith("2024") else text)
+    with pytest.raises(BadLog, match=r"t holds words, no numbers; instants are read as .*ISO 8601"):
+        taken(tmp_path / "a.csv")
 
 
 def test_a_time_called_timestamp_makes_no_ur_rtde_file(tmp_path: Path) -> None:

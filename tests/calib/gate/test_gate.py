@@ -225,3 +225,12 @@ def test_samples_lost_under_an_even_clock_are_reported() -> None:
     details = [next(c.detail for c in gate(of, [x]).checks if c.check == "losses") for x in (log, even)]
     assert "the recorder lost samples and counted on" in details[1]
     assert "counted on" not in details[0]
+
+
+def test_stamps_coarser_than_the_samples_are_no_wrong_unit() -> None:
+    of, log = base("ur10e")
+    found = gate(of, [replace(log, t=np.floor(log.t))])
+    assert "the stamps are coarser than the samples" in (found.refusal or "")
+    assert not any(cause.corrections for cause in found.causes)
+    once = gate(of, [replace(log, t=np.zeros(len(log)))])
+    assert "coarser" in (once.refusal or "")
