@@ -139,7 +139,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     s = signals(logs, load)
     if not len(s):
         return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]
-    below = below_limits(arm, logs, s) if known else np.ones(len(s), dtype=bool)
+    below = below_limits(arm, logs, load, s) if known else np.ones(len(s), dtype=bool)
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
         t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another

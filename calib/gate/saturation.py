@@ -21,10 +21,10 @@ LEAST_BELOW = 0.2  # of the rows, without which nothing is known of signs and co
 LEAST_SHARE, PILED = 0.03, 3.0  # of the rows near the largest; how many times those just below, which a motion passes as well
 
 
-def below_limits(arm: Arm, logs: Sequence[Log], s: Signals) -> np.ndarray:
-    """(R,) the rows in which no drive is at a torque limit that was seen to be reached (calib.measurement.limits)."""
+def below_limits(arm: Arm, logs: Sequence[Log], load: Sequence[np.ndarray], s: Signals) -> np.ndarray:
+    """(R,) the rows in which no drive is at a torque limit that was seen to be reached (calib.measurement.limits); load (N, n) N m of each log."""
     keep = np.ones(len(s), dtype=bool)
-    for reached in limits_reached(arm, logs):
+    for reached in limits_reached(arm, logs, load):
         j = arm.joint_index(str(reached.effect.joint))
         keep &= np.abs(s.load[:, j]) < TOP * reached.effect.parameters["limit"]
     return keep

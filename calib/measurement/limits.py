@@ -52,12 +52,14 @@ class Limit:
         return self.behind / (self.behind + USUALLY)
 
 
-def limits_reached(arm: Arm, logs: Sequence[Log]) -> list[Limit]:
+def limits_reached(arm: Arm, logs: Sequence[Log], torques: Sequence[np.ndarray] | None = None) -> list[Limit]:
     """The joints whose drive reached its limit in `logs`; none where the commanded motion was not recorded.
 
     A level that any recording goes beyond is no limit. Nothing is fitted, so recordings that are held out count like the others.
+    torques: (N, n) N m of each, NaN at joints whose torque is not known; without them BadLog where a joint's is not.
     """
-    out, torques = [], [joint_torque(log, arm) for log in logs]
+    out: list[Limit] = []
+    torques = [joint_torque(log, arm) for log in logs] if torques is None else torques
     for j, joint in enumerate(arm.joint_names):
         read = [(log, tau[:, j]) for log, tau in zip(logs, torques, strict=True) if np.isfinite(tau[:, j]).all()]
         commanded = [(log, tau) for log, tau in read if np.isfinite(log.q_cmd[:, j]).all()]

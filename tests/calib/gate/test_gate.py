@@ -228,9 +228,20 @@ def test_samples_lost_under_an_even_clock_are_reported() -> None:
 
 
 def test_stamps_coarser_than_the_samples_are_no_wrong_unit() -> None:
-    of, log = base("ur10e")
+    of, log = base("ur10e sample")
     found = gate(of, [replace(log, t=np.floor(log.t))])
     assert "the stamps are coarser than the samples" in (found.refusal or "")
     assert not any(cause.corrections for cause in found.causes)
     once = gate(of, [replace(log, t=np.zeros(len(log)))])
     assert "coarser" in (once.refusal or "")
+
+
+def test_a_recording_without_torque_passes_and_says_what_was_not_checked() -> None:
+    of, log = base("servo6 sample")
+    nothing = np.full_like(log.tau, np.nan)
+    found = gate(of, [replace(log, tau=nothing, current=nothing)])
+    assert found.refusal is None
+    assert "no torque or no masses" in next(check.detail for check in found.checks if check.check == "torque")
+    one = nothing.copy()
+    one[:, :-1] = log.tau[:, :-1]
+    assert gate(of, [replace(log, tau=one, current=nothing)]).refusal is None

@@ -50,10 +50,10 @@ def test_rows_at_a_limit_that_the_commands_show_are_left_out() -> None:
     limited.tau[:, 1] = np.clip(log.tau[:, 1], -most, most)
     limited.q_cmd[:, 1] += 0.3 * over
     s = signals([limited], [limited.tau])
-    below = below_limits(of, [limited], s)
+    below = below_limits(of, [limited], [limited.tau], s)
     assert below.mean() == pytest.approx(1 - over.mean(), rel=0.2)
     assert np.abs(s.rows(below).load[:, 1]).max() < 0.92 * most
-    assert below_limits(of, [log], signals([log], [log.tau])).all()
+    assert below_limits(of, [log], [log.tau], signals([log], [log.tau])).all()
 
 
 def test_a_drive_at_its_limit_is_not_taken_for_exchanged_columns() -> None:
