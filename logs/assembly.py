@@ -12,15 +12,17 @@ from logs.plausible import UNIT, bad_samples, first_fault
 from logs.schemas import COMMANDS, DIAGNOSTICS, NO_HOST_CLOCK, RECORDING, STATES, device_offset
 from logs.timing import checked_times
 
+WHICH = "name the arm with --arm, or record one arm alone"
+
 
 def chosen(topics: dict[str, JointTopic], name: str, damage: Damage) -> JointTopic | None:
-    """The topic `name`, or the only one that ends in it under a namespace."""
-    if name in topics:
-        return topics[name]
-    under = [topic for topic in topics if topic.endswith(name)]
-    if len(under) > 1:
-        raise damage.refuse("topics", f"several end in {name}: {', '.join(sorted(under))}", "keep one arm in a recording")
-    return topics[under[0]] if under else None
+    """The topic `name`, or the only one that ends in it under a namespace; one without the joints that are read only where no other is."""
+    under = sorted((topic for topic in topics.values() if topic.topic.endswith(name)), key=lambda topic: topic.topic)
+    read = [topic for topic in under if topic.taken] or under[:1]
+    if len(read) > 1 and name not in [topic.topic for topic in read]:
+        several = "; ".join(f"{topic.topic} with {', '.join(topic.wanted or ())}" for topic in read)
+        raise damage.refuse("topics", f"several end in {name}: {several}", WHICH)
+    return next((topic for topic in read if topic.topic == name), read[0] if read else None)
 
 
 def states_of(
@@ -33,9 +35,26 @@ def states_of(
         raise damage.refuse(
             "topics", f"no message on {STATES}{wanted}", "record joint states, or name the joints as the log does"
         )
+    several = [states.wanted, *states.others]
+    if joint_names is None and max(map(len, several[1:]), default=0) >= len(states.wanted):
+        sets = "; ".join(", ".join(joints) for joints in several)
+        raise damage.refuse(f"topic {states.topic}", f"its messages are about several sets of joints: {sets:.300}", WHICH)
     if states.others:
-        damage.note(f"{states.others} messages on {states.topic} are about other joints and were not read")
+        joints = "; ".join(", ".join(names) for names in states.others)
+        damage.note(f"{sum(states.others.values())} messages on {states.topic} are about other joints ({joints:.200}) and were not read")
+    known = {*states.wanted, *(name for joints in states.others for name in joints)}
+    beside = {name for layouts in states.layouts.values() for layout in layouts for name in layout.names} - known
+    if beside:
+        damage.note(f"{states.topic} also names {', '.join(sorted(beside)):.200}: not read")
     return states, states.wanted
+
+
+def unstamped(stamp: np.ndarray, states: JointTopic, damage: Damage) -> bool:
+    """Whether the writer of the samples left every stamp zero, which in ROS means none; their log times are the instants then, and it is said."""
+    none = len(stamp) > 1 and not stamp.any()
+    if none:
+        damage.note(f"no message on {states.topic} has a stamp (all are 0): the log times were taken, which are those of the recorder")
+    return none
 
 
 def in_order(
@@ -81,6 +100,11 @@ def assembled(
     """One log of what was taken from the topics; BadLog where their messages are no recording of an arm."""
     states, names = states_of(topics, joint_names, damage)
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
+    one_clock = unstamped(stamp, states, damage)
+    if one_clock:
+        stamp = host
+        for topic in topics.values():
+            topic.stamp = topic.host
     sequence = np.concatenate(states.sequence)
     states.stamp = []
     for topic in topics.values():
@@ -90,7 +114,7 @@ def assembled(
         stamp, host = stamp[order], host[order]
     t, t_host, host_origin = (stamp - stamp[0]) * 1e-9, (host - host[0]) * 1e-9, int(host[0])
     del host
-    if NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
+    if one_clock or NO_HOST_CLOCK.items() <= metadata.get(RECORDING, {}).items():
         t_host = np.full(len(t), np.nan)
     q, dq, tau = (
         values if order is None or not values.strides[0] else values[order] for values in map(states.joined, range(3))

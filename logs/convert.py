@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,13 +72,14 @@ def table_of(source: Path) -> Table | None:
 
 
 def import_recording(
-    source: str | Path, target: str | Path, columns: ColumnMap | None = None, change: Callable[[Log], Log] | None = None
-) -> Imported:
+    source: str | Path, target: str | Path, columns: ColumnMap | None = None, change: Callable[[Log], Log] | None = None,
+    joint_names: Sequence[str] | None = None,
+) -> Imported:  # fmt: skip
     """Write what survives of `source` to the new file `target`; BadLog where nothing does.
 
     The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless --accept-partial is given. A journal is
     copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
-    needs the meaning of its `columns`. `change` may refuse the log (raise) or read it another way before it is written. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
+    needs the meaning of its `columns`; of anything else `joint_names` asks for these joints (`read_log`). `change` may refuse the log (raise) or read it another way before it is written. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
     stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are reported.
     """
     source, target = Path(source), Path(target)
@@ -86,7 +87,7 @@ def import_recording(
         raise DeviceError(f"{target}: exists already; recordings are never overwritten, give another folder with --out")
     target.parent.mkdir(parents=True, exist_ok=True)
     if columns is None:
-        log = read_log(source, accept_partial=True)
+        log = read_log(source, joint_names, accept_partial=True)
     else:
         damage = Damage(source, accept_partial=True)
         log = log_of_table(read_table(source, FORMATS, damage), columns, source, damage)

@@ -16,7 +16,11 @@ MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are pa
 
 @dataclass
 class JointTopic:
-    """Messages of one topic, decoded in pieces: stamps, host times and values in the order of `names`."""
+    """Messages of one topic, decoded in pieces: stamps, host times and values in the order of `wanted`.
+
+    Without `wanted` the joints are those of the message with most of them in the first batch. others: joints of messages that name none of
+    them -> how many; the count is whole, the sets are the first MAX_LAYOUTS.
+    """
 
     topic: str
     fields: int
@@ -26,7 +30,7 @@ class JointTopic:
     host: list[np.ndarray] = field(default_factory=list)
     sequence: list[np.ndarray] = field(default_factory=list)
     values: list[list[np.ndarray]] = field(default_factory=list)
-    others: int = 0
+    others: dict[tuple[str, ...], int] = field(default_factory=dict)
     taken: int = 0  # messages, those given up by `clear` too
     last_host: int | None = None
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
@@ -39,6 +43,8 @@ class JointTopic:
         sound = np.zeros(count, dtype=bool)
         values: list[np.ndarray | None] = [None] * self.fields
         sizes = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
+        if self.wanted is None:
+            self.wanted = self._most_joints(batch, starts, sizes)
         for size in sizes[:1].tolist() if np.all(sizes == sizes[:1]) else np.unique(sizes).tolist():
             left = np.flatnonzero(sizes == size)
             rows = batch.payloads(starts[left], size) if size else np.empty((len(left), 0), dtype=np.uint8)
@@ -65,6 +71,19 @@ class JointTopic:
                     self._place(layout, matching, places, values, sound, count, batch, starts)
         self._append(stamp, heads["log"].astype(np.int64), heads["sequence"].astype(np.int64), values, sound)
 
+    def _most_joints(self, batch: Batch, starts: np.ndarray, sizes: np.ndarray) -> tuple[str, ...] | None:
+        """The names of the largest set of joints among the first messages of each size, the earlier of two; None where none can be read."""
+        most: tuple[str, ...] | None = None
+        for k in np.sort(np.unique(sizes, return_index=True)[1]).tolist():
+            if not sizes[k]:
+                continue
+            try:
+                names = joint_layout(batch.payloads(starts[k : k + 1], int(sizes[k]))[0].tobytes(), self.fields).names
+            except CdrError:
+                continue  # reported where it is read
+            most = names if most is None or len(names) > len(most) else most
+        return most
+
     def _parsed(self, row: np.ndarray, batch: Batch, start: int) -> Layout | None:
         try:
             return joint_layout(row.tobytes(), self.fields)
@@ -81,12 +100,12 @@ class JointTopic:
         count: int, batch: Batch, starts: np.ndarray,
     ) -> None:  # fmt: skip
         """Values of matching messages into their columns, by joint name."""
-        if self.wanted is None:
-            self.wanted = layout.names
-        missing = [name for name in self.wanted if name not in layout.names]
-        if missing or not self.wanted:
-            if len(missing) == len(self.wanted):
-                self.others += len(places)
+        wanted = self.wanted = layout.names if self.wanted is None else self.wanted
+        missing = [name for name in wanted if name not in layout.names]
+        if missing or not wanted:
+            if len(missing) == len(wanted):
+                joints = layout.names if len(self.others) < MAX_LAYOUTS else next(iter(self.others))
+                self.others[joints] = self.others.get(joints, 0) + len(places)
             else:
                 self.damage.report(
                     f"{batch.where}, message on {self.topic} at byte {starts[places[0]]} in it",
@@ -94,8 +113,8 @@ class JointTopic:
                 )
             sound[places] = False
             return
-        columns = [layout.names.index(name) for name in self.wanted]
-        as_they_stand = len(places) == count and layout.names == self.wanted
+        columns = [layout.names.index(name) for name in wanted]
+        as_they_stand = len(places) == count and layout.names == wanted
         for k in range(self.fields):
             part = layout.values(rows, k)
             if part is None:
@@ -105,7 +124,7 @@ class JointTopic:
                 continue
             target = values[k]
             if target is None:
-                target = values[k] = np.full((count, len(self.wanted)), np.nan)
+                target = values[k] = np.full((count, len(wanted)), np.nan)
             target[places] = part[:, columns]
 
     def _append(

@@ -67,7 +67,7 @@ def scanned(
         if stream.journal:
             killed = dead
     topic = topics.get(STATES)
-    check_count(metadata.get(RECORDING, {}), topic.taken + topic.others if topic else 0, damage)
+    check_count(metadata.get(RECORDING, {}), topic.taken + sum(topic.others.values()) if topic else 0, damage)
     known = metadata.get(RECORDING, {}).get("state") in STATE_WORDS
     if known and not topics and (ended or killed) and not damage.count:
         why = metadata[RECORDING].get("end_reason") or "its program was killed"

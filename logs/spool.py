@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from logs.align import INTERPOLATED, at_samples, beside, reading_times
-from logs.assembly import chosen, in_order, left_out, states_of, words_of
+from logs.assembly import chosen, in_order, left_out, states_of, unstamped, words_of
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.log import Log, State
@@ -103,7 +103,8 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
         scan = scanned(bag_parts(path, damage) if path.is_dir() else [path], joint_names, damage, keep)
     states, names = states_of(scan.topics, joint_names, damage)
     own = stored[states.topic]
-    stamp = np.array(own.counts("stamp"))
+    clock = "host" if unstamped(own.counts("stamp"), states, damage) else "stamp"
+    stamp = np.array(own.counts(clock))
     order = in_order(stamp, own.counts("host"), own.counts("sequence"), states, damage)
     stamp = stamp if order is None else stamp[order]
     t, _ = checked_times((stamp - stamp[0]) * 1e-9, np.broadcast_to(np.nan, len(stamp)), damage)
@@ -115,7 +116,7 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
         if topic is None or on_disk is None:
             beside_samples += [np.broadcast_to(np.float64(np.nan), (len(t), n))] * fields
         else:
-            beside_samples += _on_samples(on_disk, topic, stamp, t, damage, between)
+            beside_samples += _on_samples(on_disk, topic, clock, stamp, t, damage, between)
     arrays = dict(zip((*COMMANDED, "current", "temperature"), beside_samples, strict=True))
     arrays |= dict(zip(("q", "dq", "tau"), values, strict=True))
     bad = left_out(t, names, {name: arrays[name] for name in MEASURED}, damage)
@@ -176,10 +177,10 @@ class _Stored:
 
 
 def _on_samples(
-    stored: _Stored, topic: JointTopic, stamp: np.ndarray, t: np.ndarray, damage: Damage, between: tuple[int, ...]
+    stored: _Stored, topic: JointTopic, clock: str, stamp: np.ndarray, t: np.ndarray, damage: Damage, between: tuple[int, ...]
 ) -> list[np.ndarray]:
-    """The fields of a topic on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
-    own, parts = np.array(stored.counts("stamp")), [stored.field(k) for k in range(stored.fields)]
+    """The fields of a topic, whose instants are its `clock`, on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
+    own, parts = np.array(stored.counts(clock)), [stored.field(k) for k in range(stored.fields)]
     if len(own) == len(stamp) and np.array_equal(own, stamp):
         return parts
     at, order = reading_times(own, int(stamp[0]), topic.topic, damage)

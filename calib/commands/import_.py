@@ -128,7 +128,7 @@ def command(
     if model is not None:
         change = passed(model, tuple(words), configs)
     with console.progress(f"import {file.name}"):
-        done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change)
+        done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change, model.joint_names if model else None)
         if chosen is not None:
             (folder / MAP).write_text(chosen.text(), encoding="utf-8")
         delay, no_delay = None, ""

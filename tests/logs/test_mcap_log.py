@@ -215,3 +215,11 @@ def test_losses_are_reported_by_sequence_numbers(tmp_path, motion):
     assert "4 messages on /joint_states are missing by their sequence numbers, first after 0.1980 s" in findings
     (tmp_path / "b.mcap").write_bytes(reordered(stamps[keep], q[keep], 0 * keep))
     assert not any("sequence numbers" in finding for finding in read_log(tmp_path / "b.mcap").findings)
+
+
+def test_a_bad_first_message_hides_no_joints(tmp_path, mcap_bytes):
+    def change(k, message):
+        return message if k else message | {"position": message["position"][:2], "effort": [0.0] * 4}
+
+    log = read_log(write(tmp_path / "a.mcap", mcap_bytes(change)), accept_partial=True)
+    assert (log.n, len(log)) == (3, 399)

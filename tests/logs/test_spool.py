@@ -106,6 +106,7 @@ CHANGES: dict[str, Callable[[list[Message]], list[Message]]] = {
         *[m for m in content if m[0] != COMMANDS],
         *[(f"/{arm}{m[0]}", *m[1:]) for m in content if m[0] == COMMANDS for arm in "ab"],
     ],
+    "no stamps": lambda content: [(topic, 0, log, arrays) for topic, _, log, arrays in content],
     "swapped pairs": swapped,
     "swapped pairs and a bad sample": lambda content: in_state(404, position=[0.0, np.nan, 0.0])(swapped(content)),
     "time runs back": shifted(-5_000_000, 300),
