@@ -41,7 +41,9 @@ def states_of(
         raise damage.refuse(f"topic {states.topic}", f"its messages are about several sets of joints: {sets:.300}", WHICH)
     if states.others:
         joints = "; ".join(", ".join(names) for names in states.others)
-        damage.note(f"{sum(states.others.values())} messages on {states.topic} are about other joints ({joints:.200}) and were not read")
+        damage.note(
+            f"{sum(states.others.values())} messages on {states.topic} are about other joints ({joints:.200}) and were not read"
+        )
     known = {*states.wanted, *(name for joints in states.others for name in joints)}
     beside = {name for layouts in states.layouts.values() for layout in layouts for name in layout.names} - known
     if beside:
@@ -53,7 +55,9 @@ def unstamped(stamp: np.ndarray, states: JointTopic, damage: Damage) -> bool:
     """Whether the writer of the samples left every stamp zero, which in ROS means none; their log times are the instants then, and it is said."""
     none = len(stamp) > 1 and not stamp.any()
     if none:
-        damage.note(f"no message on {states.topic} has a stamp (all are 0): the log times were taken, which are those of the recorder")
+        damage.note(
+            f"no message on {states.topic} has a stamp (all are 0): the log times were taken, which are those of the recorder"
+        )
     return none
 
 

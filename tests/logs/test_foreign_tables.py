@@ -62,7 +62,9 @@ def test_a_degree_sign_in_any_place_and_encoding(tmp_path: Path, encoding: str, 
 
 
 def test_a_file_of_windows_says_that_it_was_read_as_one(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(csv_text("t," + ",".join(f"q{j} (°)" for j in range(3)), [T, *np.rad2deg(Q).T]), encoding="cp1252")
+    (tmp_path / "a.csv").write_text(
+        csv_text("t," + ",".join(f"q{j} (°)" for j in range(3)), [T, *np.rad2deg(Q).T]), encoding="cp1252"
+    )
     log = taken(tmp_path / "a.csv")
     np.testing.assert_allclose(log.q, Q)
     assert any("Windows-1252" in finding for finding in log.findings)

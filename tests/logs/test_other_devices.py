@@ -70,7 +70,9 @@ def test_the_topic_that_has_the_joints(tmp_path: Path, gripper: str) -> None:
 
 def test_topics_under_several_names_are_listed_with_their_joints(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", [("/gripper/joint_states", FINGER), ("/arm/joint_states", JOINTS)])
-    with pytest.raises(BadLog, match=r"/arm/joint_states with shoulder, elbow, wrist; /gripper/joint_states with finger; .*--arm"):
+    with pytest.raises(
+        BadLog, match=r"/arm/joint_states with shoulder, elbow, wrist; /gripper/joint_states with finger; .*--arm"
+    ):
         read_log(path)
 
 

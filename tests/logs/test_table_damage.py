@@ -47,7 +47,9 @@ def test_damage_is_reported_with_its_row(tmp_path: Path) -> None:
         (lambda head, rows: ["Recording,2024", "Robot,X1", "", head, *rows], r"row 4: 10 values where the header has 2"),
     ],
 )
-def test_rows_of_another_width_than_the_header(tmp_path: Path, change: Callable[[str, list[str]], list[str]], words: str) -> None:
+def test_rows_of_another_width_than_the_header(
+    tmp_path: Path, change: Callable[[str, list[str]], list[str]], words: str
+) -> None:
     """What most rows have is no damage of a few: it is said even where damage is accepted."""
     head, *rows = csv_text(PLAIN, WIDE).splitlines()
     (tmp_path / "a.csv").write_text("\n".join(change(head, rows)) + "\n")
