@@ -54,13 +54,13 @@ def command(
     subject, given = arm_and_logs(arm, log, configs)
     require_identified(subject)
     require_unseen([*given, *(baseline or [])], holdout or [])
-    if baseline:
-        require_baseline(len(baseline))
     require_free(out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:
         logs = read_pieces(given, subject, Path(scratch), accept_partial, assume)
         apart = read_logs(holdout or [], subject, accept_partial, assume)
         healthy = read_logs(baseline or [], subject, accept_partial, assume)
+        if baseline:
+            require_baseline(len(healthy))
         folder = new_run(subject, "diagnose", out)
         if baseline:
             found = diagnose_changes(subject, list(logs), apart, healthy, progress=lambda text: advance(0, text))
