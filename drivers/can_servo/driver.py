@@ -63,7 +63,8 @@ class CanServo(Driver):
         return cls(arm, options, rest, clock, lambda: Link.open(options, clock))
 
     def connect(self) -> DeviceInfo:
-        """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque."""
+        """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque. What was open before is closed."""
+        self.close()  # two links on one serial adapter: the older one would close it under the newer
         with self._lock:
             self.drives: list[Drive] = make_drives(self.options)
             self.budget = require_budget(self.drives, self.rate, self.options, f"{self.arm.name} on {self.options.channel}")
