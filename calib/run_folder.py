@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import tomli_w
 
 from calib.past_runs import FILE, RUNS, Run, read_run
-from sim.errors import CalibError, ConfigError, DeviceError
-from sim.file_lock import is_locked, locked
+from sim.errors import CalibError, ConfigError
+from sim.file_lock import is_locked, lock_device, locked
 from sim.files import is_name, read_toml
 from sim.version import software_version
 
@@ -92,15 +92,9 @@ def new_run(
 
 def lock_cell(cell: Cell) -> None:
     """Keep other starts of the program from this cell until this one ends; DeviceError where another has it. A mock is not locked."""
-    if cell.table.driver in SIMULATED:
-        return
-    stream = cell.path.open("rb")
-    if locked(stream) is False:
-        stream.close()
-        raise DeviceError(f"{cell.path}: another program is working with this cell; wait until it has ended, or end it")
     invocation = INVOCATION.get()
-    if invocation:
-        invocation.locks.append(stream)
+    if invocation and cell.table.driver not in SIMULATED:
+        invocation.locks.append(lock_device(str(cell.path.resolve())))
 
 
 def conclude(sentence: str) -> None:

@@ -73,7 +73,8 @@ def _instead(errors: int) -> str:
 
 
 def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[int]) -> None:
-    """DeviceError where somebody talks who should not: another host, or an identifier that the cell file does not know."""
+    """Make the bus ours; DeviceError where somebody talks who should not: another host, or an identifier that the cell file does not know."""
+    link.claim()
     end = clock.now() + QUIET_TIME
     strangers: dict[int, int] = {}
     sender = Senders(drives)

@@ -63,8 +63,8 @@ class CanServo(Driver):
         return cls(arm, options, rest, clock, lambda: Link.open(options, clock))
 
     def connect(self) -> DeviceInfo:
-        """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque. What was open before is closed."""
-        self.close()  # two links on one serial adapter: the older one would close it under the newer
+        """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque. What was open is closed first."""
+        self.close()
         with self._lock:
             self.drives: list[Drive] = make_drives(self.options)
             self.budget = require_budget(self.drives, self.rate, self.options, f"{self.arm.name} on {self.options.channel}")
@@ -92,8 +92,8 @@ class CanServo(Driver):
             self.close()
             raise
         self._listener.patience = patience or PATIENCE
-        where = self._listener.link.where
-        return DeviceInfo(f"{self.arm.n} {self.options.protocols} drives", "", "not asked", self.rate, extra={"bus": where})
+        heard, bus = f"{self.arm.n} {self.options.protocols} drives", self._listener.link.where
+        return DeviceInfo(heard, "", "not asked", self.rate, extra={"bus": bus})
 
     def beside(self) -> str:
         """A bus that several programs can be on at once, with drives whose frames need no question."""
@@ -164,8 +164,7 @@ class CanServo(Driver):
         if self._stream.holding:
             self.stop()
             self._settle(self._stream)
-            where = self.away_from_rest()
-            if where and self._stream.holding:
+            if self._stream.holding and (where := self.away_from_rest()):
                 raise DeviceError(
                     f"{self.arm.name}: torque off would drop the arm, because it has no brakes and {where}; it is held: support it "
                     "and press Ctrl-C, or move it to its rest pose first"
@@ -191,6 +190,7 @@ class CanServo(Driver):
             stream = self._stream
             if stream is None or not stream.holding:
                 return False
+            stream.link.claim(wait=True)
             if stream.neglected():
                 self._hold(stream)
             return stream.holding
@@ -223,8 +223,7 @@ class CanServo(Driver):
         return self._stream
 
     def _latch(self, error: DeviceError) -> DeviceError:
-        if self._fault is None:
-            self._fault = error
+        self._fault = self._fault or error
         return error
 
     def _switch_on(self, stream: Stream) -> None:

@@ -8,43 +8,32 @@ import socket
 import struct
 from collections import deque
 from collections.abc import Iterable
-from typing import Any
+from typing import BinaryIO
 
 import can
 from can.bus import BusState
 
-from drivers.can_servo.damiao_box import DamiaoBox
 from drivers.can_servo.lawicel import LawicelBus
+from drivers.can_servo.opening import SHARED, address_of, opened
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
-from sim.errors import ConfigError, DeviceError
-from sim.resources import nearest
+from sim.errors import DeviceError
+from sim.file_lock import lock_device
 
 FULL = {errno.ENOBUFS, errno.EAGAIN}
 FULL_IN_ROW_MAX = 2  # refused frames one after another; one alone is a hiccup
 ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more in this time, s, is a bus that is not sound
-SERVER_TIME = 2.0  # s in which a socketcand server takes a connection
 CROWDED = 10.0  # s beyond its end after which a wait for frames ends although they go on coming
 STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
-SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
-SETS_NO_FD = ("socketcand",)  # python-can's client of it knows classical frames only
-FD_PROTOCOLS = (can.CanProtocol.CAN_FD, can.CanProtocol.CAN_FD_NON_ISO)
-REMEDY = "plug the adapter in, bring its interface up, and check interface, channel and bus in the cell file"
-REMEDIES = {
-    "gs_usb": 'on Linux the kernel drives such adapters, with CAN FD from 5.18 on: interface = "socketcan", channel = "can0"; elsewhere '
-    'install "python-can[gs_usb]" (classical CAN only), and channel is the number of the adapter, counted from 0',
-    "socketcan": "plug the adapter in, see its name with `ip link`, and bring it up: sudo ip link set can0 up type can bitrate 1000000 (for CAN FD "
-    "with dbitrate 5000000 fd on)",
-}
-PCAN_CLOCK = 80_000_000  # Hz, of PEAK's CAN FD adapters
 CAN_ERR_BUSOFF, CAN_ERR_CRTL, PASSIVE_BITS = 0x40, 0x04, 0x30  # linux/can/error.h
 
 
 class Link:
     """One python-can bus. `sent`, `received`, `refused`, `error_frames` count; `failed` says why it is over, or is empty."""
 
-    def __init__(self, bus: can.BusABC, clock: Clock, where: str) -> None:
+    def __init__(self, bus: can.BusABC, clock: Clock, where: str, address: str = "", claim: BinaryIO | None = None) -> None:
         self.bus, self.clock, self.where = bus, clock, where
+        self._address, self._claim = address, claim
         self.sent = self.received = self.refused = self.error_frames = 0
         self.failed = ""
         self._full_in_row = 0
@@ -54,28 +43,23 @@ class Link:
 
     @classmethod
     def open(cls, options: CanOptions, clock: Clock) -> Link:
-        """The bus that a cell names; DeviceError with the remedy where it cannot be opened."""
-        where = f"{options.interface} {options.channel}"
-        known = sorted({*can.VALID_INTERFACES, "damiao"})
-        if options.interface not in known:
-            raise ConfigError(
-                f"interface {options.interface!r:.40}: python-can has none of that name; {nearest(options.interface[:40], known)}; for "
-                f"another one install its python-can plugin. Candle-light adapters: {REMEDIES['gs_usb']}"
-            )
-        if options.interface == "socketcand":
-            _require_server(options)
-        try:
-            bus = _opened(options)
-        # python-can's interfaces raise all of these, NotImplementedError for what an adapter lacks
-        except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
-            raise DeviceError(f"{where}: cannot be opened ({error}); {REMEDIES.get(options.interface, REMEDY)}") from error
-        if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:
-            bus.shutdown()
-            raise DeviceError(
-                f"{where}: this interface does not carry CAN FD; use one that does (socketcan, pcan, kvaser, an slcan adapter with CANable 2 "
-                "firmware), or set the drives to classical CAN and leave data_bitrate out"
-            )
-        return cls(bus, clock, where)
+        """The bus that a cell names; DeviceError with the remedy where it cannot be opened, or another program of ours has it."""
+        address = address_of(options)
+        with contextlib.ExitStack() as undo:
+            # such an adapter belongs to whoever opened it: opening it again closes it under the arm that the first one holds
+            claim = None if options.interface in SHARED else undo.enter_context(lock_device(address))
+            bus = opened(options)
+            undo.pop_all()
+        return cls(bus, clock, f"{options.interface} {options.channel}", address, claim)
+
+    def claim(self, wait: bool = False) -> None:
+        """Keep other programs of ours from commanding on this bus until `close`; DeviceError that names the one that does.
+
+        wait: not an error, because that one, which was ended, may need a moment to end; the caller asks again.
+        """
+        if self._address and self._claim is None:
+            with contextlib.suppress(*([DeviceError] if wait else [])):
+                self._claim = lock_device(self._address)
 
     def send(self, messages: Iterable[can.Message]) -> list[can.Message]:
         """Put frames on the wire now or not at all; returns those that were accepted. DeviceError once the bus has failed."""
@@ -136,6 +120,9 @@ class Link:
             self.failed = "it has been closed"
         with contextlib.suppress(can.CanError, OSError):
             self.bus.shutdown()
+        if self._claim is not None:
+            self._claim.close()
+            self._claim, self._address = None, ""
 
     def _require(self) -> None:
         if self.failed:
@@ -194,42 +181,3 @@ class Link:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         with contextlib.suppress(can.CanError, OSError):
             bus.shutdown()
-
-
-def _opened(options: CanOptions) -> can.BusABC:
-    """python-can's bus, or one of our own where python-can has none or one that waits."""
-    if options.interface == "slcan":
-        serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
-        return LawicelBus(options.channel, options.bitrate, options.data_bitrate, **serial)
-    if options.interface == "damiao":
-        return DamiaoBox(options.channel, options.bitrate, **options.bus)
-    arguments: dict[str, Any] = {"channel": options.channel, "ignore_config": True}
-    if options.interface == "gs_usb" and options.channel.isdecimal():
-        arguments["index"] = int(options.channel)  # its channel is a name only
-    if options.interface == "virtual":
-        arguments["protocol"] = can.CanProtocol.CAN_20 if options.data_bitrate is None else can.CanProtocol.CAN_FD
-    elif options.interface == "pcan" and options.data_bitrate is not None:
-        arguments["timing"] = can.BitTimingFd.from_sample_point(PCAN_CLOCK, options.bitrate, 80.0, options.data_bitrate, 80.0)
-    else:
-        if options.interface not in SETS_NO_BITRATE:
-            arguments["bitrate"] = options.bitrate
-        if options.data_bitrate is not None and options.interface not in SETS_NO_FD:
-            arguments["fd"] = True
-            if options.interface not in SETS_NO_BITRATE:
-                arguments["data_bitrate"] = options.data_bitrate
-    return can.Bus(interface=options.interface, **(arguments | options.bus))
-
-
-def _require_server(options: CanOptions) -> None:
-    """DeviceError where nobody listens: python-can would try for ten seconds and log each of thousands of refusals."""
-    host, port = options.bus.get("host"), options.bus.get("port")
-    if not isinstance(host, str) or not isinstance(port, int) or isinstance(port, bool):
-        raise ConfigError(
-            f'socketcand {options.channel}: host = {host!r}, port = {port!r}; write bus = {{ host = "127.0.0.1", port = 29536 }} in the cell file'
-        )
-    try:
-        socket.create_connection((host, port), timeout=SERVER_TIME).close()
-    except (OSError, OverflowError) as error:
-        raise DeviceError(
-            f"socketcand {options.channel}: no server at {host}:{port} ({error}); start socketcand there, or correct bus in the cell file"
-        ) from error

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.can_servo.drive import Drive, DriveReading, Senders
 from drivers.can_servo.link import Link
+from drivers.can_servo.opening import SHARED
 from drivers.can_servo.speed import Speeds
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
@@ -16,7 +17,6 @@ from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
 PATIENCE = 5.0  # s without one whole set of answers
-SHARED = ("socketcan", "socketcand", "virtual", "udp_multicast")  # several programs can be on such a bus at once
 
 
 class Listener:

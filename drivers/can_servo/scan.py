@@ -52,6 +52,7 @@ class Scan:
 
 def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
     """Query every identifier; DeviceError where the bus is not sound. `supported`: drives may be queried with the order off."""
+    link.claim()
     beating, notes = _unrequested(link, clock)
     seen: dict[tuple[str, int], list[can.Message]] = {}
     for protocol, kind in PROTOCOLS.items():

@@ -1,6 +1,7 @@
 """A run's folder states what was requested and how it ended, and never overwrites anything that is not a run."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -140,7 +141,12 @@ def test_a_cell_serves_one_program_at_a_time(tmp_path: Path) -> None:
     try:
         lock_cell(real)
         INVOCATION.set(second)
-        with pytest.raises(DeviceError, match="another program is working with this cell"):
+        with pytest.raises(DeviceError, match=rf"another program works with it \(PID {os.getpid()}\)"):
+            lock_cell(real)
+        replacement = tmp_path / "edited"  # as editors write a file
+        replacement.write_bytes(file.read_bytes())
+        replacement.replace(file)
+        with pytest.raises(DeviceError, match="support the arm, then kill -INT"):
             lock_cell(real)
         lock_cell(mock)
         first.locks.pop().close()
