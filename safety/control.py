@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -29,11 +29,11 @@ from safety.execution import NEVER, SIMULATED, RunResult, execute
 from safety.plan import Plan
 from safety.run_progress import RunProgress
 from safety.signs import Signs
-from safety.stop_sources import REASONS, StopSignals, first_reason
+from safety.stop_sources import StopSignals, first_reason
 from safety.watching import Task as WatchTask
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.errors import DeviceError
+from sim.errors import CalibError, DeviceError
 from sim.strict import validated
 
 BEAT = 0.02
@@ -87,9 +87,7 @@ def drive(
     alone = alone_because(driver_factory, cell, arm)
     signs, ends = Signs(arm.n, context), context.Pipe()
     files = plan.folder.resolve(), cell.path.resolve(), arm.model_path.resolve().parent, driver_factory
-    task = ControlTask(
-        *files, folder.resolve(), audit.resolve(), wanted, operator, os.getpid(), None if alone else (signs, ends[0]), alone
-    )
+    task = ControlTask(*files, folder.resolve(), audit.resolve(), wanted, operator, None if alone else (signs, ends[0]), alone)
     process = context.Process(target=serve, args=(task, board, answers), name="calib control")
     if alone:
         record(audit, "no monitor process", reason=alone)
@@ -107,17 +105,25 @@ def drive(
             processes[1].start()
         for end in (*ends, answers):  # so that each of them ends with the process that has the other end
             end.close()
+
+        def shown(sentence: str) -> None:
+            """Recorded too, and no failure where the terminal has gone: whoever comes next must learn that the arm is held, and by whom."""
+            with suppress(CalibError):
+                record(audit, "arm held", pid=os.getpid(), reason=sentence)
+            with suppress(OSError):
+                held(sentence)
+
         try:
             with realtime.attentive():  # a heartbeat that other programs hold up would stop the arm
                 kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
         except BaseException:
             board.request_stop("the command process failed")
-            _let_go(processes, board, "the command process failed", held)
+            _let_go(processes, board, "the command process failed", shown)
             raise
         finally:
             over.set()
             heart.join()
-    _let_go(processes, board, str(value), held)
+        _let_go(processes, board, str(value), shown)
     if kind == "error":
         raise value
     return value  # type: ignore[no-any-return]
@@ -135,32 +141,32 @@ def alone_because(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm
         return f"its driver cannot be made: {error}"
 
 
-def _let_go(processes: list[Any], board: Board, sentence: str, held: Callable[[str], None]) -> None:
+def _let_go(processes: list[Any], board: Board, sentence: str, shown: Callable[[str], None]) -> None:
     """Wait for the processes; where one holds the arm, or does not end, until Ctrl-C says that somebody supports it. Nothing else lets go."""
 
     def alive() -> list[str]:
         return [p.name for p in processes if p.exitcode is None]
 
-    end = time.monotonic() + LEAVE_TIME
-    with StopSignals():
+    end, ctrl_c = time.monotonic() + LEAVE_TIME, f"press Ctrl-C or kill -INT {os.getpid()}"
+    with StopSignals():  # nothing that comes meanwhile ends this process before the others
         while alive() and not board.held and time.monotonic() < end:
             time.sleep(SHOW)
-    if board.held and alive():
-        held(f"{sentence}; the arm is HELD: support it, then press Ctrl-C to let it go")
-    elif alive():
-        held(
-            f"{sentence}; {' and '.join(alive())} did not end within {LEAVE_TIME:g} s and may hold the arm: support it, then press Ctrl-C"
-        )
-    while alive():
+        if board.held and alive():
+            shown(f"{sentence}; the arm is HELD: support it, then {ctrl_c} to let it go")
+        elif alive():
+            shown(
+                f"{sentence}; {' and '.join(alive())} did not end within {LEAVE_TIME:g} s and may hold the arm: support it, then {ctrl_c}"
+            )
         with StopSignals() as signals:
-            while alive() and signals.reason() is None:
+            while alive():
                 time.sleep(SHOW)
-        if signals.reason() == REASONS[signal.SIGINT]:
-            board.let_go()
-            for process in processes:
-                process.join(LET_GO_TIME)
-                if process.exitcode is None:
-                    process.kill()
+                if not signals.interrupted:
+                    continue
+                board.let_go()
+                for process in processes:
+                    process.join(LET_GO_TIME)
+                    if process.exitcode is None:
+                        process.kill()
 
 
 def _beat(board: Board, over: threading.Event) -> None:
@@ -173,7 +179,7 @@ def _watched(
     signs: Signs,
 ) -> tuple[str, Any]:  # fmt: skip
     """Show what the control process does until it answers; pass a wish to stop on to it."""
-    since = np.inf
+    since, unseen = np.inf, None
     while True:
         try:
             if answer.poll(SHOW):
@@ -189,9 +195,12 @@ def _watched(
                 f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
                 "the arm: look at it before anything else, then recover the log with `calib import`"
             ) from None
-        reason = stop_requested()
+        reason = stop_requested() or unseen
         if reason is None:
-            watch(board.progress())
+            try:
+                watch(board.progress())
+            except OSError as error:
+                unseen = f"the run could not be shown any more ({error.strerror})"
             continue
         board.request_stop(reason)  # a terminal that was closed can show nothing any more
         since = min(since, time.monotonic())

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -15,11 +17,13 @@ from typing import Any
 
 from drivers.driver import Driver
 from safety import realtime
+from safety.audit import record
 from safety.board import Board
 from safety.execution import execute
 from safety.monitor_link import MonitorLink
 from safety.plan import load_plan
 from safety.signs import Signs
+from safety.stop_sources import StopSignals
 from safety.watching import Task as WatchTask
 from safety.watching import watch as watch_stages
 from sim.arm import Arm, load_arm
@@ -44,7 +48,6 @@ class ControlTask:
     audit: Path
     stages: tuple[float, ...] | None
     operator: str
-    parent: int
     link: tuple[Signs, Connection] | None
     alone: str
 
@@ -53,33 +56,41 @@ def serve(task: ControlTask, board: Board, answer: Connection) -> None:
     """The control process."""
     os.setsid()
     link = None if task.link is None else MonitorLink(*task.link)
-    try:
-        plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
-        realtime.prepare()
+    with StopSignals() as signals:
+        try:
+            plan, cell, arm = load_plan(task.plan), load_cell(task.cell), load_arm(task.arm)
+            realtime.prepare()
 
-        def stop_requested() -> str | None:
-            reason = board.stop_requested()
-            if reason is not None:
-                return reason
-            if os.getppid() != task.parent:
-                return "the command process died"
-            if not board.alive_within(SILENCE):
-                return f"the command process was silent for {SILENCE:g} s"
-            return None
+            def stop_requested() -> str | None:
+                reason = signals.reason() or board.stop_requested()
+                if reason is not None:
+                    return reason
+                if orphaned():
+                    return "the command process died"
+                if not board.alive_within(SILENCE):
+                    return f"the command process was silent for {SILENCE:g} s"
+                return None
 
-        result = execute(
-            plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
-            stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
-        )  # fmt: skip
-        _reply(answer, ("done", result))
-    except BaseException as error:
-        _reply(answer, ("error", portable(error)))
-    remain(board)
+            result = execute(
+                plan, cell, arm, task.driver_factory, task.folder, audit=task.audit, stages=task.stages, operator=task.operator,
+                stop_requested=stop_requested, watch=board.show, link=link, alone=task.alone,
+            )  # fmt: skip
+            _reply(answer, ("done", result))
+        except BaseException as error:
+            _reply(answer, ("error", portable(error)))
+        remain(board, task.audit)
 
 
 def _reply(answer: Connection, what: tuple[str, Any]) -> None:
-    """`what` to the command process; by bytes, so that nothing but the guard calls anything named `send`."""
-    answer.send_bytes(ForkingPickler.dumps(what))
+    """`what` to the command process, if it lives; by bytes, so that nothing but the guard calls anything named `send`."""
+    with suppress(OSError):
+        answer.send_bytes(ForkingPickler.dumps(what))
+
+
+def orphaned() -> bool:
+    """Whether the command process, which started this one, has died."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and os.getppid() != parent.pid
 
 
 def look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
@@ -87,20 +98,37 @@ def look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
     with suppress(CalibError):  # what the driver refuses to let go of, it holds
         watch_stages(task, signs, talk)
     talk.close()
-    remain(board)
+    remain(board, task.audit)
 
 
-def remain(board: Board) -> None:
-    """Until nothing holds the arm any more, or somebody supports it."""
+def remain(board: Board, audit: Path) -> None:
+    """Until nothing holds the arm any more, or Ctrl-C in the command process, or SIGINT to this one, says that somebody supports it."""
     # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
     others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
-    for thread in others:
-        thread.join(END_TIME)
-    while any(t.is_alive() for t in others):
-        board.hold()
-        if board.may_let_go:
-            os._exit(0)
-        time.sleep(SHOW)
+    with StopSignals():  # what came before the arm was held stopped it; it does not let go
+        for thread in others:
+            thread.join(END_TIME)
+        alone = False
+        with StopSignals() as signals:
+            while any(t.is_alive() for t in others):
+                board.hold()
+                if board.may_let_go or signals.interrupted:
+                    os._exit(0)
+                if orphaned() and not alone:
+                    alone = True
+                    _tell(audit)
+                time.sleep(SHOW)
+
+
+def _tell(audit: Path) -> None:
+    """That this process holds the arm and which it is, where the command process, which would say it, is gone."""
+    pid = os.getpid()
+    sentence = f"the command process died; PID {pid} holds the arm: support it, then kill -INT {pid} to let it go"
+    with suppress(CalibError):
+        record(audit, "arm held", pid=pid, reason=sentence)
+    with suppress(OSError):
+        sys.stderr.write(f"calib: {sentence}\n")
+        sys.stderr.flush()
 
 
 def portable(error: BaseException) -> BaseException:

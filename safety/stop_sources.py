@@ -25,9 +25,8 @@ class StopSignals:
     """
 
     def __init__(self) -> None:
-        self._reason: str | None = None
+        self._asked: list[signal.Signals] = []
         self._before: dict[int, object] = {}
-        self.count = 0
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
@@ -41,12 +40,16 @@ class StopSignals:
         self._before.clear()
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        self._reason = self._reason or REASONS[signal.Signals(number)]
-        self.count += 1
+        self._asked.append(signal.Signals(number))
 
     def reason(self) -> str | None:
         """The first signal's name, or None."""
-        return self._reason
+        return REASONS[self._asked[0]] if self._asked else None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C was among them, with which alone a person says that an arm that is held may be let go."""
+        return signal.SIGINT in self._asked
 
 
 class Heartbeat:

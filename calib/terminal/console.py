@@ -13,7 +13,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
@@ -73,8 +73,9 @@ def command_line(words: Sequence[str | Path]) -> str:
 
 
 def warn(sentence: str) -> None:
-    """A sentence that must be seen, on standard error, so that it never mixes with an answer."""
-    _print(_err(), _wrapped(f"calib: {sentence}", _err()))
+    """A sentence that must be seen, on standard error, so that it never mixes with an answer; no failure where nobody can read it any more."""
+    with suppress(OSError):
+        _print(_err(), _wrapped(f"calib: {sentence}", _err()))
 
 
 def warn_assumed(cell: Cell) -> None:
@@ -229,10 +230,17 @@ def _wrapped(text: str, console: Console) -> str:
     return text_table.wrapped(printable(text), console.width) if console.is_terminal else printable(text)
 
 
+class Terminal(Console):
+    """A console that raises where its reader has gone; rich would end the program, whatever it was about to do."""
+
+    def on_broken_pipe(self) -> None:
+        raise
+
+
 def _out() -> Console:
     """Standard output; wide enough for any table where nobody looks, so that a file or a pipe gets whole lines."""
-    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else 400)
+    return Terminal(file=sys.stdout, width=None if sys.stdout.isatty() else 400)
 
 
 def _err() -> Console:
-    return Console(file=sys.stderr)
+    return Terminal(file=sys.stderr)

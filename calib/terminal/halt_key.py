@@ -7,6 +7,7 @@ import select
 import termios
 import threading
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -40,7 +41,8 @@ class HaltKey:
         if self._stream is not None:
             self._over.set()
             self._thread.join()
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+            with suppress(termios.error):  # a terminal that was closed has nothing to restore
+                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     @property
     def listening(self) -> bool:
@@ -55,7 +57,10 @@ class HaltKey:
         while not self._over.is_set():
             ready, _, _ = select.select([self._fd], [], [], WAIT)
             if ready:
-                typed = os.read(self._fd, 100)
+                try:
+                    typed = os.read(self._fd, 100)
+                except OSError:  # the terminal was closed
+                    return
                 self._pressed = self._pressed or KEY in typed
                 if not typed:
                     return

@@ -9,6 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from calib.terminal.console import Terminal
 from sim.arm import Arm
 from sim.files import printable
 
@@ -70,7 +72,7 @@ class LiveView:
         now: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self._arm, self._title, self._keys, self._error_max = arm, title, dict(keys), following_error_max
-        self._console = console or Console(file=sys.stderr)
+        self._console = console or Terminal(file=sys.stderr)
         self._now, self._due = now, -np.inf
         self._live: Live | None = None
 
@@ -85,7 +87,8 @@ class LiveView:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._live:
-            self._live.stop()
+            with suppress(OSError):  # the terminal may be what has gone; how the run ended counts
+                self._live.stop()
 
     @property
     def due(self) -> bool:

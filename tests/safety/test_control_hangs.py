@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import signal
@@ -11,6 +12,7 @@ import pytest
 
 from safety import control
 from safety.board import Board
+from safety.run_progress import RunProgress
 from safety.signs import Signs
 from safety.stop_sources import StopSignals
 from sim.errors import DeviceError
@@ -44,7 +46,8 @@ def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monke
 
     with StopSignals():  # what comes before the wait begins ends nothing
         control._let_go([hung], board, "completed", held)
-    assert said == ["completed; calib control did not end within 0.1 s and may hold the arm: support it, then press Ctrl-C"]
+    wanted = f"support it, then press Ctrl-C or kill -INT {os.getpid()}"
+    assert said == [f"completed; calib control did not end within 0.1 s and may hold the arm: {wanted}"]
     assert (hung.exitcode, hung.joined, board.may_let_go) == (-signal.SIGKILL, [control.LET_GO_TIME], True)
 
 
@@ -67,3 +70,16 @@ def test_half_an_answer_of_a_control_process_that_was_killed_is_none() -> None:
     theirs.close()
     with pytest.raises(DeviceError, match="no answer"):
         control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, Signs(6, context))
+
+
+def test_a_view_that_cannot_be_written_any_more_is_a_stop_with_that_reason() -> None:
+    context = multiprocessing.get_context("spawn")
+    board, (answer, theirs) = Board(6, context), context.Pipe(duplex=False)
+
+    def watch(progress: RunProgress) -> None:
+        threading.Timer(0.3, theirs.send, [("done", "stopped")]).start()
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    assert control._watched(Hung(), answer, board, lambda: None, watch, Signs(6, context)) == ("done", "stopped")
+    assert board.stop_requested() == "the run could not be shown any more (Broken pipe)"
+    theirs.close()

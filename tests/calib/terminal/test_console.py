@@ -1,7 +1,9 @@
 """Answers on standard output, everything else on standard error, and JSON that any parser reads."""
 
+import errno
 import io
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -128,3 +130,23 @@ def test_a_question_is_wrapped_and_keeps_the_space_before_its_answer(monkeypatch
     lines = out.getvalue().split("\n")
     assert max(map(len, lines)) <= 21
     assert lines[-1].endswith("move: ")
+
+
+class Gone(io.StringIO):
+    """A stream whose reader has gone, or whose terminal was closed."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+    def write(self, text: str) -> int:
+        raise OSError(self.number, os.strerror(self.number))
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EIO])
+def test_a_warning_that_nobody_can_read_ends_nothing(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(f"sys.{name}", Gone(number))
+    console.warn("the arm is held")
+    with pytest.raises(OSError, match=os.strerror(number)):  # an answer that was not given is no success
+        console.say("the answer")
