@@ -6,6 +6,7 @@ and, once it has ended, `[end]` with the exit code and the sentence. A run's fil
 
 from __future__ import annotations
 
+import getpass
 import re
 import sys
 from contextvars import ContextVar
@@ -95,6 +96,14 @@ def lock_cell(cell: Cell) -> None:
     invocation = INVOCATION.get()
     if invocation and cell.table.driver not in SIMULATED:
         invocation.locks.append(lock_device(str(cell.path.resolve())))
+
+
+def login_name(given: str | None = None) -> str:
+    """The operator's name as it was given, otherwise that of the login; ConfigError where the system knows none, as in a container."""
+    try:
+        return given or getpass.getuser()
+    except (KeyError, OSError):
+        raise ConfigError("who are you? the system has no name for this user; give --operator NAME") from None
 
 
 def conclude(sentence: str) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import getpass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from calib.excitation.home import open_cell
 from calib.excitation.session import Session, design
+from calib.run_folder import login_name
 from drivers import open_driver
 from safety.approval import approval_of, approve, check_approval
 from safety.confirmation import check_yes
@@ -41,7 +41,7 @@ def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", co
     approval, now = approval_of(plan), datetime.now(UTC)
     if approval is None:
         check_yes(cell)
-        approve(plan, arm, cell, operator or getpass.getuser(), now)
+        approve(plan, arm, cell, login_name(operator), now)
     else:
         check_approval(approval, plan, arm, cell, now)
     home = Path(folder)

@@ -19,6 +19,7 @@ from sim.strict import Positive, validated
 
 APPROVAL_HOURS = 8.0
 FILE = "approval.toml"
+AGAIN = "approve again with `calib record --approve`"
 
 
 class Approval(BaseModel):
@@ -40,7 +41,12 @@ def approve(plan: Plan, arm: Arm, cell: Cell, approved_by: str, now: datetime, h
         "hours": float(hours), "manifest": manifest_of(plan, arm, cell),
     }  # fmt: skip
     checked = validated(Approval, approval, plan.folder / FILE)
-    (plan.folder / FILE).write_bytes(sealed(tomli_w.dumps(approval)))
+    part = plan.folder / f"{FILE}.part"  # on a full disk what stood there must stay
+    try:
+        part.write_bytes(sealed(tomli_w.dumps(approval)))
+        part.replace(plan.folder / FILE)
+    finally:
+        part.unlink(missing_ok=True)
     return checked
 
 
@@ -49,10 +55,10 @@ def approval_of(plan: Plan) -> Approval | None:
     file = plan.folder / FILE
     if not file.exists() and not file.is_symlink():
         return None
-    text, _ = unsealed(file, read_plan_file(file, 1_000_000))
-    approval = validated(Approval, toml_table(text, file, "remove it and approve again"), file)
+    text, _ = unsealed(file, read_plan_file(file, 1_000_000, AGAIN), AGAIN)
+    approval = validated(Approval, toml_table(text, file, AGAIN), file)
     if approval.approved_at.tzinfo is None:
-        raise ConfigError(f"{file}: approved_at = {approval.approved_at} has no time zone; remove the file and approve again")
+        raise ConfigError(f"{file}: approved_at = {approval.approved_at} has no time zone; {AGAIN}")
     return approval
 
 
@@ -64,5 +70,5 @@ def check_approval(approval: Approval, plan: Plan, arm: Arm, cell: Cell, now: da
     if not timedelta(0) <= age <= timedelta(hours=approval.hours):
         raise SafetyStop(
             f"{file}: approved at {approval.approved_at:%Y-%m-%d %H:%M} UTC for {approval.hours:g} h, it is {now:%Y-%m-%d %H:%M} UTC; "
-            "look at the cell again, then approve again with `calib record --approve`"
+            f"look at the cell again, then {AGAIN}"
         )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ipaddress
+import termios
 from pathlib import Path
+from typing import TextIO
 
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -15,13 +17,13 @@ NOT_RATED = (
 
 
 # Where a tunnel to a real controller usually ends on this computer; an emulated one stands at 127.0.0.2 and the like
-TUNNEL_ENDS = tuple(map(ipaddress.ip_address, ("127.0.0.1", "::1")))
+TUNNEL_END = ipaddress.IPv4Address("127.0.0.1")
 # A tunnel to a serial adapter ends at a pseudo-terminal as an emulated adapter does: the link to an emulated one has a name that begins so
 EMULATED = "emulated"
 
 
 def without_arm(cell: Cell) -> bool:
-    """Whether only software can stand behind a cell: the mock, a controller on a loopback address but TUNNEL_ENDS, a CAN bus in memory or on a
+    """Whether only software can stand behind a cell: the mock, a controller on an IPv4 loopback address but TUNNEL_END, a CAN bus in memory or on a
     pseudo-terminal that a link named EMULATED leads to."""
     options = cell.table.options
     if cell.table.driver == "mock":
@@ -29,10 +31,10 @@ def without_arm(cell: Cell) -> bool:
     host = options.get("host")
     if isinstance(host, str):
         try:
-            address = ipaddress.ip_address(host)
-        except ValueError:  # a name, localhost too
+            address = ipaddress.IPv4Address(host)
+        except ValueError:  # a name, localhost too; of IPv6 every loopback address is the one where tunnels end
             return False
-        return address.is_loopback and address not in TUNNEL_ENDS
+        return address.is_loopback and address != TUNNEL_END
     if options.get("interface") == "virtual":
         return True
     channel = options.get("channel")
@@ -50,6 +52,18 @@ def question(cell: Cell, arm_name: str, how: str = "through large angles") -> st
 def expected(cell: Cell) -> str:
     """The words that mean yes."""
     return f"{cell.name} is empty"
+
+
+def require_person(cell: Cell, stream: TextIO | None) -> None:
+    """SafetyStop unless a terminal answers where an arm may stand; what was typed there before the question is thrown away."""
+    if without_arm(cell):
+        return
+    if stream is None or not stream.isatty():
+        raise SafetyStop(
+            f"an arm may stand behind the cell {cell.name}: a person has to confirm at a terminal, and the answer comes from somewhere "
+            "else; start this from a terminal"
+        )
+    termios.tcflush(stream.fileno(), termios.TCIFLUSH)
 
 
 def check_answer(cell: Cell, answer: str) -> None:

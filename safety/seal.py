@@ -15,19 +15,19 @@ def sealed(body: str) -> bytes:
     return f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"\n{body}'.encode()
 
 
-def unsealed(file: Path, raw: bytes) -> tuple[str, str]:
+def unsealed(file: Path, raw: bytes, remedy: str = "make it again") -> tuple[str, str]:
     """(text, sha256) of a sealed file; SafetyStop where the seal does not match the content."""
     first, _, rest = raw.partition(b"\n")
     digest = hashlib.sha256(rest).hexdigest()
     if first != f'sha256 = "{digest}"'.encode():
-        raise SafetyStop(
-            f"{file}: its content does not match its first line; it was changed after it was written, make it again"
-        )
-    return as_text(rest, file, remedy="make it again"), digest
+        raise SafetyStop(f"{file}: its content does not match its first line; it was changed after it was written, {remedy}")
+    return as_text(rest, file, remedy=remedy), digest
 
 
-def read_plan_file(file: Path, most: int) -> bytes:
+def read_plan_file(file: Path, most: int, remedy: str = "make the plan again with `calib plan`") -> bytes:
     """The content of a file of a plan folder. A link is refused: what it points to may be anybody's."""
     if os.path.islink(file):
-        raise ConfigError(f"{file}: not a regular file; a plan folder holds plan.toml and one .npy a motion, no links")
-    return read_bytes(file, most, remedy="make the plan again with `calib plan`")
+        raise ConfigError(
+            f"{file}: not a regular file; a plan folder holds plan.toml and one .npy a motion, no links; {remedy}"
+        )
+    return read_bytes(file, most, remedy=remedy)

@@ -36,10 +36,11 @@ def command(
 
         calib check emulated-ur10e
     """
+    from calib.terminal.confirming import confirm
     from drivers import driver_origin, open_driver
     from drivers.preflight import preflight
     from safety import realtime
-    from safety.confirmation import check_answer, check_yes, question
+    from safety.confirmation import check_yes
     from safety.joint_test import try_joints
     from safety.stop_sources import StopSignals
     from sim.cell import load_arm_of, load_cell
@@ -51,12 +52,7 @@ def command(
     if move and yes:
         check_yes(table)
     elif move:
-        check_answer(
-            table,
-            console.ask(
-                question(table, arm.name, "every joint by two degrees and back, then all of them by up to half a radian")
-            ),
-        )
+        confirm(table, arm.name, "every joint by two degrees and back, then all of them by up to half a radian")
     if driver_origin(table.table.driver) != OWN and not as_json:
         console.say(f"driver {table.table.driver} comes from {driver_origin(table.table.driver)}")
     if arm_origin(table.table.arm) != OWN and not as_json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -12,7 +11,7 @@ from typing import Annotated
 import typer
 
 from calib.past_runs import LATEST, RUNS, latest, runs_and_faults
-from calib.run_folder import conclude, lock_cell, new_run
+from calib.run_folder import conclude, lock_cell, login_name, new_run
 from calib.terminal import console, options
 
 DECIDES = "discriminate"  # the motion that decides between effects, for the diagnosis that left them open
@@ -47,11 +46,12 @@ def command(
         calib record mock-ur10e runs/plan --yes --out runs/recorded
     """
     from calib.guided import HELD_OUT
+    from calib.terminal.confirming import confirm
     from calib.terminal.halt_key import HaltKey
     from calib.terminal.live import LiveView, show
     from drivers import open_driver
     from safety import approval_of, approve, check_approval, check_plan, load_plan
-    from safety.confirmation import check_answer, check_yes, question
+    from safety.confirmation import check_yes
     from safety.control import alone_because, drive, is_simulated
     from safety.hold_key import HoldKey
     from safety.stop_sources import first_reason
@@ -74,15 +74,15 @@ def command(
     check_plan(sealed, arm, where)
     if yes:
         check_yes(where)
-    who = operator or getpass.getuser()
-    approval = approval_of(sealed)
-    if approval is not None and not approve_again:
+    who = login_name(operator)
+    approval = None if approve_again else approval_of(sealed)
+    if approval is not None:
         check_approval(approval, sealed, arm, where, datetime.now(UTC))
     if not yes:
         rows = [[m.name, m.kind, m.trajectory.duration] for m in sealed.motions]
         console.table(["motion", "kind", "duration at full speed [s]"], rows)
-        check_answer(where, console.ask(question(where, arm.name)))
-    if approval is None or approve_again:
+        confirm(where, arm.name)
+    if approval is None:
         approve(sealed, arm, where, who, datetime.now(UTC))
     console.warn_control(where, open_driver(where, arm))
     if not is_simulated(where):

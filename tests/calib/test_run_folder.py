@@ -13,7 +13,7 @@ import pytest
 
 from calib.measurement.recordings import latest_arm
 from calib.past_runs import latest, list_runs, newest, read_run
-from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, new_run, require_free
+from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, login_name, new_run, require_free
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
 
@@ -223,3 +223,14 @@ def test_the_latest_arm_is_none_that_a_diagnosis_left_as_it_was(
     if diagnosis is not None:
         (folder / "diagnosis.json").write_text(json.dumps({"arm_out": "arm", **diagnosis}))
     assert latest_arm().parent.name == of
+
+
+@pytest.mark.parametrize("error", [KeyError("getpwuid(): uid not found: 1000"), OSError("No username set in the environment")])
+def test_a_user_without_a_name_gives_one(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody() -> str:
+        raise error
+
+    monkeypatch.setattr("getpass.getuser", nobody)
+    assert login_name("ada") == "ada"
+    with pytest.raises(ConfigError, match="give --operator NAME"):
+        login_name()

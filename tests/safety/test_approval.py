@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 from datetime import timedelta
+from pathlib import Path
 
 import pytest
 
@@ -47,3 +49,31 @@ def test_a_well_sealed_approval_that_breaks_a_rule_is_refused(
     file.write_bytes(sealed(body.replace(*change)))
     with pytest.raises(ConfigError):
         approval_of(plan)
+
+
+def test_a_full_disk_leaves_the_approval_that_was_there(
+    plan: Plan, arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = approve(plan, arm, cell, "operator", NOON)
+    whole = Path.write_bytes
+
+    def half(file: Path, content: bytes) -> int:
+        whole(file, content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device", str(file))
+
+    before = sorted(plan.folder.iterdir())
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(OSError, match="No space"):
+        approve(plan, arm, cell, "another", NOON)
+    assert approval_of(plan) == first
+    assert sorted(plan.folder.iterdir()) == before
+
+
+def test_a_damaged_approval_names_the_way_to_a_new_one(plan: Plan, arm: Arm, cell: Cell) -> None:
+    approve(plan, arm, cell, "operator", NOON)
+    file = plan.folder / "approval.toml"
+    content = file.read_bytes()
+    for damaged in (content[:-100], b"", content.replace(b"approved_by", b"approved_bx"), sealed("[[")):
+        file.write_bytes(damaged)
+        with pytest.raises((ConfigError, SafetyStop), match="approve again with `calib record --approve`"):
+            approval_of(plan)

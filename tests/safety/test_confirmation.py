@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import os
+import select
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from safety.confirmation import check_answer, check_yes, expected, question, without_arm
+from safety.confirmation import check_answer, check_yes, expected, question, require_person, without_arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
 
@@ -23,6 +26,9 @@ def cell_with(cell: Cell, driver: str, **options: object) -> Cell:
         ("ur_rtde", {"host": "127.0.0.1"}, False),
         ("ur_rtde", {"host": "127.8.9.1"}, True),
         ("ur_rtde", {"host": "::1"}, False),
+        ("ur_rtde", {"host": "::1%lo"}, False),
+        ("ur_rtde", {"host": "::1%127.0.0.2"}, False),
+        ("ur_rtde", {"host": "::ffff:127.0.0.2"}, False),
         ("ur_rtde", {"host": "localhost"}, False),
         ("ur_rtde", {"host": "0:0:0:0:0:0:0:1"}, False),
         ("ur_rtde", {"host": "localhost.example.com"}, False),
@@ -76,3 +82,22 @@ def test_any_other_answer_is_no(cell: Cell, answer: str) -> None:
     check_answer(cell, "  test-cell is empty\n")
     with pytest.raises(SafetyStop, match="nothing was moved"):
         check_answer(cell, answer)
+
+
+@pytest.mark.parametrize("stream", [None, io.StringIO("test-cell is empty\n")])
+def test_where_an_arm_may_stand_a_terminal_answers(cell: Cell, stream: io.StringIO | None) -> None:
+    require_person(cell_with(cell, "mock"), stream)
+    with pytest.raises(SafetyStop, match="a person has to confirm at a terminal"):
+        require_person(cell_with(cell, "ur_rtde", host="192.168.0.10"), stream)
+
+
+def test_what_was_typed_before_the_question_is_no_answer(cell: Cell) -> None:
+    person, terminal = os.openpty()
+    with open(terminal, encoding="utf-8") as stream:
+        os.write(person, b"test-cell is empty\n")
+        assert select.select([terminal], [], [], 5.0)[0]
+        require_person(cell_with(cell, "mock"), stream)
+        assert select.select([terminal], [], [], 0.0)[0]
+        require_person(cell_with(cell, "ur_rtde", host="192.168.0.10"), stream)
+        assert not select.select([terminal], [], [], 0.0)[0]
+    os.close(person)
