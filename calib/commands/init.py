@@ -28,6 +28,9 @@ def command(
         list[str] | None, typer.Option(metavar="A.B.C.D/24", help="Ask every address of this network for a robot; repeatable.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the cell; my-ARM if not given.")] = None,
+    arm_name: Annotated[
+        str | None, typer.Option("--arm", metavar="ARM", help="Which arm a robot is, where its controller leaves several open.")
+    ] = None,
     as_json: options.Json = False,
     configs: options.NewConfigs = None,
 ) -> None:
@@ -55,9 +58,13 @@ def command(
     if not as_json:
         _show(found, adapters, models)
     if found:
-        robot, arm = _chosen(found, as_json)
+        robot, arm = _chosen(found, arm_name, as_json)
         cell = name or f"my-{arm}"
         text = first_cell.of_robot(cell, robot, arm)
+    elif arm_name is not None and (models or adapters):
+        raise ConfigError(
+            f"--arm {arm_name}: says which arm a robot is, and none answered; give its address with --host, or leave it out"
+        )
     elif models:
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
             arm = _added(models[0], configs)
@@ -136,8 +143,8 @@ def _show(found: list[Robot], adapters: list[Adapter], models: list[Path]) -> No
         console.table(["what", "where", "details"], rows)
 
 
-def _chosen(found: list[Robot], as_json: bool) -> tuple[Robot, str]:
-    """The robot to write a cell for, and its arm; the operator is asked where there are several."""
+def _chosen(found: list[Robot], arm: str | None, as_json: bool) -> tuple[Robot, str]:
+    """The robot to write a cell for, and its arm; the operator is asked where there are several. No answer chooses nothing."""
     robot = found[0]
     if len(found) > 1:
         hosts = [r.host for r in found]
@@ -150,14 +157,14 @@ def _chosen(found: list[Robot], as_json: bool) -> tuple[Robot, str]:
             f"{robot.host}: no arm folder is known for {robot.model or 'a controller that does not report its model'}; make one with "
             "`calib arm new`, then copy configs/cells/emulated-ur10e.toml"
         )
+    which = f"the controller reports {robot.model}, which may be {' or '.join(robot.arms)}"
     if len(robot.arms) == 1:
-        return robot, robot.arms[0]
-    answer = (
-        "" if as_json else console.ask(f"The controller reports {robot.model}; which arm ({', '.join(robot.arms)})? ").strip()
-    )
-    if answer and answer not in robot.arms:
-        raise ConfigError(f"{answer!r} is none of {', '.join(robot.arms)}")
-    return robot, answer or robot.arms[0]
+        arm = arm or robot.arms[0]
+    elif arm is None and not as_json:
+        arm = console.ask(f"{robot.host}: {which}; which one? ").strip()
+    if arm not in robot.arms:
+        raise ConfigError(f"{robot.host}: {which}{f', not {arm}' if arm else ''}; choose with --arm ARM")
+    return robot, arm
 
 
 def _added(file: Path, configs: Path | None) -> str:

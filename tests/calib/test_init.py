@@ -6,6 +6,7 @@ import io
 import ipaddress
 import json
 import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,7 +44,10 @@ def robot(tmp_path: Path) -> Iterator[str]:
     emulator.stop()
 
 
-def test_a_robot_becomes_a_cell_that_can_be_checked(robot: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_becomes_a_cell_that_can_be_checked(
+    robot: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("ur10e\n"))
     assert main(["init", "--host", NOBODY, "--host", robot]) == 0
     printed = capsys.readouterr().out
     assert "UR10" in printed
@@ -62,10 +66,20 @@ def test_a_network_is_queried_only_where_it_was_given(robot: str, desk: Path, mo
     assert main(["init", "--json"]) == 1
     monkeypatch.setattr(finding, "own_networks", lambda: [around])
     assert main(["init"]) == 1, "nobody agreed"
-    monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\nur10e\n"))
     assert main(["init", "--name", "agreed"]) == 0
-    assert main(["init", "--network", str(around), "--name", "given"]) == 0
+    assert main(["init", "--network", str(around), "--name", "given", "--arm", "ur10e"]) == 0
     assert load_cell("agreed").table.options == load_cell("given").table.options
+
+
+@pytest.mark.parametrize("more", [[], ["--json"], ["--arm", "ur5e"]])
+def test_an_arm_that_the_controller_leaves_open_is_chosen_by_nobody_else(
+    more: list[str], robot: str, desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["init", "--host", robot, *more]) == 2
+    assert re.search(r"which may be .*ur10e.*choose with --arm ARM", capsys.readouterr().err)
+    assert not (desk / "configs").exists()
+    assert main(["init", "--host", robot, "--arm", "ur10e", "--json"]) == 0
 
 
 def test_nobody_there_is_reported_with_what_to_do(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,9 +89,9 @@ def test_nobody_there_is_reported_with_what_to_do(desk: Path, capsys: pytest.Cap
 
 
 def test_a_cell_is_never_overwritten(robot: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", "--host", robot]) == 0
+    assert main(["init", "--host", robot, "--arm", "ur10e"]) == 0
     before = (desk / "configs/cells/my-ur10e.toml").read_bytes()
-    assert main(["init", "--host", robot]) == 2
+    assert main(["init", "--host", robot, "--arm", "ur10e"]) == 2
     assert "never overwritten" in capsys.readouterr().err
     assert (desk / "configs/cells/my-ur10e.toml").read_bytes() == before
 
