@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -94,6 +95,13 @@ def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
 ) -> None:
     path = ur_cell(tmp_path / "real.toml", "192.0.2.1")
     assert main(["check", str(path), "--move", "--yes"]) == 3
-    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("real is empty\n"))
     assert main(["check", str(path), "--move"]) == 3
+    assert "a person has to confirm at a terminal" in capsys.readouterr().err
+    person, terminal = os.openpty()
+    with open(terminal, encoding="utf-8") as stream:
+        monkeypatch.setattr(stream, "readline", lambda: "yes\n")
+        monkeypatch.setattr("sys.stdin", stream)
+        assert main(["check", str(path), "--move"]) == 3
+    os.close(person)
     assert "nothing was moved" in capsys.readouterr().err
