@@ -10,7 +10,6 @@ import pytest
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import arm_toml_text, write_arm, write_atomically
 from sim.errors import ConfigError
-from sim.mjcf_edit import mounted
 from sim.required import require_limits
 from sim.rigid_body import RigidBody
 from sim.tree import combined
@@ -77,21 +76,6 @@ def test_every_number_arrives_in_full_precision(tmp_path):
     np.testing.assert_array_equal(out.gravity, gravity)
     assert out.provenance["mass"] == "a test"
     assert out.provenance["kinematics"] == arm.provenance["kinematics"]
-
-
-@pytest.mark.parametrize("second", [(0.7, 0.0, 0.021, 0.08), (1.5, 0.05, -0.01, 0.1), (0.3, 0.1, 0.1, 0.0)])
-def test_a_second_payload_stands_beside_the_first(second, tmp_path):
-    """Two points have no moment about their line, which MuJoCo takes as a principal moment only."""
-    arm, names = load_arm("ur10e"), ("mass", "com_x", "com_y", "com_z")
-    points = [(0.7, 0.0, 0.02, 0.08), second]
-    items = [ArmEffect("payload", None, dict(zip(names, point, strict=True))) for point in points]
-    one = write_arm(tmp_path / "one", arm, effects=items[:1])
-    both = write_arm(tmp_path / "both", one, effects=items[1:])
-    together = write_arm(tmp_path / "together", arm, effects=items)
-    np.testing.assert_allclose(both.tree.inertia[-1], together.tree.inertia[-1], atol=1e-12)
-    mass, com, _ = mounted(both.model_text)
-    assert mass == pytest.approx(points[0][0] + points[1][0])
-    np.testing.assert_allclose(com, sum(p[0] * np.array(p[1:]) for p in points) / mass)
 
 
 def test_payload_is_a_body_on_the_last_link_and_adds_up(tmp_path):
