@@ -28,13 +28,17 @@ class Kind(enum.Enum):
     GAP = "gap"
     FROZEN = "frozen"
     WRONG_ARM = "wrong_arm"
+    UNWATCHABLE = "unwatchable"
 
 
-ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM})
+ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM, Kind.UNWATCHABLE})
 # somebody should look; work that goes on as it should only makes INFO
 CONCERNS = frozenset(
-    {Kind.DECLARED_PAYLOAD_WRONG, Kind.UNEXPECTED_CONTACT, Kind.FRICTION_DRIFT, Kind.MODEL_INVALID, Kind.WRONG_ARM}
-)
+    {
+        Kind.DECLARED_PAYLOAD_WRONG, Kind.UNEXPECTED_CONTACT, Kind.FRICTION_DRIFT, Kind.MODEL_INVALID, Kind.WRONG_ARM,
+        Kind.UNWATCHABLE,
+    }
+)  # fmt: skip
 _ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
 
 

@@ -1,12 +1,14 @@
 """Readings before they count: a reading that is missing, impossible, late or frozen is reported and never reaches an estimate.
 
 A reading counts at once, but for one whose torque has risen by more than motion does: it waits for the next one, so that a single wild
-value between two sane ones is seen for what it is.
+value between two sane ones is seen for what it is. A reading that cannot be one is left out as if it were lost: its neighbours belong
+together unless the time between them is a gap. One that comes twice counts once.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -34,15 +36,16 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class ReadingFault:
-    """What is wrong with the readings at t; `message` states it with values."""
+    """What is wrong with the readings at t; `message` states it with values. breaks: readings before and after do not belong together."""
 
     kind: Kind
     t: float
     message: str
+    breaks: bool = True
 
 
 class Intake:
-    """Readings in, samples or faults out; `rate` Hz is what the device promises."""
+    """Readings in, samples or faults out; `rate` Hz is what the device promises; `repeated` counts readings that came twice."""
 
     def __init__(self, arm: Arm, rate: float) -> None:
         if not (np.isfinite(rate) and rate > 0):
@@ -52,6 +55,8 @@ class Intake:
         self._tau_most, self._dq_most = 3.0 * unlimited(arm.tau_max), 2.0 * unlimited(arm.dq_max)
         noise = np.array(arm.sensors.torque_noise)
         self._spike = np.maximum(10 * noise, SPIKE * unlimited(arm.tau_max))
+        self.repeated = 0
+        self._newest: JointState | None = None
         self._last: Sample | None = None
         # the one before a reading whose torque is in doubt
         self._waiting: Sample | None = None
@@ -60,13 +65,13 @@ class Intake:
         self._moving = max(MOVING, 4 * arm.sensors.encoder_resolution / self._frozen)
 
     def add(self, state: JointState) -> tuple[list[Sample], ReadingFault | None]:
-        """One reading: the samples that count from now on, and what is wrong, where something is.
-
-        After a Fault the samples before and after do not belong together.
-        """
+        """One reading: the samples that count from now on, and what is wrong, where something is."""
+        newest, self._newest = self._newest, state
+        if newest is not None and _same(newest, state):
+            self.repeated += 1
+            return [], None
         sample, fault = self._single(state)
         if sample is None:
-            self._last = self._waiting = None
             return [], fault
         last, self._last = self._last, sample
         if last is None:
@@ -100,8 +105,9 @@ class Intake:
 
     def _single(self, state: JointState) -> tuple[Sample | None, ReadingFault | None]:
         names = self._arm.joint_names
+        wrong = partial(ReadingFault, breaks=False)
         if state.n != self._arm.n:
-            return None, ReadingFault(
+            return None, wrong(
                 Kind.WRONG_ARM, state.t_device, f"a reading of {state.n} joints, {self._arm.name} has {self._arm.n}"
             )
         tau = state.tau
@@ -111,7 +117,7 @@ class Intake:
         if np.isnan(dq).all() and self._last is not None and state.t_device > self._last.t:
             dq = (state.q - self._last.q) / (state.t_device - self._last.t)
         if not np.isfinite(state.t_device):
-            return None, ReadingFault(Kind.BAD_READING, self._last.t if self._last else 0.0, f"device time is {state.t_device}")
+            return None, wrong(Kind.BAD_READING, self._last.t if self._last else 0.0, f"device time is {state.t_device}")
         for word, unit, value, most in (
             ("position", "rad", state.q, 1e3), ("speed", "rad/s", dq, self._dq_most), ("torque", "N m", tau, self._tau_most),
         ):  # fmt: skip
@@ -125,9 +131,7 @@ class Intake:
                     if not np.isfinite(value[j])
                     else f"no joint of this arm reaches {np.broadcast_to(most, bad.shape)[j]:.4g}"
                 )
-                return None, ReadingFault(
-                    Kind.BAD_READING, state.t_device, f"{names[j]}: {word} is {value[j]:.4g} {unit}; {rule}"
-                )
+                return None, wrong(Kind.BAD_READING, state.t_device, f"{names[j]}: {word} is {value[j]:.4g} {unit}; {rule}")
         return Sample(state.t_device, state.q, dq, tau, state.temperature), None
 
     def _continuous(self, ready: Sample, after: Sample, step: float) -> ReadingFault | None:
@@ -151,3 +155,10 @@ class Intake:
     def _broken(self, kind: Kind, t: float, message: str) -> ReadingFault:
         self._waiting = None
         return ReadingFault(kind, t, message)
+
+
+def _same(a: JointState, b: JointState) -> bool:
+    """Whether two readings are one that came twice: instant and values are equal."""
+    if a.t_device != b.t_device:
+        return False
+    return all(np.array_equal(getattr(a, x), getattr(b, x), equal_nan=True) for x in ("q", "dq", "tau", "current"))

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.gate.commands import examined
+from calib.watch.broken import STRETCH, STROKE
 from logs.log import Log
 from sim.arm import Arm
 from sim.joint_state import JointState
@@ -22,7 +23,6 @@ from sim.joint_state import JointState
 ENOUGH = 10.0  # s with a joint in motion
 LONGEST = 60.0  # s of readings that are kept for it
 RATE_MOST = 125.0  # Hz of them
-STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves
 FEWEST = 32  # readings
 
 

@@ -25,7 +25,8 @@ class Picture:
 
     nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
     consistent, NaN before the first motion. seconds (n,) of informative motion; residual (n,) N m RMS that nothing explains;
-    hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves.
+    hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves. broken: hardly a reading
+    of the present motion could be used.
     """
 
     t: float
@@ -41,18 +42,25 @@ class Picture:
     hidden: float | None
     samples: int
     faults: dict[str, int]
+    broken: bool = False
 
     @property
     def sentence(self) -> str:
         """The state in words; nothing is claimed without motion."""
         if self.fits is False:
             return "the readings do not fit the arm: no claim"
+        if self.broken and not self.settled:
+            return "no claim: the readings are too broken to watch"
+        if not np.isfinite(self.t):
+            return "no claim: no reading could be used" if self.faults else "no claim: there were too few readings"
         if not np.any(self.seconds > 0) and not self.settled:
             hides = "" if self.hidden is None else f" up to {self.hidden:.2g} kg"
             return f"no claim without motion: at rest static friction hides{hides} at the flange"
         if not self.settled:
             return "too little motion for a claim: three joints must move"
         load = f"{self.payload} at the flange" if self.payload.value > 3 * self.payload.std else "nothing at the flange"
+        if self.broken:
+            return f"no claim: the readings have become too broken to watch; before: {load}"
         if self.deciding:
             return f"the load has just changed: {load}, not yet decided"
         if self.hidden is not None:

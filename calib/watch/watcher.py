@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.measurement.standing import Push, Standing
+from calib.watch.broken import BrokenWatch
 from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import TorqueFilter
 from calib.watch.intake import Intake, ReadingFault, Sample
@@ -44,6 +45,7 @@ class Watcher:
         self._load = LoadWatch(arm, self._filter, known)
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
+        self._broken = BrokenWatch(arm.n, rate)
         self._standing = Standing(arm)
         self._push = np.nan  # when the push began that was reported last
         self._temperature = np.full(arm.n, np.nan)
@@ -65,12 +67,14 @@ class Watcher:
     def add(self, state: JointState) -> list[WatchEvent]:
         """One reading; the events that it brings."""
         self._samples += 1
-        events = self._rest()
+        events, row = self._rest(), self._row
         samples, fault = self._intake.add(state)
         for sample in samples:
             events += self._joined(sample)
         if fault is not None:
             events += self._rest() + self._faulty(fault)
+        seen = 0.0 if self._row is None or self._row is row else self._row.seconds
+        events += self._broken.add(state, seen, ", ".join(f"{k.replace('_', ' ')}: {n}" for k, n in self._faults.items()))
         # an event is reported when the newest reading is there, not when the block ended that shows it
         return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
 
@@ -98,7 +102,8 @@ class Watcher:
             t=self._row.t if self._row is not None else np.nan, payload=self._load.mass(), com=self._load.com() if self._load.settled else None,
             settled=self._load.settled, deciding=self._load.deciding, fits=self._validity.fits, friction=self._wear.now(self._temperature),
             nis=self._nis, seconds=self._validity.seconds.copy(), residual=self._validity.residual, hidden=self._hidden(),
-            samples=self._samples, faults=dict(self._faults),
+            samples=self._samples, faults=self._faults | ({"repeated": repeated} if (repeated := self._intake.repeated) else {}),
+            broken=self._broken.broken,
         )  # fmt: skip
 
     def _load_of(self, row: Row) -> list[WatchEvent]:
@@ -151,10 +156,11 @@ class Watcher:
         return [ended] if self._push == push.start else [began, ended]
 
     def _faulty(self, fault: ReadingFault) -> list[WatchEvent]:
-        """A balance never reaches across a fault; the same kind of fault is reported at most every `AGAIN` seconds."""
-        self._delay.clear()
-        self._balance.forget()
-        self._standing.forget()
+        """A balance never reaches across a break; the same kind of fault is reported at most every `AGAIN` seconds."""
+        if fault.breaks:
+            self._delay.clear()
+            self._balance.forget()
+            self._standing.forget()
         self._faults[fault.kind.value] = self._faults.get(fault.kind.value, 0) + 1
         if fault.t - self._reported_at.get(fault.kind, -np.inf) < AGAIN:
             return []

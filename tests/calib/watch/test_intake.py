@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.watch.events import Kind, WatchEvent
+from calib.watch.events import CONCERNS, Kind, WatchEvent
 from calib.watch.source import until
 from calib.watch.watcher import Watcher
 from sim.arm import Arm
@@ -104,3 +104,41 @@ def test_the_first_seconds_begin_with_the_first_reading_that_has_a_time(calm: li
     span = calm[-1].t_device - calm[1].t_device
     taken = list(until(iter(readings), span / 2))
     assert len(calm) / 3 < len(taken) < len(calm) * 2 / 3
+
+
+def test_a_reading_that_comes_twice_counts_once(servo6: Arm, calm: list[JointState]) -> None:
+    once, twice = Watcher(servo6, 200.0), Watcher(servo6, 200.0)
+    watched(once, calm)
+    assert watched(twice, [copy for k, s in enumerate(calm) for copy in ((s, s) if k % 4 == 0 else (s,))]) == []
+    assert twice.picture().faults == {"repeated": len(calm) // 4}
+    assert twice.picture().payload == once.picture().payload
+
+
+def test_a_reading_that_is_left_out_is_no_more_than_a_lost_one(servo6: Arm, calm: list[JointState]) -> None:
+    """Every block has a bad reading."""
+    watcher = Watcher(servo6, 200.0)
+    readings = [replace(s, q=one(s.q, 1, np.nan)) if k % 4 == 0 else s for k, s in enumerate(calm)]
+    assert {e.kind for e in watched(watcher, readings)} == {Kind.BAD_READING}
+    picture = watcher.picture()
+    assert picture.faults["bad_reading"] == len(calm) // 4
+    assert picture.settled
+    assert abs(picture.payload.value) < 3 * picture.payload.std + 0.01
+
+
+def test_motion_of_which_nothing_can_be_used_is_a_concern_and_not_rest(servo6: Arm, calm: list[JointState]) -> None:
+    """After every third reading 30 ms are missing: no two blocks without a break."""
+    late = [replace(s, t_device=s.t_device + 0.03 * (k // 3)) for k, s in enumerate(calm)]
+    watcher = Watcher(servo6, 200.0)
+    events = watched(watcher, late)
+    assert [e.kind for e in events if e.kind is not Kind.GAP] == [Kind.UNWATCHABLE]
+    assert "hardly a reading could be used (gap: " in next(e.message for e in events if e.kind is Kind.UNWATCHABLE)
+    assert Kind.UNWATCHABLE in CONCERNS
+    assert watcher.picture().sentence == "no claim: the readings are too broken to watch"
+
+
+def test_broken_readings_of_a_standing_arm_hide_no_motion(servo6: Arm, calm: list[JointState]) -> None:
+    silent = np.full(servo6.n, np.nan)
+    standing = [replace(s, q=calm[0].q, dq=0 * silent, tau=silent) for s in calm]
+    watcher = Watcher(servo6, 200.0)
+    assert Kind.UNWATCHABLE not in {e.kind for e in watched(watcher, standing)}
+    assert watcher.picture().sentence == "no claim: no reading could be used"

@@ -1,0 +1,51 @@
+"""Motion of which the readings show nothing: so many are faulty that hardly a row of the momentum balance comes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.watch.events import Kind, WatchEvent
+from sim.joint_state import JointState
+
+STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves
+SHARE = 0.1  # of the motion that rows must show
+MOST = 3.0  # s of motion without them
+
+
+class BrokenWatch:
+    """Readings in, with the seconds that their row shows, 0 without one; `broken` while they are too broken to watch.
+
+    Time is counted in readings, so that neither a gap nor a wrong clock is taken for motion.
+    """
+
+    def __init__(self, n: int, rate: float) -> None:
+        self._n, self._length, self._period = n, max(2, round(STRETCH * rate)), 1.0 / rate
+        self._unseen = 0.0
+        self.broken = False
+        self._again()
+
+    def _again(self) -> None:
+        self._count, self._seen = 0, 0.0
+        self._low, self._high = np.full(self._n, np.nan), np.full(self._n, np.nan)
+
+    def add(self, state: JointState, row_seconds: float, faults: str) -> list[WatchEvent]:
+        """One reading; the event where it is too much. `faults` says of which kind they are."""
+        if state.n != self._n:
+            return []
+        self._low, self._high = np.fmin(self._low, state.q), np.fmax(self._high, state.q)
+        self._count += 1
+        self._seen += row_seconds
+        if self._count < self._length:
+            return []
+        moved, seconds, seen = bool(np.any(self._high - self._low > STROKE)), self._count * self._period, self._seen
+        self._again()
+        self._unseen = max(0.0, self._unseen + (seconds if moved else 0.0) - seen / SHARE)
+        before, self.broken = self.broken, self._unseen > MOST or (self.broken and self._unseen > 0)
+        if before or not self.broken:
+            return []
+        t = state.t_device if np.isfinite(state.t_device) else 0.0
+        text = (
+            f"for {self._unseen:.1f} s of motion hardly a reading could be used ({faults}): they are too broken to watch, and nothing "
+            "that happened meanwhile is known; repair what delivers them"
+        )
+        return [WatchEvent(Kind.UNWATCHABLE, t, (t - self._unseen, t), text)]
