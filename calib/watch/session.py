@@ -123,11 +123,11 @@ def watch(
     ):
         try:
             for state in until(source.states, seconds):
-                if np.isfinite(state.t_device):
+                if np.isfinite(state.t_device):  # one without an instant cannot be recorded
                     first, last = (state.t_device if np.isnan(first) else first), state.t_device
-                if samples or not state.t_device - written < 1.0:
-                    written = state.t_device
-                    recorder.write(replace(state, t_device=source.t_origin + state.t_device))
+                    if samples or not last - written < 1.0:
+                        written = last
+                        recorder.write(replace(state, t_device=source.t_origin + last))
                 if not last - last_declared < DECLARED_EVERY:
                     last_declared, watcher.declared = last, source.declared_now()
                 for event in watcher.add(state):
