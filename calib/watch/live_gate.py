@@ -1,7 +1,7 @@
 """The gate of physics on the first motion that a live watch sees: until then nobody knows whose readings they are, or in which units.
 
 It runs once, when enough motion was seen or at the end, in a thread of its own so that no reading is missed. What happens to the arm
-later is for the watch itself to report: a contact or a load is no wrong recording.
+later, and what is lost on the way, is for the watch itself to report: a contact, a load or a gap is no wrong recording.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ ENOUGH = 10.0  # s with a joint in motion
 LONGEST = 60.0  # s of readings that are kept for it
 RATE_MOST = 125.0  # Hz of them
 FEWEST = 32  # readings
+LOSSES = "losses"  # the gate's check that a watch answers with events
 
 
 class LiveGate:
@@ -72,4 +73,5 @@ def _refusal(arm: Arm, name: str, states: Sequence[JointState]) -> str | None:
     )
     nothing = np.full(q.shape, np.nan)
     log = Log(arm.joint_names, t, t, q, dq, tau, current, temperature, nothing, nothing, nothing, path=Path(name))
-    return examined(arm, [log])[1]
+    checks, refusal = examined(arm, [log])
+    return None if all(check.ok or check.check == LOSSES for check in checks) else refusal

@@ -36,7 +36,7 @@ class Watched:
     """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends.
 
     started is when the readings were recorded, or, where `dated` is "watched", only when they were watched. fault is what the device, or
-    the disk, ended it with.
+    the disk, ended it with; refusal why the readings cannot be the arm's: then nothing is claimed.
     """
 
     source: Source
@@ -47,6 +47,7 @@ class Watched:
     started: datetime
     dated: str
     fault: DeviceError | None = None
+    refusal: str | None = None
 
     @property
     def sentence(self) -> str:
@@ -66,7 +67,8 @@ class Watched:
         return {
             "schema": "watch/1", "arm": arm.name, "source": self.source.name, "seconds": self.seconds, "samples": p.samples,
             "started": self.started.isoformat(), "dated": self.dated, "fault": None if self.fault is None else str(self.fault),
-            "fits": p.fits, "outcome": p.sentence, "payload": p.payload if p.settled else None, "com": p.com, "nis": p.nis,
+            "refusal": self.refusal, "fits": p.fits if self.refusal is None else False, "outcome": self.refusal or p.sentence,
+            "payload": p.payload if p.settled and self.refusal is None else None, "com": p.com if self.refusal is None else None, "nis": p.nis,
             "faults": p.faults, "trend": self.kept,
             "joints": [
                 {
@@ -95,7 +97,8 @@ def watch(
 
     A device that fails ends it as well: what was seen until then is the answer, with the fault in it.
 
-    BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder.
+    BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder, and the reason
+    in its watch.json.
     """
     started = source.recorded or now()
     dated = WATCHED if source.recording and source.recorded is None else RECORDED
@@ -154,13 +157,13 @@ def watch(
             fault = fault or error
             with suppress(DeviceError):
                 recorder.close(str(fault))
-    if refusal is not None:
-        raise BadLog(refusal)
     picture = watcher.picture()
-    kept = bool(picture.fits) and picture.settled and database is not None
+    kept = refusal is None and bool(picture.fits) and picture.settled and database is not None
     if kept and database is not None:
         with TrendTable(database) as table:
             table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated))
-    found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated, fault)
+    found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated, fault, refusal)
     (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if refusal is not None:
+        raise BadLog(refusal)
     return found

@@ -45,7 +45,10 @@ def test_a_reversed_torque_ends_the_watch_with_its_cause(tmp_path: Path, log: Lo
     assert [e.name for e in events][-1] == "gate"
     assert "wrong sign" in events[-1].message
     assert not (tmp_path / "trend.sqlite").exists()
-    assert not (tmp_path / "watch.json").exists()
+    kept = json.loads((tmp_path / "watch.json").read_text())
+    assert kept["refusal"] == kept["outcome"] == events[-1].message
+    assert kept["payload"] is None
+    assert not kept["trend"]
 
 
 def failing(log: Log, readings: int) -> Iterator[JointState]:
@@ -67,7 +70,7 @@ def test_a_device_that_fails_leaves_what_was_seen(tmp_path: Path, log: Log) -> N
 def test_a_wrong_torque_is_refused_where_the_device_fails_as_well(tmp_path: Path, log: Log) -> None:
     with pytest.raises(BadLog, match=SEEN):
         watch(live(failing(replace(log, tau=log.tau * WRONG), 600)), tmp_path, database=tmp_path / "trend.sqlite")
-    assert not (tmp_path / "watch.json").exists()
+    assert json.loads((tmp_path / "watch.json").read_text())["fault"].startswith("a-cell: no reading")
 
 
 def test_a_failed_watch_says_in_its_run_what_was_seen(
@@ -127,6 +130,20 @@ def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:
     assert all(gate.add(replace(standing, t=0.01 * k, t_device=0.01 * k)) is None for k in range(3000))
     assert gate._pending is None
     assert gate.end() is None
+
+
+@pytest.mark.parametrize("reversed_", [False, True])
+def test_lost_samples_are_events_and_hide_no_wrong_torque(tmp_path: Path, log: Log, reversed_: bool) -> None:
+    """Of every 100 ms the last 40 are missing."""
+    readings = states_of(replace(log, tau=log.tau * WRONG) if reversed_ else log)
+    left = (s for k, s in enumerate(readings) if k % 10 < 6)
+    if reversed_:
+        with pytest.raises(BadLog, match=SEEN):
+            watch(live(left), tmp_path)
+        return
+    found = watch(live(left), tmp_path)
+    assert {e.kind.value for e in found.events} == {"gap"}
+    assert json.loads((tmp_path / "watch.json").read_text())["refusal"] is None
 
 
 def test_readings_without_a_time_or_none_at_all_are_no_reason_to_refuse(log: Log) -> None:
