@@ -16,6 +16,7 @@ import numpy as np
 from calib.watch.kernels import left, predicted, sizes, updated
 from calib.watch.momentum import Row
 from sim.arm import Arm
+from sim.prior import unstated
 
 MEMORY = 0.4  # s; residuals of an identified UR10e have lost half their correlation after 0.3 s
 SLOWEST = 0.02  # rad/s: below it dry friction is not known
@@ -81,11 +82,12 @@ class TorqueFilter:
         self.mass_scale, self.reach = carrying_scale(arm)
         cruise = 0.25 * np.where(np.isfinite(arm.dq_max), arm.dq_max, 2.0)
         torque = np.array(arm.sensors.torque_noise) if any(arm.sensors.torque_noise) else 0.005 * np.where(np.isfinite(arm.tau_max), arm.tau_max, 1.0)  # fmt: skip
-        friction = coulomb + viscous * cruise
-        friction = np.where(friction > 0, friction, 10 * torque)
-        self.states_dry = coulomb > 0  # (n,): of the other joints `dry` is a guess at its size, and no claim
-        self.dry = np.where(coulomb > 0, coulomb, 0.3 * friction)
-        self.wet = np.where(viscous > 0, viscous, 0.3 * friction / cruise)
+        nobody = unstated(arm)
+        # (n,): of the other joints `dry` is a guess at its size, and no claim
+        self.states_dry, states_wet = (coulomb > 0) & ~nobody["coulomb"], (viscous > 0) & ~nobody["viscous"]
+        friction = np.where(self.states_dry & states_wet, coulomb + viscous * cruise, 10 * torque)
+        self.dry = np.where(self.states_dry, coulomb, 0.3 * friction)
+        self.wet = np.where(states_wet, viscous, 0.3 * friction / cruise)
         self.payload, self.coulomb, self.viscous, self.unknown = (
             slice(0, 4),
             slice(4, 4 + n),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
@@ -59,3 +61,17 @@ def test_a_row_far_off_loses_weight_and_one_that_is_trusted_does_not(servo6: Arm
         filter_.add(far, learn=False, trust=trust)
         moved.append(float(np.abs(filter_.x).max()))
     assert moved[0] < 0.2 * moved[1]
+
+
+def test_friction_that_nobody_stated_has_an_ordinary_drives_prior(servo6: Arm) -> None:
+    """A model file's damping steadies a simulation; what the arm's prior calls unknown is no measure of its friction."""
+    n = servo6.n
+    bare = replace(servo6, effects=(), prior=servo6.prior.model_copy(update={"unknown": ["coulomb", "viscous"]}))
+    silent, damped = (TorqueFilter(bare, np.zeros(n), viscous, np.zeros(4)) for viscous in (np.zeros(n), np.full(n, 0.003)))
+    assert np.array_equal(silent.covariance, damped.covariance)
+    assert np.array_equal(silent.dry, damped.dry)
+    assert np.all(damped.dry > 0.01 * np.array(servo6.tau_max))
+    stated = TorqueFilter(servo6, np.full(n, 0.5), np.full(n, 0.003), np.zeros(4))
+    assert np.all(stated.dry == 0.5)
+    half = replace(servo6, prior=servo6.prior.model_copy(update={"unknown": ["coulomb"]}))
+    assert np.array_equal(TorqueFilter(half, np.zeros(n), np.full(n, 0.003), np.zeros(4)).dry, silent.dry)
