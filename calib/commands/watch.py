@@ -109,7 +109,7 @@ def _json_line(data: dict[str, Any]) -> None:
 def _show(found: Watched) -> None:
     p = found.picture
     rows = [
-        [joint, float(p.seconds[j]), rounded(f.coulomb.value, 2 * f.coulomb.std), rounded(f.viscous.value, 2 * f.viscous.std),
+        [joint, float(p.moved[j]), rounded(f.coulomb.value, 2 * f.coulomb.std), rounded(f.viscous.value, 2 * f.viscous.std),
          float(p.residual[j]), f.temperature]
         for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
     ]  # fmt: skip

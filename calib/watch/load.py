@@ -45,7 +45,7 @@ class _Open:
 
 
 class LoadWatch:
-    """Rows in, events out. `declared` (4,) [m, m c] is the declared payload, NaN where none is declared; it may change at any time."""
+    """Rows in, events out; `moved` (n,) s of informative motion, `claimed` the mass that an event has said is there."""
 
     def __init__(self, arm: Arm, filter_: TorqueFilter, known: np.ndarray) -> None:
         """`known` (4,) [m, m c] is the payload that the arm's own model already has."""
@@ -53,11 +53,12 @@ class LoadWatch:
         self._detector = JumpDetector(filter_)
         self._open: _Open | None = None
         self._past: deque[tuple[float, float, FilterState]] = deque(maxlen=CANDIDATES + 2)
-        self._moved = np.zeros(arm.n)
+        self.moved = np.zeros(arm.n)
         self._claim = 0.0
         self._began = np.nan
         self.announced = filter_.x[:4].copy()
         self._announced_std = 0.0
+        self.claimed: Quantity | None = None
         self.lost = False
         self.settled = False
 
@@ -94,7 +95,7 @@ class LoadWatch:
         if not used.any():
             self._filter.add(row)
             return [], None
-        self._moved += used * row.seconds
+        self.moved += used * row.seconds
         if self._open is not None and self._open.contact:
             return self._while_contact(row, used), None
         self._past.append((row.t - 2 * row.seconds, row.t, self._filter.snapshot()))
@@ -204,7 +205,7 @@ class LoadWatch:
 
     def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
         """A load that was there from the start, or came while the arm stood or crept: claimed when it has been sure for a while."""
-        enough = np.count_nonzero(self._moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n)
+        enough = np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n)
         self.settled = self.settled or bool(enough and self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
         if not trusted or not self._differs(self.announced, self._announced_std):
             self._claim = 0.0
@@ -230,7 +231,9 @@ class LoadWatch:
         mass = self.mass()
         light = self.least
         size = {"mass": mass, "mass_change": Quantity(mass.value - before, mass.std, "kg")}
-        if abs(mass.value) < max(light, 3 * mass.std):
+        removed = abs(mass.value) < max(light, 3 * mass.std)
+        self.claimed = None if removed else mass
+        if removed:
             return [
                 WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} remain", size)
             ]

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.watch.events import Quantity
+from calib.watch.load import JOINT_SECONDS, JOINTS_LEAST
 from calib.watch.wear import JointFriction
+
+_NUMBERS = {1: "the joint", 2: "both joints", 3: "three joints"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,19 +27,22 @@ class Picture:
     """What a watcher believes now.
 
     nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
-    consistent, NaN before the first motion. seconds (n,) of informative motion; residual (n,) N m RMS that nothing explains;
+    consistent, NaN before the first motion. moved (n,) s of informative motion, seconds (n,) of it since the load is known; residual
+    (n,) N m RMS that nothing explained in these; claimed is the mass that the last event of a load said, None where none did;
     hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves. broken: hardly a reading
     of the present motion could be used.
     """
 
     t: float
     payload: Quantity
+    claimed: Quantity | None
     com: tuple[Quantity, Quantity, Quantity] | None
     settled: bool
     deciding: bool
     fits: bool | None
     friction: list[JointFriction]
     nis: float
+    moved: np.ndarray
     seconds: np.ndarray
     residual: np.ndarray
     hidden: float | None
@@ -53,12 +59,15 @@ class Picture:
             return "no claim: the readings are too broken to watch"
         if not np.isfinite(self.t):
             return "no claim: no reading could be used" if self.faults else "no claim: there were too few readings"
-        if not np.any(self.seconds > 0) and not self.settled:
+        if not np.any(self.moved > 0):
             hides = "" if self.hidden is None else f" up to {self.hidden:.2g} kg"
             return f"no claim without motion: at rest static friction hides{hides} at the flange"
         if not self.settled:
-            return "too little motion for a claim: three joints must move"
-        load = f"{self.payload} at the flange" if self.payload.value > 3 * self.payload.std else "nothing at the flange"
+            least = min(JOINTS_LEAST, len(self.moved))
+            if np.count_nonzero(self.moved >= JOINT_SECONDS) >= least:
+                return "too little motion for a claim: the load is not yet certain"
+            return f"too little motion for a claim: {_NUMBERS[least]} must move"
+        load = self._load
         if self.broken:
             return f"no claim: the readings have become too broken to watch; before: {load}"
         if self.deciding:
@@ -66,3 +75,12 @@ class Picture:
         if self.hidden is not None:
             return f"standing, no claim without motion (static friction hides up to {self.hidden:.2g} kg); before: {load}"
         return load
+
+    @property
+    def _load(self) -> str:
+        """What is at the flange; a load that was reported stays until its removal is."""
+        if self.payload.value > 3 * self.payload.std:
+            return f"{self.payload} at the flange"
+        if self.claimed is not None:
+            return f"{self.claimed} reported at the flange, no longer certain ({self.payload} now)"
+        return "nothing at the flange"

@@ -72,7 +72,7 @@ class Watched:
             "faults": p.faults, "trend": self.kept,
             "joints": [
                 {
-                    "joint": joint, "seconds": p.seconds[j], "coulomb": p.friction[j].coulomb, "viscous": p.friction[j].viscous,
+                    "joint": joint, "moved": p.moved[j], "seconds": p.seconds[j], "coulomb": p.friction[j].coulomb, "viscous": p.friction[j].viscous,
                     "residual": p.residual[j], "temperature": p.friction[j].temperature,
                 }
                 for j, joint in enumerate(arm.joint_names)

@@ -67,7 +67,7 @@ class WatchView:
             f = p.friction[j]
             grid.add_row(
                 Text(joint), f"{f.coulomb.value:.2f} ± {2 * f.coulomb.std:.2f}", f"{f.viscous.value:.2f} ± {2 * f.viscous.std:.2f}",
-                _number(p.residual[j]), _number(f.temperature), f"{p.seconds[j]:.0f}",
+                _number(p.residual[j]), _number(f.temperature), f"{p.moved[j]:.0f}",
             )  # fmt: skip
         good = CONSISTENT[0] < p.nis < CONSISTENT[1]
         consistency = (

@@ -163,3 +163,31 @@ def test_a_change_of_form_is_no_drift(servo6: Arm) -> None:
     worn = with_effect(servo6, ArmEffect("viscous_friction", joint, {"viscous": wet.parameters["viscous"] + moved / usual}))
     events = watched(Watcher(arm, 200.0), states(servo6, motion, 6, truth=worn))
     assert {(e.kind, e.joint) for e in events} == {(Kind.FRICTION_DRIFT, joint)}
+
+
+def test_one_joint_that_moves_is_too_little_motion_and_not_rest(servo6: Arm) -> None:
+    t = np.arange(0.0, 12.0, 1 / 200)
+    q, dq = np.tile([0.0, -1.4, 1.3, -1.4, -1.2, 0.3], (len(t), 1)), np.zeros((len(t), 6))
+    q[:, 1] += 0.3 * np.sin(t)
+    dq[:, 1] = 0.3 * np.cos(t)
+    watcher = Watcher(servo6, 200.0)
+    assert watched(watcher, states(servo6, (q, dq), 0)) == []
+    picture = watcher.picture()
+    assert picture.sentence == "too little motion for a claim: three joints must move"
+    assert picture.moved[1] > 5
+    assert np.all(np.delete(picture.moved, 1) == 0)
+
+
+def test_a_load_that_was_reported_is_not_dropped_without_a_word(
+    servo6: Arm, shift: tuple[list[JointState], float, float]
+) -> None:
+    readings, _, off = shift
+    watcher = Watcher(servo6, 200.0)
+    watched(watcher, [s for s in readings if s.t_device < off - 1])
+    picture = watcher.picture()
+    assert picture.claimed is not None
+    assert abs(picture.claimed.value - LOAD["mass"]) < 0.05
+    doubtful = replace(picture, payload=replace(picture.payload, std=0.5 * picture.payload.value))
+    assert f"{picture.claimed} reported at the flange, no longer certain" in doubtful.sentence
+    watched(watcher, [s for s in readings if s.t_device >= off - 1])
+    assert watcher.picture().claimed is None
