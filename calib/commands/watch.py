@@ -68,7 +68,7 @@ def command(
 
     table = database or DATABASE
     if trend:
-        _trend(source or arm, table, out, as_json)
+        _trend(source or arm, table, out, as_json, configs)
         return
     if source is None:
         raise ConfigError("nothing to watch is named; give a cell or a log, or --trend for what was watched so far")
@@ -130,36 +130,35 @@ def _show(found: Watched) -> None:
         console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")
 
 
-def _trend(arm: str | None, database: Path, out: Path | None, as_json: bool) -> None:
+def _trend(word: str | None, database: Path, out: Path | None, as_json: bool, configs: Path | None) -> None:
     from calib.report import trend as page
     from calib.watch.trend import slopes
     from calib.watch.trend_table import TrendTable
     from calib.watch.trend_text import NAMES, doubtful_dates, sentence, terminal_plot
+    from calib.watch.which_arm import chosen
 
     if not database.is_file():
         raise ConfigError(
             f"{database}: there is no table of trends; watch a log or a cell first, or name the table with --database"
         )
     with TrendTable(database) as table:
-        arms = table.arms()
-        if arm is None and len(arms) != 1:
-            raise ConfigError(f"{database}: holds {', '.join(arms) or 'no arm'}; name one: `calib watch ARM --trend`")
-        name = arm or arms[0]
-        runs = table.runs(name)
-    if not runs:
-        raise ConfigError(f"{database}: has no run of {name!r}; it holds {', '.join(arms) or 'no arm'}")
+        which = chosen(table.arms(), word, database, configs)
+        runs = table.runs(which)
+    name = which.name
     if doubtful := doubtful_dates(runs):
         console.warn(f"{database}: {doubtful}")
     found = slopes(runs)
     outcome = sentence(name, runs, found)
-    folder = new_run(name, "trend", out)
+    folder = new_run(which.model, "trend", out)
     conclude(outcome)
     page.write(folder / "trend.html", name, runs, found, outcome)
     if as_json:
         console.print_json(
             {
                 "schema": "trend/1",
-                "arm": name,
+                "arm": which.model,
+                "cell": which.cell,
+                "serial": which.serial,
                 "outcome": outcome,
                 "slopes": found,
                 "runs": [asdict(r) | {"started": r.started.isoformat()} for r in runs],

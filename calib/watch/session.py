@@ -161,7 +161,8 @@ def watch(
     kept = refusal is None and bool(picture.fits) and picture.settled and database is not None
     if kept and database is not None:
         with TrendTable(database) as table:
-            table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated))
+            cell, serial = (str(source.facts.get(key, "")) for key in ("cell", "serial"))
+            table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated, cell, serial))
     found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated, fault, refusal)
     (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if refusal is not None:

@@ -142,7 +142,7 @@ def from_log(
     return Source(
         path.name, model, 1.0 / float(np.median(steps[steps > 0])), states_of(log), lambda: declared,
         gravity, float(log.t[-1] - log.t[0]), findings=log.findings, t_origin=1e-9 * log.t_origin,
-        facts={"log": str(path)}, recording=digest_of(read), recorded=instant_of(read),
+        facts={"log": str(path), **{key: read.metadata.get(key, "") for key in ("cell", "serial")}}, recording=digest_of(read), recorded=instant_of(read),
     )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """Friction, payload, residual and temperature of many runs of an arm, in one small SQLite table.
 
 A recording is known again by its samples and not by its name, and dated by when it was made, as far as it states that: `dated` says
-which. Version 1 kept one run for all recordings of a name and dated each by when it was watched; its rows are kept and say so.
+which. Version 1 kept one run for all recordings of a name and dated each by when it was watched; its rows are kept and say so. Version 2
+kept neither cell nor serial number; a recording that is watched again gets them.
 """
 
 from __future__ import annotations
@@ -16,22 +17,28 @@ from typing import Self
 import numpy as np
 
 from calib.watch.picture import Picture
+from calib.watch.which_arm import WatchedArm
 from sim.arm import Arm
 from sim.errors import ConfigError
 
 DATABASE = Path("runs") / "watch.sqlite"
-VERSION = 2
+VERSION = 3
 RECORDED, WATCHED = "recorded", "watched"  # what the date of a run is the date of
 _TABLES = """
 create table run (id integer primary key, started text not null, arm text not null, arm_sha256 text not null, source text not null,
-                  mass real, mass_std real, nis real, recording text not null default '', dated text not null default 'watched');
+                  mass real, mass_std real, nis real, recording text not null default '', dated text not null default 'watched',
+                  cell text not null default '', serial text not null default '');
 create table joint (run integer not null references run(id), joint text not null, seconds real not null, coulomb real, coulomb_std real,
                     viscous real, viscous_std real, residual real, temperature real, primary key (run, joint));
 """
-_COLUMNS = "started, arm, arm_sha256, source, mass, mass_std, nis, recording, dated"
+_COLUMNS = "started, arm, arm_sha256, source, mass, mass_std, nis, recording, dated, cell, serial"
 _FROM_1 = """
 alter table run add column recording text not null default '';
 alter table run add column dated text not null default 'watched';
+"""
+_FROM_2 = """
+alter table run add column cell text not null default '';
+alter table run add column serial text not null default '';
 """
 
 
@@ -54,6 +61,7 @@ class RunRecord:
     """One run of an arm: when, from where, payload kg at its end, consistency of the filter, and every joint that moved.
 
     recording: the digest of the recording, "" of a live arm and of version 1. dated: `started` is when it was "recorded", or only "watched".
+    cell, serial: "" where nothing states them.
     """
 
     started: datetime
@@ -66,11 +74,18 @@ class RunRecord:
     joints: tuple[JointRecord, ...]
     recording: str = ""
     dated: str = RECORDED
+    cell: str = ""
+    serial: str = ""
+
+    @property
+    def which(self) -> WatchedArm:
+        """Which arm it is of."""
+        return WatchedArm(self.arm, self.cell, self.serial)
 
     @classmethod
     def of(
-        cls, arm: Arm, source: str, started: datetime, picture: Picture, recording: str = "", dated: str = RECORDED
-    ) -> RunRecord:  # fmt: skip
+        cls, arm: Arm, source: str, started: datetime, picture: Picture, recording: str, dated: str, cell: str, serial: str
+    ) -> RunRecord:
         """The record of a watch; joints that did not move have nothing to say."""
         joints = []
         for j, joint in enumerate(arm.joint_names):
@@ -84,14 +99,15 @@ class RunRecord:
                     )
                 )  # fmt: skip
         return cls(
-            started, arm.name, arm.sha256, source, picture.payload.value, picture.payload.std, picture.nis, tuple(joints), recording, dated
+            started, arm.name, arm.sha256, source, picture.payload.value, picture.payload.std, picture.nis, tuple(joints), recording, dated,
+            cell, serial,
         )  # fmt: skip
 
 
 class TrendTable:
     """The table in an SQLite file, made where there is none; a context manager.
 
-    A file of version 1 becomes one of version 2, with every row. ConfigError for a file of a newer version, which is left as it is, and
+    A file of version 1 or 2 becomes one of version 3, with every row. ConfigError for a file of a newer version, which is left as it is, and
     for one that is no such table or cannot be written.
     """
 
@@ -102,7 +118,7 @@ class TrendTable:
             # statements take effect together or not at all: autocommit, and transactions that are begun below
             self._db = sqlite3.connect(path, isolation_level=None)
             version = self._version()
-            if version in (0, 1):
+            if version < VERSION:
                 version = self._made(version)
         except sqlite3.OperationalError as error:  # locked, read-only, or of this version only by its number
             raise ConfigError(
@@ -132,9 +148,9 @@ class TrendTable:
         try:
             self._db.execute("begin immediate")
             version = self._version()
-            for statement in {0: _TABLES, 1: _FROM_1}.get(version, "").split(";\n"):
+            for statement in {0: _TABLES, 1: _FROM_1 + _FROM_2, 2: _FROM_2}.get(version, "").split(";\n"):
                 self._db.execute(statement)
-            if version in (0, 1):
+            if 0 <= version < VERSION:
                 self._db.execute(f"pragma user_version = {VERSION}")
                 version = VERSION
             self._db.execute("commit")
@@ -151,7 +167,9 @@ class TrendTable:
                 self._db.execute("delete from joint where run = ?", (key,))
                 self._db.execute("delete from run where id = ?", (key,))
             when = run.started.astimezone(UTC).isoformat()
-            row = (when, run.arm, run.arm_sha256, run.source, run.mass, run.mass_std, run.nis, run.recording, run.dated)
+            row = (
+                when, run.arm, run.arm_sha256, run.source, run.mass, run.mass_std, run.nis, run.recording, run.dated, run.cell, run.serial,
+            )  # fmt: skip
             marks = ", ".join("?" * len(row))
             new = self._db.execute(f"insert into run ({_COLUMNS}) values ({marks})", row).lastrowid
             self._db.executemany(
@@ -166,20 +184,23 @@ class TrendTable:
             if self._db.in_transaction:
                 self._db.execute("rollback")
 
-    def arms(self) -> list[str]:
+    def arms(self) -> list[WatchedArm]:
         """The arms that have runs here."""
-        return [row[0] for row in self._db.execute("select distinct arm from run order by arm")]
+        return [
+            WatchedArm(*row)
+            for row in self._db.execute("select distinct arm, cell, serial from run order by arm, cell, serial")
+        ]
 
-    def runs(self, arm: str) -> list[RunRecord]:
+    def runs(self, arm: WatchedArm) -> list[RunRecord]:
         """The runs of an arm, oldest first."""
-        rows = self._db.execute(f"select id, {_COLUMNS} from run where arm = ? order by started, id", (arm,)).fetchall()
-        return [self._run(*row) for row in rows]
+        asked = f"select id, {_COLUMNS} from run where (arm, cell, serial) = (?, ?, ?) order by started, id"
+        return [self._run(*row) for row in self._db.execute(asked, arm).fetchall()]
 
     def _run(
-        self, key: int, started: str, arm: str, sha256: str, source: str, mass: float, std: float, nis: float, recording: str, dated: str
+        self, key: int, started: str, arm: str, sha256: str, source: str, mass: float, std: float, nis: float, *about: str
     ) -> RunRecord:  # fmt: skip
         when = datetime.fromisoformat(started)
-        return RunRecord(when, arm, sha256, source, mass, std, nis, self._joints(key), recording, dated)
+        return RunRecord(when, arm, sha256, source, mass, std, nis, self._joints(key), *about)
 
     def _joints(self, key: int) -> tuple[JointRecord, ...]:
         rows = self._db.execute(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import astuple, replace
@@ -17,9 +18,11 @@ from calib.watch.recorded import digest_of, instant_of
 from calib.watch.trend import Slope, slopes
 from calib.watch.trend_table import JointRecord, RunRecord, TrendTable
 from calib.watch.trend_text import doubtful_dates, sentence, terminal_plot
+from calib.watch.which_arm import WatchedArm, chosen
 from logs.log import Log
 from sim.errors import BadLog, ConfigError
 
+ARM = WatchedArm("arm")
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
@@ -78,8 +81,8 @@ def test_the_table_keeps_what_it_is_given(tmp_path: Path) -> None:
         for run in given:
             table.add(run)
     with TrendTable(tmp_path / "t.sqlite") as table:
-        assert table.arms() == ["arm"]
-        assert table.runs("arm") == given
+        assert table.arms() == [ARM]
+        assert table.runs(ARM) == given
 
 
 def test_a_log_that_is_watched_again_replaces_its_run(tmp_path: Path) -> None:
@@ -87,14 +90,14 @@ def test_a_log_that_is_watched_again_replaces_its_run(tmp_path: Path) -> None:
     with TrendTable(tmp_path / "t.sqlite") as table:
         table.add(run)
         table.add(run)
-        assert len(table.runs("arm")) == 1
+        assert len(table.runs(ARM)) == 1
 
 
 def test_recordings_of_one_name_are_runs_of_their_own(tmp_path: Path) -> None:
     with TrendTable(tmp_path / "t.sqlite") as table:
         for day, digest in enumerate("ab"):
             table.add(RunRecord(START + timedelta(days=day), "arm", "", "excitation.mcap", 0.0, 0.01, 1.0, (), digest))
-        assert [r.recording for r in table.runs("arm")] == ["a", "b"]
+        assert [r.recording for r in table.runs(ARM)] == ["a", "b"]
 
 
 VERSION_1 = """
@@ -123,11 +126,44 @@ def test_a_table_of_version_1_keeps_every_run(first_version: tuple[Path, list[Ru
     file, old = first_version
     for _ in range(2):
         with TrendTable(file) as table:
-            assert table.runs("arm") == [replace(r, dated="watched") for r in old]
+            assert table.runs(ARM) == [replace(r, dated="watched") for r in old]
     with closing(sqlite3.connect(file)) as db:
-        assert db.execute("pragma user_version").fetchone() == (2,)
+        assert db.execute("pragma user_version").fetchone() == (3,)
     assert "5 of 5 runs are dated by when they were watched" in doubtful_dates([replace(r, dated="watched") for r in old])
     assert doubtful_dates(old) == ""
+
+
+def test_a_table_of_version_2_keeps_every_run_and_learns_whose_it_is(first_version: tuple[Path, list[RunRecord]]) -> None:
+    file, old = first_version
+    with closing(sqlite3.connect(file)) as db, db:
+        for statement in trend_table._FROM_1.split(";"):
+            db.execute(statement)
+        db.execute("update run set recording = id, dated = 'recorded'")
+        db.execute("pragma user_version = 2")
+    with TrendTable(file) as table:
+        assert table.runs(ARM) == [replace(r, recording=str(k)) for k, r in enumerate(old, start=1)]
+        table.add(replace(old[0], recording="1", cell="line-1", serial="17"))
+        assert [len(table.runs(arm)) for arm in table.arms()] == [4, 1]
+
+
+def test_arms_of_one_model_are_series_of_their_own(tmp_path: Path) -> None:
+    arms = [WatchedArm("servo6", "line-1", "17"), WatchedArm("servo6", "line-1", "18"), WatchedArm("servo6")]
+    with TrendTable(tmp_path / "t") as table:
+        for k, (_, cell, serial) in enumerate([*arms, *arms[:2]]):
+            table.add(replace(runs(1, 0.0)[0], arm="servo6", source=f"run{k}", cell=cell, serial=serial))
+        assert [(arm, len(table.runs(arm))) for arm in table.arms()] == [(arms[2], 1), (arms[0], 2), (arms[1], 2)]
+    for word in (None, "servo6"):
+        with pytest.raises(ConfigError, match=r"t: holds servo6\+line-1\+17, servo6\+line-1\+18, servo6\+\+ .*; name one"):
+            chosen(arms, word, tmp_path / "t")
+    assert chosen(arms, "servo6+line-1+18", tmp_path / "t") == arms[1]
+    assert chosen(arms, "servo6++", tmp_path / "t") == arms[2]
+    assert chosen(arms[:1], "servo6", tmp_path / "t") == arms[0]
+    shutil.copytree(Path(__file__).resolve().parents[3] / "configs" / "arms" / "servo6", tmp_path / "mine")
+    assert chosen(arms[:1], str(tmp_path / "mine"), tmp_path / "t") == arms[0]
+    with pytest.raises(ConfigError, match="has no run of 'servo7', it holds servo6"):
+        chosen(arms, "servo7", tmp_path / "t")
+    with pytest.raises(ConfigError, match="has no run of 'ur3e', it holds servo6"):
+        chosen(arms, "ur3e", tmp_path / "t")
 
 
 def test_a_run_of_version_1_is_replaced_only_by_the_same_numbers(first_version: tuple[Path, list[RunRecord]]) -> None:
@@ -137,7 +173,7 @@ def test_a_run_of_version_1_is_replaced_only_by_the_same_numbers(first_version: 
     with TrendTable(file) as table:
         table.add(again)
         table.add(other)
-        kept = table.runs("arm")
+        kept = table.runs(ARM)
     assert kept[0] == again
     assert len(kept) == 6
     assert sum(r.source == old[1].source for r in kept) == 2
@@ -163,15 +199,15 @@ def test_a_run_that_cannot_be_added_is_a_sentence_and_loses_nothing(tmp_path: Pa
         table.add(replace(run, joints=run.joints[:1]))
         with pytest.raises(ConfigError, match="the run could not be added"):
             table.add(run)
-        assert len(table.runs("arm")) == 1
+        assert len(table.runs(ARM)) == 1
 
 
 def test_a_table_of_a_newer_version_is_refused_and_not_changed(tmp_path: Path) -> None:
     file = tmp_path / "t.sqlite"
     with closing(sqlite3.connect(file)) as db:
-        db.execute("pragma user_version = 3")
+        db.execute("pragma user_version = 4")
     before = file.read_bytes()
-    with pytest.raises(ConfigError, match="is of version 3, this program knows 1 to 2; nothing in it was changed: update"):
+    with pytest.raises(ConfigError, match="is of version 4, this program knows 1 to 3; nothing in it was changed: update"):
         TrendTable(file)
     assert file.read_bytes() == before
 

@@ -14,6 +14,7 @@ import pytest
 from calib.main import main
 from calib.past_runs import read_run
 from calib.watch.trend_table import TrendTable
+from calib.watch.which_arm import WatchedArm
 from logs import Recorder, read_log
 from sim.arm import Arm
 from sim.joint_state import JointState
@@ -131,7 +132,7 @@ def test_the_trend_has_both_recordings_of_one_name_at_the_time_of_each(
     for k, log in enumerate((folder / "shift.mcap", other, other)):
         assert main(["watch", str(log), "--out", str(tmp_path / f"o{k}"), *table]) == 0
     with TrendTable(tmp_path / "t") as kept:
-        found = kept.runs("servo6")
+        found = kept.runs(WatchedArm("servo6"))
     assert [r.source for r in found] == ["shift.mcap", "shift.mcap"]
     assert found[0].started == made
     assert {r.dated for r in found} == {"recorded"}
