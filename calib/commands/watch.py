@@ -144,7 +144,7 @@ def _trend(word: str | None, database: Path, out: Path | None, as_json: bool, co
     with TrendTable(database) as table:
         which = chosen(table.arms(), word, database, configs)
         runs = table.runs(which)
-    name = which.name
+    name = which.name.rstrip("+")
     if doubtful := doubtful_dates(runs):
         console.warn(f"{database}: {doubtful}")
     found = slopes(runs)
@@ -169,7 +169,7 @@ def _trend(word: str | None, database: Path, out: Path | None, as_json: bool, co
         console.say(terminal_plot(runs, found))
     rows = [
         [s.joint, NAMES[s.kind], significant(s.level, 3), "–" if s.per_100_days is None else f"{s.per_100_days:+.1%}",
-         "too few runs" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs]
+         f"too few {s.lacks}" if s.interval is None else f"{s.interval[0]:+.1%} to {s.interval[1]:+.1%}", s.runs]
         for s in found
     ]  # fmt: skip
     console.table(["joint", "friction", "level", "in 100 days", "95 % interval", "runs"], rows)

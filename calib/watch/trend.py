@@ -3,7 +3,7 @@
     friction_i = level + slope (t_i - t_0) + thermal (T_i - mean T) + noise,    noise ~ N(0, std_i^2 + scatter^2)
 
 Weighted least squares; `scatter` is what runs differ by beyond their own standard deviations. Temperature is a regressor where the runs
-differ by more than a kelvin: a warm run must not look like a worn joint.
+differ by more than a kelvin: a warm run must not look like a worn joint. Runs whose date is only when they were watched have no t.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from calib.watch.trend_table import RunRecord
+from calib.watch.trend_table import RECORDED, RunRecord
 
-RUNS_LEAST = 4
+RUNS_LEAST = 4  # on as many days: the runs of a day share its warmth
+# between the first run and the last: what comes and goes within a day, or with one week's work, would be extrapolated more than fourteenfold
+DAYS_LEAST = 7.0
 CHANCE = 0.001  # that a healthy joint is called worn
 DAY = 86400.0
 
 
 @dataclass(frozen=True)
 class Slope:
-    """How the friction of a joint changes: relative change in 100 days with its 95 % interval; None where there are too few runs.
+    """How the friction of a joint changes: relative change in 100 days with its 95 % interval; None where there is too little of what `lacks` says.
 
     `wears` requires more than the interval: an arm has a dozen frictions, and one in twenty would be called worn by chance.
     """
@@ -34,6 +36,17 @@ class Slope:
     per_100_days: float | None
     interval: tuple[float, float] | None
     wears: bool = False
+    lacks: str = ""
+
+
+def dated(runs: list[RunRecord]) -> list[RunRecord]:
+    """The runs that have a date of their own."""
+    return [r for r in runs if r.dated == RECORDED]
+
+
+def over_days(runs: list[RunRecord]) -> bool:
+    """Whether the runs can be shown over time: every one has a date, and they are not all of one minute."""
+    return dated(runs) == runs and (runs[-1].started - runs[0].started).total_seconds() > 60.0
 
 
 def series(runs: list[RunRecord], joint: str, kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -42,24 +55,35 @@ def series(runs: list[RunRecord], joint: str, kind: str) -> tuple[np.ndarray, np
         ((r.started - runs[0].started).total_seconds() / DAY, getattr(j, kind), getattr(j, f"{kind}_std"), j.temperature)
         for r in runs for j in r.joints if j.joint == joint
     ]  # fmt: skip
-    days, value, std, warm = (np.array([np.nan if x is None else x for x in c], dtype=float) for c in zip(*rows, strict=True))
+    days, value, std, warm = np.array(rows, dtype=float).reshape(-1, 4).T
     return days, value, std, warm
 
 
 def slopes(runs: list[RunRecord]) -> list[Slope]:
     """The slope of dry and viscous friction of every joint that has runs."""
     joints = list(dict.fromkeys(j.joint for r in runs for j in r.joints))
-    return [_slope(joint, kind, *series(runs, joint, kind)) for joint in joints for kind in ("coulomb", "viscous")]
+    found = []
+    for joint in joints:
+        for kind in ("coulomb", "viscous"):
+            _, value, std, _ = series(runs, joint, kind)
+            level = float(np.average(value, weights=1 / std**2))
+            found.append(_slope(joint, kind, len(value), level, *series(dated(runs), joint, kind)))
+    return found
 
 
-def _slope(joint: str, kind: str, days: np.ndarray, value: np.ndarray, std: np.ndarray, warm: np.ndarray) -> Slope:
-    level = float(np.average(value, weights=1 / std**2))
+def _slope(
+    joint: str, kind: str, runs: int, level: float, days: np.ndarray, value: np.ndarray, std: np.ndarray, warm: np.ndarray
+) -> Slope:  # fmt: skip
+    if len(days) < RUNS_LEAST:
+        return Slope(joint, kind, runs, level, None, None, lacks="runs")
+    if np.ptp(days) < DAYS_LEAST or len(np.unique(np.floor(days))) < RUNS_LEAST:
+        return Slope(joint, kind, runs, level, None, None, lacks="days")
     columns = [np.ones(len(days)), days - days.mean()]
     if np.isfinite(warm).all() and np.ptp(warm) > 1.0:
         columns.append(warm - warm.mean())
     y = np.column_stack(columns)
-    if len(days) < max(RUNS_LEAST, y.shape[1] + 2) or np.linalg.matrix_rank(y) < y.shape[1]:
-        return Slope(joint, kind, len(days), level, None, None)
+    if len(days) < y.shape[1] + 2 or np.linalg.matrix_rank(y) < y.shape[1]:
+        return Slope(joint, kind, runs, level, None, None, lacks="runs")
     scatter, freedom = 0.0, len(days) - y.shape[1]
     for _ in range(5):
         weight = 1 / (std**2 + scatter)
@@ -72,4 +96,4 @@ def _slope(joint: str, kind: str, days: np.ndarray, value: np.ndarray, std: np.n
     wears = bool(2 * stdtr(freedom, -abs(beta[1]) / std_slope) < CHANCE)
     unit = 100.0 / level if level != 0 else np.nan
     low, high = sorted(((beta[1] - half) * unit, (beta[1] + half) * unit))
-    return Slope(joint, kind, len(days), level, float(beta[1] * unit), (float(low), float(high)), wears)
+    return Slope(joint, kind, runs, level, float(beta[1] * unit), (float(low), float(high)), wears)
