@@ -1,4 +1,7 @@
-"""When a recording was made, as far as it states that, and a digest by which it is known again whatever its file is called."""
+"""When a recording was made, as far as it states that, and a digest by which it is known again whatever its file is called.
+
+What a watch writes of the readings that it saw states both of its source: it is no other recording.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from logs.log import Log
 from sim.errors import BadLog
 
 START = "wall_clock_start_ns"
+WATCHED_RECORDING, WATCHED_RECORDED = "recording", "recorded"  # of a watch's source, in what the watch writes
 # ns, 2000 and 2100: what is outside counts from a start, not from 1970
 EARLIEST, LATEST = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 
@@ -19,8 +23,10 @@ EARLIEST, LATEST = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 def instant_of(log: Log) -> datetime | None:
     """When the recording began: the wall clock that it states, else the host's instants, else the device's; None where none is a date.
 
-    BadLog where the wall clock is no number.
+    BadLog where the wall clock is no number, or a watch's source is dated by no date.
     """
+    if (source := log.metadata.get(WATCHED_RECORDED)) is not None:
+        return _source_date(log, source)
     stated = log.metadata.get(START, "")
     if stated and not re.fullmatch(r"[0-9]{1,19}", stated, re.ASCII):
         raise BadLog(
@@ -35,8 +41,24 @@ def instant_of(log: Log) -> datetime | None:
 
 def digest_of(log: Log) -> str:
     """A digest of the samples and of when they were taken: the same for a copy under another name, and for no other recording."""
+    if source := log.metadata.get(WATCHED_RECORDING):
+        return source
     digest = hashlib.blake2b(f"{log.joint_names} {instant_of(log)}".encode(), digest_size=32)
     for values in (log.t, log.q, log.dq, log.tau, log.current, log.temperature):
         digest.update(f"{values.shape}".encode())
         digest.update(np.ascontiguousarray(values).data)
     return digest.hexdigest()
+
+
+def _source_date(log: Log, stated: str) -> datetime | None:
+    """The date of a watch's source; None where it had none."""
+    try:
+        found = datetime.fromisoformat(stated) if stated else None
+    except ValueError:
+        found = None
+    if stated and (found is None or found.tzinfo is None or not EARLIEST <= 1e9 * found.timestamp() < LATEST):
+        raise BadLog(
+            f"{log.path}: {WATCHED_RECORDED} = {stated[:40]!r} is no date from 2000 to 2099 with a time zone, as 2026-01-31T12:00:00+00:00 is; correct its "
+            "metadata, or leave the entry out"
+        )
+    return found

@@ -1,7 +1,7 @@
 """One watch from the first reading to the last: every event goes to the log's /events, to events.jsonl, and to whoever listens.
 
 DIR/events.jsonl   one event a line, as they came
-DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading
+DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading. Watched itself, it is the same run
 DIR/watch.json     the estimates at the end; the same goes into the table of trends
 """
 
@@ -21,6 +21,7 @@ from calib.terminal.console import plain
 from calib.watch.events import CONCERNS, WatchEvent
 from calib.watch.live_gate import LiveGate
 from calib.watch.picture import Picture
+from calib.watch.recorded import WATCHED_RECORDED, WATCHED_RECORDING
 from calib.watch.source import Source, until
 from calib.watch.trend_table import RECORDED, WATCHED, RunRecord, TrendTable
 from calib.watch.watcher import Watcher, rehearse
@@ -102,6 +103,7 @@ def watch(
     """
     started = source.recorded or now()
     dated = WATCHED if source.recording and source.recorded is None else RECORDED
+    recording = source.recording or f"{source.name} {started.isoformat()}"
     if database is not None and database.exists():
         with TrendTable(database):  # one that is none is refused before anything is watched
             pass
@@ -117,6 +119,8 @@ def watch(
         "arm_sha256": source.arm.sha256,
         "source": source.name,
         "rate": source.rate,
+        WATCHED_RECORDING: recording,
+        WATCHED_RECORDED: started.isoformat() if dated == RECORDED else "",
         **source.facts,
     }
     first = last = last_declared = written = np.nan
@@ -162,7 +166,7 @@ def watch(
     if kept and database is not None:
         with TrendTable(database) as table:
             cell, serial = (str(source.facts.get(key, "")) for key in ("cell", "serial"))
-            table.add(RunRecord.of(source.arm, source.name, started, picture, source.recording, dated, cell, serial))
+            table.add(RunRecord.of(source.arm, source.name, started, picture, recording, dated, cell, serial))
     found = Watched(source, tuple(events), picture, float(last - first), kept, started, dated, fault, refusal)
     (folder / "watch.json").write_text(json.dumps(plain(found.as_dict()), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if refusal is not None:

@@ -60,7 +60,7 @@ class JointRecord:
 class RunRecord:
     """One run of an arm: when, from where, payload kg at its end, consistency of the filter, and every joint that moved.
 
-    recording: the digest of the recording, "" of a live arm and of version 1. dated: `started` is when it was "recorded", or only "watched".
+    recording: the digest of the recording, of a live arm its cell and when the watch began, "" in version 1. dated: `started` is when it was "recorded", or only "watched".
     cell, serial: "" where nothing states them.
     """
 

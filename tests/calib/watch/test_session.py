@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 
 from calib.watch.session import watch
-from calib.watch.source import Source
+from calib.watch.source import Source, from_log
+from calib.watch.trend_table import TrendTable
+from calib.watch.which_arm import WatchedArm
 from logs import read_log
 from sim.arm import Arm
 from sim.joint_state import JointState
@@ -32,3 +35,36 @@ def test_a_reading_without_an_instant_is_an_event_and_not_the_end(
     assert [e.message.split(";")[0] for e in found.events] == ["device time is nan"]
     assert found.picture.samples == 1200
     assert len(read_log(tmp_path / "watch.mcap")) == (1199 if samples else 6)
+
+
+MADE = datetime(2026, 1, 1, 8, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("recorded", [MADE, None])
+def test_what_a_watch_wrote_is_the_same_run_when_it_is_watched(
+    tmp_path: Path, servo6: Arm, calm: list[JointState], recorded: datetime | None
+) -> None:
+    table = tmp_path / "t"
+    given = source(servo6, calm, live=False, recording="digest", recorded=recorded, facts={"cell": "line-1", "serial": "17"})
+    first, again = tmp_path / "first", tmp_path / "again"
+    for folder in (first, again):
+        folder.mkdir()
+    assert watch(given, first, samples=True, database=table).kept
+    assert watch(from_log(first / "watch.mcap"), again, database=table).kept
+    with TrendTable(table) as kept:
+        (run,) = kept.runs(WatchedArm("servo6", "line-1", "17"))
+    assert run.source == "watch.mcap"
+    assert run.recording == "digest"
+    assert run.dated == ("recorded" if recorded else "watched")
+    assert recorded is None or run.started == MADE
+
+
+def test_a_live_watch_counts_once_with_what_it_wrote(tmp_path: Path, servo6: Arm, calm: list[JointState]) -> None:
+    table = tmp_path / "t"
+    for folder in ("first", "again", "later"):
+        (tmp_path / folder).mkdir()
+    watch(source(servo6, calm), tmp_path / "first", samples=True, database=table, now=lambda: MADE)
+    watch(from_log(tmp_path / "first" / "watch.mcap"), tmp_path / "again", database=table)
+    watch(source(servo6, calm), tmp_path / "later", database=table, now=lambda: MADE + timedelta(days=1))
+    with TrendTable(table) as kept:
+        assert [r.started for r in kept.runs(WatchedArm("servo6"))] == [MADE, MADE + timedelta(days=1)]

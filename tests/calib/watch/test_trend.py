@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -73,6 +74,35 @@ def test_too_few_runs_claim_nothing() -> None:
     found = slopes(runs(3, 0.5))
     assert all(s.interval is None for s in found)
     assert "too few" in sentence("arm", runs(3, 0.5), found)
+
+
+def test_a_morning_that_warms_the_grease_is_no_trend() -> None:
+    """Eight runs in an hour, and the same with one more a week later: a day of its own is one witness."""
+    morning = [
+        replace(
+            r, started=START + timedelta(minutes=10 * k), joints=(replace(r.joints[0], coulomb=10 - 0.3 * k, temperature=None),)
+        )
+        for k, r in enumerate(runs(8, 0.0))
+    ]
+    for given in (morning, [*morning, replace(morning[-1], started=START + timedelta(days=8))]):
+        found = slopes(given)
+        assert {(s.interval, s.lacks, s.wears) for s in found} == {(None, "days", False)}
+        assert "too few days for a trend" in sentence("arm", given, found)
+
+
+def test_a_run_without_a_date_of_its_own_is_in_no_slope() -> None:
+    given = runs(12, 0.5)
+    undated = replace(given[3], started=given[-1].started + timedelta(days=300), dated="watched")
+    found, without = slopes([*given, undated]), slopes(given)
+    assert [s.interval is not None for s in found] == [True, True]
+    # relative to the level of all runs
+    assert of(found, "coulomb").per_100_days == pytest.approx(of(without, "coulomb").per_100_days, rel=0.02)
+    assert "over days" in terminal_plot(given, without)
+    assert "over runs" in terminal_plot([*given, undated], found)
+    watched = [replace(r, dated="watched") for r in given]
+    assert {s.lacks for s in slopes(watched)} == {"runs"}
+    assert "too few with a date for a trend" in sentence("arm", watched, slopes(watched))
+    assert "in no trend" in doubtful_dates(watched)
 
 
 def test_the_table_keeps_what_it_is_given(tmp_path: Path) -> None:
@@ -240,6 +270,12 @@ def test_a_recording_is_dated_by_what_it_states(about: dict[str, Any], expected:
 def test_a_wall_clock_that_is_no_number_is_refused() -> None:
     with pytest.raises(BadLog, match="wall_clock_start_ns = 'yesterday' is no time"):
         instant_of(log(metadata={"wall_clock_start_ns": "yesterday"}))
+
+
+@pytest.mark.parametrize("stated", ["yesterday", "2026-01-01", "2026-13-01T00:00:00+00:00", "9999-12-31T23:59:59-23:00"])
+def test_a_watch_whose_source_is_dated_by_no_date_is_refused(stated: str) -> None:
+    with pytest.raises(BadLog, match=f"recorded = '{re.escape(stated)}' is no date from 2000 to 2099 with a time zone"):
+        instant_of(log(metadata={"recorded": stated}))
 
 
 def test_a_recording_is_known_by_its_samples() -> None:
