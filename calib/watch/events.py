@@ -28,10 +28,11 @@ class Kind(enum.Enum):
     GAP = "gap"
     FROZEN = "frozen"
     WRONG_ARM = "wrong_arm"
+    WRONG_RATE = "wrong_rate"
     UNWATCHABLE = "unwatchable"
 
 
-ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM, Kind.UNWATCHABLE})
+ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM, Kind.WRONG_RATE, Kind.UNWATCHABLE})
 # somebody should look; work that goes on as it should only makes INFO
 CONCERNS = frozenset(
     {

@@ -18,6 +18,7 @@ from calib.watch.intake import Intake, ReadingFault, Sample
 from calib.watch.load import LoadWatch
 from calib.watch.momentum import MomentumBalance, Row
 from calib.watch.picture import Declared, Picture
+from calib.watch.rate import RateWatch
 from calib.watch.validity import ValidityWatch
 from calib.watch.wear import WearWatch
 from sim.arm import Arm
@@ -33,9 +34,9 @@ class Watcher:
     """`add` takes every reading of an arm and returns what it shows; `rate` Hz is the device's; `gravity` (3,) its mounting."""
 
     def __init__(self, arm: Arm, rate: float, declared: Declared | None = None, gravity: np.ndarray | None = None) -> None:
-        self.arm, self.declared = arm, declared
-        self._intake = Intake(arm, rate)
-        self._balance = MomentumBalance(arm, gravity, max(2, round(BLOCK * rate)))
+        self.arm, self.declared, self._gravity = arm, declared, gravity
+        self._rate = RateWatch(rate)
+        self._begin(rate)
         drives = self._balance.drives
         known = _modelled_payload(arm)
         first = np.zeros(4)
@@ -45,7 +46,6 @@ class Watcher:
         self._load = LoadWatch(arm, self._filter, known)
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
-        self._broken = BrokenWatch(arm.n, rate)
         self._standing = Standing(arm)
         self._push = np.nan  # when the push began that was reported last
         self._temperature = np.full(arm.n, np.nan)
@@ -57,7 +57,14 @@ class Watcher:
         self._due: Row | None = None
         self._still = True
         self._complained = np.nan
-        self._delay: deque[Sample] = deque(maxlen=max(2, int(np.ceil(max(drives.delay, 0.0) * rate)) + 2))
+
+    def _begin(self, rate: float) -> None:
+        """What counts readings, at `rate` Hz of them."""
+        self._intake = Intake(self.arm, rate)
+        self._broken = BrokenWatch(self.arm.n, rate)
+        self._balance = MomentumBalance(self.arm, self._gravity, max(2, round(BLOCK * rate)))
+        delay = max(self._balance.drives.delay, 0.0)
+        self._delay: deque[Sample] = deque(maxlen=max(2, int(np.ceil(delay * rate)) + 2))
 
     @property
     def not_followed(self) -> tuple[str, ...]:
@@ -67,7 +74,7 @@ class Watcher:
     def add(self, state: JointState) -> list[WatchEvent]:
         """One reading; the events that it brings."""
         self._samples += 1
-        events, row = self._rest(), self._row
+        events, row = self._rest() + self._rated(state.t_device), self._row
         samples, fault = self._intake.add(state)
         for sample in samples:
             events += self._joined(sample)
@@ -77,6 +84,17 @@ class Watcher:
         events += self._broken.add(state, seen, ", ".join(f"{k.replace('_', ' ')}: {n}" for k, n in self._faults.items()))
         # an event is reported when the newest reading is there, not when the block ended that shows it
         return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
+
+    def _rated(self, t: float) -> list[WatchEvent]:
+        """Where readings come at another rate than the stated one, that is reported, and the real one counts from now on."""
+        period = self._rate.add(t)
+        if period is None:
+            return []
+        stated, repeated = self._intake.period, self._intake.repeated
+        self._begin(1.0 / period)
+        self._intake.repeated = repeated
+        text = f"readings come every {1e3 * period:.3g} ms, one every {1e3 * stated:.3g} ms is stated: correct the rate; watched at {1 / period:.4g} Hz"
+        return [WatchEvent(Kind.WRONG_RATE, t, (t, t), text)]
 
     def _joined(self, sample: Sample) -> list[WatchEvent]:
         """A sample joins its block; of a block that is full the load is decided on at once, the rest in the next cycle."""

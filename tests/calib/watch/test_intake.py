@@ -142,3 +142,24 @@ def test_broken_readings_of_a_standing_arm_hide_no_motion(servo6: Arm, calm: lis
     watcher = Watcher(servo6, 200.0)
     assert Kind.UNWATCHABLE not in {e.kind for e in watched(watcher, standing)}
     assert watcher.picture().sentence == "no claim: no reading could be used"
+
+
+@pytest.mark.parametrize("stated", [50.0, 80.0, 400.0, 800.0])
+def test_a_rate_that_is_stated_wrongly_is_named_and_no_wrong_arm(servo6: Arm, calm: list[JointState], stated: float) -> None:
+    watcher, right = Watcher(servo6, stated), Watcher(servo6, 200.0)
+    watched(right, calm)
+    events = watched(watcher, calm)
+    (named,) = [e for e in events if e.kind is Kind.WRONG_RATE]
+    assert named.message.startswith(f"readings come every 5 ms, one every {1e3 / stated:.3g} ms is stated")
+    assert {e.kind for e in events} <= {Kind.WRONG_RATE, Kind.GAP}
+    picture, expected = watcher.picture(), right.picture()
+    assert picture.fits
+    assert picture.settled
+    assert abs(picture.payload.value - expected.payload.value) < expected.payload.std
+
+
+def test_bursts_and_gaps_are_no_other_rate(servo6: Arm, calm: list[JointState]) -> None:
+    bursts = [replace(s, t_device=round(s.t_device / 0.02) * 0.02 + 1e-4 * (k % 4)) for k, s in enumerate(calm[:600])]
+    gaps = [s for k, s in enumerate(calm[:900]) if k % 10 < 6]
+    for readings in (bursts, gaps):
+        assert Kind.WRONG_RATE not in {e.kind for e in watched(Watcher(servo6, 200.0), readings)}
