@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 
 from benchmarks.shift import moving_at, states, work
+from calib.watch.trend_table import JointRecord, RunRecord
 from calib.watch.watcher import Watcher
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
@@ -15,6 +18,7 @@ from sim.joint_state import JointState
 
 AT = 3000  # readings: 15 s into a shift, when the load is known
 LOAD = {"mass": 0.3, "com_x": 0.0, "com_y": 0.01, "com_z": 0.05}
+START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
 @pytest.fixture(scope="session")
@@ -47,3 +51,15 @@ def at_work(servo6: Arm, calm: list[JointState]) -> Callable[[], Watcher]:
     watcher = Watcher(servo6, 200.0)
     assert [event for state in calm[:AT] for event in watcher.add(state)] == []
     return lambda: copy.deepcopy(watcher)
+
+
+def runs(count: int, per_100_days: float, seed: int = 0, per_kelvin: float = 0.0, warmer: float = 0.0) -> list[RunRecord]:
+    """One run a day of a joint whose dry friction of 10 N m changes with time and temperature."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for day in range(count):
+        warm = 25.0 + 5 * rng.random() + warmer * day / count
+        dry = 10 * (1 + per_100_days * day / 100) * (1 + per_kelvin * (warm - 25)) + 0.1 * rng.standard_normal()
+        joint = JointRecord("elbow_joint", 60.0, dry, 0.1, 4.0 + 0.05 * rng.standard_normal(), 0.05, 0.3, warm)
+        out.append(RunRecord(START + timedelta(days=day), "arm", "", f"run{day}", 0.0, 0.01, 1.0, (joint,)))
+    return out
