@@ -38,7 +38,7 @@ from calib.main import main as program
 
 COMMANDS = ("identify", "validate", "diagnose")
 BROKEN = "broken_values.csv"
-STANDS = ("the motion is too short", "Nothing compared")
+STANDS = ("the motion is too short", "Nothing compared", "nothing can be identified of a joint that hardly moves")
 LONGEST = 900.0  # s that one recording may take
 PERIOD, UNTIL, MOST_DIFFERENCE = 1e-3, 10.0, 0.10  # s of the Panda's control, s of it that are fitted
 DRIVES = {"dm8009": (1, 2), "dm4340": (3, 4), "dm4310": (5, 6, 7)}
