@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
@@ -71,7 +70,7 @@ class ExportedArm:
         self.dry = {
             names.index(joint): (model.actuator(DRY.format(joint)).id, law) for joint, law in table["dry_friction"].items()
         }
-        self.motors = [(j, *place) for j, name in enumerate(names) for place in _motor_sensors(model, READING.format(name))]
+        self.motors = [(j, *place) for j, name in enumerate(names) for place in _motor_sensors(model, name)]
         self.driven = np.isin(np.arange(self.n), [j for j, *_ in self.motors])
         self.items: dict[Stage, list[_Item]] = {stage: [] for stage in Stage}
         for row in table["effects"]:
@@ -155,7 +154,10 @@ class ExportedArm:
         return instant(data.time, data.qpos[self.qpos], data.qvel[self.dof], data.qacc[self.dof])
 
     def reading(self, data: mujoco.MjData) -> Reading:
-        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor. A motor's force counts times its gear ratio."""
+        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor.
+
+        A motor's force counts times its gear ratio.
+        """
         q_motor, dq_motor = data.qpos[self.qpos].copy(), data.qvel[self.dof].copy()
         q, dq = q_motor.copy(), dq_motor.copy()
         for j, at, speed in self.twist:
@@ -176,13 +178,12 @@ class ExportedArm:
         return Reading(q, dq, q_motor, dq_motor, torque)
 
 
-def _motor_sensors(model: mujoco.MjModel, name: str) -> Iterator[tuple[int, float]]:
+def _motor_sensors(model: mujoco.MjModel, joint: str) -> Iterator[tuple[int, float]]:
     """(address in sensordata, gear ratio) of the sensor of each motor of a joint."""
-    for k in itertools.count():
-        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, f"{name}_{k}" if k else name)
-        if sensor < 0:
-            return
-        yield int(model.sensor_adr[sensor]), float(model.actuator_gear[model.sensor_objid[sensor], 0])
+    for k in range(model.nsensor):
+        name, motor = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SENSOR, k) or "", int(model.sensor_objid[k])
+        if name.startswith(READING.format(joint)) and int(model.actuator_trnid[motor, 0]) == model.joint(joint).id:
+            yield int(model.sensor_adr[k]), float(model.actuator_gear[motor, 0])
 
 
 def _apply(state: PathState, items: list[_Item]) -> None:

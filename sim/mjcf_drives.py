@@ -23,12 +23,11 @@ def set_range(element: Element, arm: Arm, model: mujoco.MjModel, j: int, degrees
 
 
 def set_limit(model: mujoco.MjModel, elements: list[Element], motors: list[Element], limits: list[float]) -> None:
-    """The least of `limits`, N m at the joint, and of the motor's own; elements are those of the model's actuators."""
+    """The least of `limits`, N m at the joint, and of the motor's own; elements are the model's actuators, in its order."""
     for motor in motors if limits else []:
-        k = elements.index(motor) if len(elements) == model.nactuator else None
-        gear = 1.0 if k is None else max(abs(float(model.actuator_gear[k, 0])), 1e-12)
-        least = min(limits) / gear
-        if k is not None and model.actuator_forcelimited[k]:
+        k = elements.index(motor)
+        least = min(limits) / max(abs(float(model.actuator_gear[k, 0])), 1e-12)
+        if model.actuator_forcelimited[k]:
             least = min(least, float(np.abs(model.actuator_forcerange[k]).min()))
         motor.attrib.pop("forcelimited", None)
         motor.set("forcerange", numbers([-least, least]))
@@ -45,7 +44,7 @@ def add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step
         for k, motor in enumerate(e for e in own if e.get("joint") == joint):
             if not motor.get("name"):
                 motor.set("name", f"{joint}:motor_{k}")
-            reading = {"name": READING.format(joint) + (f"_{k}" if k else ""), "actuator": motor.get("name", "")}
+            reading = {"name": READING.format(joint) + (f":{k}" if k else ""), "actuator": motor.get("name", "")}
             ElementTree.SubElement(sensors, "actuatorfrc", reading | late)
     if not len(sensors):
         root.remove(sensors)

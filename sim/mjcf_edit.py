@@ -63,6 +63,11 @@ def edited(
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def actuators_of(root: Element) -> list[Element]:
+    """The elements of the model's actuators, in the order of the compiled model."""
+    return [e for place in root.findall("actuator") for e in place if isinstance(e.tag, str)]  # a comment's tag is none
+
+
 def in_degrees(root: Element) -> bool:
     """Whether the text gives angles in degrees, as MJCF does where nothing else is said."""
     return not any(c.get("angle") == "radian" for c in root.findall("compiler"))

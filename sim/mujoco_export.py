@@ -22,7 +22,7 @@ from sim.effects import Effect, Exported, Stage, effect_named
 from sim.foreign_physics import foreign_physics, without_foreign_physics
 from sim.mjcf import SOFT_STEP, STEP, joint_size, least_rotor, numbers, section
 from sim.mjcf_drives import add_readings, set_limit, set_range
-from sim.mjcf_edit import bodies_of, in_degrees
+from sim.mjcf_edit import actuators_of, bodies_of, in_degrees
 from sim.mjcf_form import passive
 from sim.model import compiled
 from sim.model_text import EXPORTED as TABLE
@@ -74,7 +74,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     _set_option(root, step)
     actuators = section(root, "actuator")
     degrees = in_degrees(root)
-    elements = [e for place in root.findall("actuator") for e in place]
+    elements = actuators_of(root)
     own = [e for e in elements if not e.get("name", "").startswith("calib_")]
     stiffest = STIFFEST * _inertia(arm) / step**2
     dry = {}

@@ -21,6 +21,7 @@ from sim.feedforward import friction_table
 from sim.resources import shipped_configs
 from sim.rigid_body import RigidBody
 from sim.urdf import rpy, urdf_text
+from tests.sim.inverse_dynamics import inverse_dynamics
 
 ARMS = sorted(p.parent.name for p in shipped_configs().glob("arms/*/arm.toml"))
 
@@ -33,15 +34,10 @@ def motion(n, samples=60):
 def mujoco_torque(path, q, dq, ddq):
     """Inverse dynamics of the rigid bodies alone: no contact, limit, friction or rotor."""
     model = mujoco.MjModel.from_xml_path(str(path))
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_SPRING
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SPRING
     model.dof_damping[:] = 0
     model.dof_armature[:] = 0
-    data, tau = mujoco.MjData(model), []
-    for row in zip(q, dq, ddq, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = row
-        mujoco.mj_inverse(model, data)
-        tau.append(data.qfrc_inverse.copy())
-    return np.array(tau)
+    return inverse_dynamics(model, q, dq, ddq)
 
 
 def pinocchio_torque(model, q, dq, ddq):

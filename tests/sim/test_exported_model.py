@@ -1,5 +1,7 @@
 """The MuJoCo model of an arm is the arm: its limits, gear ratios, keyframes, soft gears and contacts, and nothing that no arm has."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from sim.new_arm import read_model
 from sim.plant_model import plant_model
 from sim.postures import postures
 from sim.rigid_body import RigidBody
+from tests.sim.inverse_dynamics import inverse_dynamics
 
 TWO = """<mujoco model="two"><compiler angle="radian"/><option gravity="0 0 -9.81" {option}/><worldbody><body name="upper" pos="0 0 0.1" {body}>
   <joint name="first" axis="0 1 0" range="-2 2" {joint}/><inertial mass="3" pos="0 0.01 0.2" diaginertia="0.03 0.03 0.01"/>
@@ -31,16 +34,6 @@ def two(folder, **parts):
 
 def model_of(arm):
     return mujoco.MjModel.from_xml_string(exported_model(arm).text)
-
-
-def inverse(model, q, dq, ddq):
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    data, out = mujoco.MjData(model), []
-    for row in zip(q, dq, ddq, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = row
-        mujoco.mj_inverse(model, data)
-        out.append(data.qfrc_inverse.copy())
-    return np.array(out)
 
 
 def torque_of(arm, q, dq, ddq):
@@ -68,7 +61,7 @@ def test_computes_the_torque_of_the_arm_whatever_its_source_adds(what, parts, tm
     arm = load_arm(two(tmp_path, **parts))
     exported, rng = exported_model(arm), np.random.default_rng(1)
     q, dq, ddq = (rng.uniform(-1, 1, (20, 2)) * scale for scale in (1, 2, 5))
-    torque = inverse(mujoco.MjModel.from_xml_string(exported.text), q, dq, ddq)
+    torque = inverse_dynamics(mujoco.MjModel.from_xml_string(exported.text), q, dq, ddq)
     np.testing.assert_allclose(torque, torque_of(arm, q, dq, ddq), atol=1e-9)
     assert exported.removed == ([what] if what else [])
     assert [note for note in read_model(two(tmp_path, **parts), tmp_path)[1] if what and what in note] or not what
@@ -114,6 +107,20 @@ def test_sums_the_torque_of_all_motors_of_a_joint(tmp_path):
     tau = calib.mujoco.read(model, data).tau
     mujoco.set_mjcb_passive(None)
     np.testing.assert_allclose(tau, [8.0, 0.0])
+
+
+def test_tells_the_motors_of_joints_with_like_names_apart(tmp_path):
+    """And counts no comment as a motor: the limits of geared motors behind one stay theirs."""
+    file = two(tmp_path)
+    text = file.read_text().replace("second", "first_1").replace("<actuator>", "<actuator><!-- two drives -->")
+    file.write_text(text.replace("</actuator>", '<motor joint="first" gear="3" ctrlrange="-1 1"/></actuator>'))
+    arm = replace(load_arm(file), tau_max=np.array([20.0, 5.0]))
+    model = mujoco.MjModel.from_xml_string(exported_model(arm).text)
+    np.testing.assert_allclose(model.actuator_forcerange[:3, 1], [2.0, 5.0, 20.0 / 3])
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.5, 2.0, 1.0
+    mujoco.mj_step(model, data)
+    np.testing.assert_allclose(calib.mujoco.read(model, data).tau, [8.0, 2.0])
 
 
 def test_a_soft_gear_leaves_keyframes_where_they_are(tmp_path):
@@ -179,51 +186,6 @@ def test_an_export_is_no_arm(tmp_path):
     file = export(load_arm("ur5e"), tmp_path, ["mjcf"])[0]
     with pytest.raises(ConfigError, match="is an export of calib"):
         load_arm(file)
-
-
-BODIES = """
-[[effects]]
-effect = "{effect}"
-parameters = {{ {parameters} }}
-"""
-
-
-@pytest.mark.parametrize(
-    "item",
-    [
-        ArmEffect("payload", None, {"mass": 3.0, "com_x": 0.02, "com_y": 0.01, "com_z": 0.08}),
-        ArmEffect("base_tilt", None, {"roll": 0.1, "pitch": -0.2}),
-    ],
-    ids=lambda e: e.effect,
-)
-def test_a_body_that_arm_toml_lists_is_part_of_the_arm(item, tmp_path):
-    """As if it had been written into the model: torque, export and payload table."""
-    meant = write_arm(tmp_path / "meant", load_arm("ur5e"), effects=[item])
-    write_arm(tmp_path / "listed", load_arm("ur5e"))
-    toml = tmp_path / "listed" / "arm.toml"
-    listed = ", ".join(f"{key} = {value}" for key, value in item.parameters.items())
-    toml.write_text(toml.read_text() + BODIES.format(effect=item.effect, parameters=listed))
-    arm = load_arm(tmp_path / "listed")
-    q = np.random.default_rng(2).uniform(-1, 1, (5, 6))
-    np.testing.assert_allclose(torque_of(arm, q, 0 * q, q), torque_of(meant, q, 0 * q, q), atol=1e-12)
-    assert exported_model(arm).text == exported_model(meant).text.replace(meant.sha256, arm.sha256)
-
-
-@pytest.mark.parametrize(
-    ("entry", "reason"),
-    [
-        ('effect = "torque_ripple"\njoint = "elbow_joint"\nparameters = { amplitude = 1.0 }', "it has exactly"),
-        ('effect = "joint_elasticity"\njoint = "elbow_joint"\nparameters = { stiffness = -5.0 }', "it lies between 10 and"),
-        ('effect = "torque_ripple"\nparameters = { amplitude = 1.0, cycles = 2.0, phase = 0.0 }', "a joint is needed"),
-    ],
-)
-def test_an_effect_that_the_catalogue_does_not_know_so_is_refused(entry, reason, tmp_path):
-    write_arm(tmp_path / "arm", load_arm("ur5e"))
-    toml = tmp_path / "arm" / "arm.toml"
-    toml.write_text(toml.read_text() + "\n[[effects]]\n" + entry + "\n")
-    with pytest.raises(ConfigError, match=reason) as error:
-        load_arm(tmp_path / "arm")
-    assert "arm.toml: [[effects]]" in str(error.value)
 
 
 def test_the_urdf_keeps_reflected_inertia_for_its_own_reader(tmp_path):
