@@ -107,13 +107,15 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
     path = Path(reference)
     if path.suffix.lower() in (".xml", ".urdf", ".mjcf"):
         return _bare(path)
-    if path.is_dir() or path.name == "arm.toml":
+    if path.name == "arm.toml" or (path / "arm.toml").is_file():
         return _folder(path if path.is_dir() else path.parent)
     for folder in config_folders(configs, "arms"):
         if (folder / str(reference) / "arm.toml").is_file():
             return _folder(folder / str(reference))
     if (added := arm_folder(str(reference))) is not None:
         return _folder(added)
+    if path.is_dir():  # of no arm's name: what it lacks to be one
+        return _folder(path)
     if path.suffix.lower() == ".toml":
         raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell")
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})

@@ -65,10 +65,10 @@ def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) 
     if not sys.stdin.isatty():
         raise ConfigError(
             f"these meanings of the columns are a guess from their names; check {kept} and import again with --map {kept}, or accept "
-            "the guess with --yes"
+            "the guess with --yes; an --out that was given is a run now: name another one"
         )
     if console.ask("calib: is this what the columns mean? [y/N] ").strip().lower() not in ("y", "yes"):
-        raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept}")
+        raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept} and another --out")
 
 
 def _idle(chosen: ColumnMap, table: Table) -> list[str]:

@@ -124,6 +124,15 @@ def test_wrong_names_are_answered_with_the_nearest():
         load_arm("ur10ee")
 
 
+def test_a_folder_of_an_arms_name_that_is_none_does_not_hide_the_arm(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ur10e").mkdir()
+    (tmp_path / "recordings").mkdir()
+    assert load_arm("ur10e").name == "ur10e"
+    with pytest.raises(ConfigError, match=r"recordings/arm\.toml"):
+        load_arm("recordings")
+
+
 def test_a_misspelt_cell_is_a_missing_file_and_no_unknown_arm() -> None:
     with pytest.raises(ConfigError, match=r"nocell\.toml: there is no such file; `calib init` writes a cell"):
         load_arm("nocell.toml")
