@@ -74,7 +74,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         tree = whole.tree
         model = compiled(whole.model_text, file.parent, str(file))
         followers, parents, name = _followers(model), _body_parents(model), whole.name
-        notes += [f"not part of an arm, and left out: {found}" for found in foreign_physics(model)]
+        notes += [f"left out of the arm, whose model has no such term: {found}" for found in foreign_physics(model)]
     held = _held(file, tree, choice, followers, parents, notes)
     kept = locked(tree, held) if held else tree
     _check_chain(file, kept, choice, notes)

@@ -54,7 +54,7 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
         _add_shape(links[shape.link + 1], shape, (meshes or {}).get(shape.name, Path(f"shape_{k}.stl")))
     _add_drives(root, arm)
     for item in not_in_urdf(arm):
-        root.append(ElementTree.Comment(f" left out, URDF has no place for it: {item.title.replace('--', '- -')} "))
+        root.append(ElementTree.Comment(f" left out, as URDF cannot hold it: {item.title.replace('--', '- -')} "))
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 

@@ -101,9 +101,9 @@ def command(
     if left_out:
         console.warn(left_out)
     if removed:
-        console.warn(f"no part of an arm, and removed from the MuJoCo model: {'; '.join(removed)}")
+        console.warn(f"the MuJoCo model leaves out what the arm does not have: {'; '.join(removed)}")
     if outside:
-        console.warn(f"not in the URDF, which has no place for it: {'; '.join(outside)}")
+        console.warn(f"the URDF leaves out what its format cannot hold: {'; '.join(outside)}")
     if driven:
         console.warn(
             f"friction drives {', '.join(driven)} within the speed limits of {arm}, as no passive joint does: a simulation can run away. "

@@ -171,10 +171,14 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     gap = diagnosis.get("gap") or {}
     levels = over_noise(gap)
     if all(np.isfinite(x).any() for x in levels.values()) and len(levels) > 1:
-        sliding = " while a joint slides" if "baseline" not in diagnosis else ", beside what the healthy arm does"
+        sliding = (
+            " of the residual while a joint slides"
+            if "baseline" not in diagnosis
+            else " of what the healthy recordings do not explain"
+        )
         page.figure(
             pictures.gaps(gap["joints"], levels),
-            f"Residual RMS on the {_which(gap)} {gap['log']}{sliding}, over its own noise floor. {gained(diagnosis)}",
+            f"RMS on the {_which(gap)} {gap['log']}{sliding}, over its own noise floor. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}

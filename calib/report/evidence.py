@@ -84,7 +84,7 @@ def gap_title(diagnosis: Mapping[str, Any]) -> str:
     """What the numbers are."""
     unit, log = unit_of(diagnosis["gap"]["unit"]), diagnosis["gap"]["log"]
     if "baseline" in diagnosis:
-        return f"RMS [{unit}] on {log} beside what the healthy arm does: before and after the changes"
+        return f"RMS [{unit}] on {log} of what the healthy recordings do not explain"
     return f"residual RMS [{unit}] on {log}"
 
 
@@ -92,7 +92,7 @@ def gap_caption(diagnosis: Mapping[str, Any]) -> str:
     """The same, with what each column means."""
     gap = diagnosis["gap"]
     if "baseline" in diagnosis:
-        text = f"RMS on {gap['log']} of what is left beside all that the healthy recordings show, without and with the changes"
+        text = f"RMS on {gap['log']} of what the healthy recordings do not explain, without and with the changes"
         return text + (
             "; “given arm”, “corrected arm”: the residual RMS of their own predictions" if "given_arm" in gap else ""
         )

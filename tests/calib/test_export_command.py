@@ -83,12 +83,11 @@ def test_names_what_the_urdf_and_the_model_of_mujoco_leave_out(tmp_path, capsys)
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 3.0, "rest_angle": 0.5})
     write_arm(tmp_path / "arm", load_arm("ur5e"), effects=[spring])
     assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "out")]) == 0
-    assert "not in the URDF, which has no place for it: joint spring at elbow_joint" in " ".join(
+    assert "the URDF leaves out what its format cannot hold: joint spring at elbow_joint" in " ".join(
         capsys.readouterr().err.split()
     )
     assert (
-        "<!-- left out, URDF has no place for it: joint spring at elbow_joint -->"
-        in (tmp_path / "out" / "ur5e.urdf").read_text()
+        "<!-- left out, as URDF cannot hold it: joint spring at elbow_joint -->" in (tmp_path / "out" / "ur5e.urdf").read_text()
     )
     (tmp_path / "one.xml").write_text(BARE.replace('<body name="rod">', '<body name="rod" gravcomp="1">'))
     assert main(["export", str(tmp_path / "one.xml"), "--format", "mjcf", "--json", "--out", str(tmp_path / "held")]) == 0
