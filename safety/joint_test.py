@@ -128,18 +128,24 @@ def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: l
 
 
 def _friction(joint: int, sign: float, there: list[JointState], back: list[JointState]) -> tuple[float, float, str]:
-    """Half the difference of torque (or of current) between the two ways, its standard error, and its unit."""
-    means, variance, unit = [], 0.0, "N m"
-    for way in (there, back):
-        dq = np.array([s.dq[joint] for s in way])
-        load = np.array([s.tau[joint] for s in way])
-        if not np.all(np.isfinite(load)):
-            load, unit = np.array([s.current[joint] for s in way]), "A"
-        moving = np.abs(dq) > 0.5 * np.max(np.abs(dq))
-        count = np.count_nonzero(moving)
-        means.append(float(np.mean(load[moving])) if count else math.nan)
-        variance += float(np.var(load[moving])) * MEMORY / count if count else math.nan
-    return sign * (means[0] - means[1]) / 2, math.sqrt(variance) / 2, unit
+    """Half the difference of torque between the two ways, its standard error, and its unit.
+
+    Of current where a way has too few torques to tell their error; NaN where there are too few currents too.
+    """
+    for quantity, unit in (("tau", "N m"), ("current", "A")):
+        first, second = (_in_motion(way, joint, quantity) for way in (there, back))
+        if min(len(first), len(second)) > MEMORY:
+            variance = sum(float(np.var(load)) * MEMORY / len(load) for load in (first, second))
+            return sign * float(np.mean(first) - np.mean(second)) / 2, math.sqrt(variance) / 2, unit
+    return math.nan, math.nan, ""
+
+
+def _in_motion(way: list[JointState], joint: int, quantity: str) -> np.ndarray:
+    """The finite readings of `quantity` while the joint moves at more than half of its top speed."""
+    dq = np.abs([state.dq[joint] for state in way])
+    load = np.array([getattr(state, quantity)[joint] for state in way])
+    known = np.isfinite(dq) & np.isfinite(load)
+    return load[known & (dq > 0.5 * np.max(dq[known], initial=0.0))]
 
 
 def _require_rest(arm: Arm, cell: Cell, q: np.ndarray) -> None:

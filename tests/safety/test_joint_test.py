@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -123,3 +124,29 @@ def test_what_readings_say(ur10e: Arm, moved: np.ndarray, friction: float, curre
     check = compare(ur10e, JOINT, ANGLE, there, back)
     assert (check.ok, word in check.detail) == (ok, True), check
     assert check.ok or check.remedy
+
+
+@pytest.mark.parametrize(
+    ("lost_torques", "lost_speeds", "found"),
+    [
+        ([0], [], "5 N m in the direction"),
+        ([60, 61, 120], [], "5 N m in the direction"),
+        ([], [60], "5 N m in the direction"),
+        (range(200), [], "3 A in the direction"),
+        (range(3, 200), [], "3 A in the direction"),
+    ],
+)
+def test_torque_is_never_compared_with_current(
+    ur10e: Arm, lost_torques: Sequence[int], lost_speeds: Sequence[int], found: str
+) -> None:
+    """A good arm that reports both: what is lost on one way is left out, and a way without torque makes both count in current."""
+    moved, offset, against = turned(ANGLE), np.full(6, 30.0), np.full(6, 5.0)
+    there, back = way(np.zeros(6), moved, 0.06, offset + against), way(moved, -moved, -0.06, offset - against)
+    there = [replace(state, current=state.tau * 0.6) for state in there]
+    back = [replace(state, current=state.tau * 0.6) for state in back]
+    for k in lost_torques:
+        back[k] = replace(back[k], tau=np.full(6, math.nan))
+    for k in lost_speeds:
+        back[k] = replace(back[k], dq=np.full(6, math.nan))
+    check = compare(ur10e, JOINT, ANGLE, there, back)
+    assert (check.ok, found in check.detail) == (True, True), check
