@@ -13,12 +13,13 @@ import math
 import os
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from sim.errors import ConfigError, SafetyStop
 
 FIRST = "0" * 64
 LONGEST, LONGEST_WORDS = 100_000, 10_000
+FIELDS = {"number": int, "at": str, "event": str, "facts": dict, "previous": str}
 
 
 def record(file: Path, event: str, now: datetime | None = None, **facts: Any) -> None:
@@ -27,8 +28,7 @@ def record(file: Path, event: str, now: datetime | None = None, **facts: Any) ->
         file.parent.mkdir(parents=True, exist_ok=True)
         with open(file, "a+b") as stream:
             fcntl.flock(stream, fcntl.LOCK_EX)
-            stream.seek(0)
-            number, previous = _last(file, stream.read())
+            number, previous = _last(file, stream)
             at = (now or datetime.now(UTC)).isoformat(timespec="milliseconds")
             entry = {"number": number + 1, "at": at, "event": event, "facts": _plain(facts), "previous": previous}
             body = json.dumps(entry, sort_keys=True, allow_nan=False, ensure_ascii=True)
@@ -64,7 +64,7 @@ def verify(file: Path) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = []
     previous = FIRST
     for number, line in enumerate(content.split(b"\n")[:-1], start=1):
-        entry = _entry(file, number, line)
+        entry = _entry(f"{file}:{number}", line)
         if entry["previous"] != previous or entry["number"] != number:
             raise SafetyStop(
                 f"{file}:{number}: does not follow the line before it; the trail was changed, keep it and begin a new one"
@@ -76,23 +76,29 @@ def verify(file: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _last(file: Path, content: bytes) -> tuple[int, str]:
-    if not content:
+def _last(file: Path, stream: BinaryIO) -> tuple[int, str]:
+    """Number and hash of the last line, which alone is read: a trail grows for years."""
+    size = stream.seek(0, os.SEEK_END)
+    if not size:
         return 0, FIRST
-    if not content.endswith(b"\n"):
+    stream.seek(max(0, size - LONGEST - 2))  # with the line breaks before and after it
+    tail = stream.read()
+    if not tail.endswith(b"\n"):
         raise SafetyStop(f"{file}: its last line is not complete; the trail was changed or cut, keep it and begin a new one")
-    number = content.count(b"\n")
-    last = _entry(file, number, content[:-1].rsplit(b"\n", 1)[-1])
-    return number, str(last["sha256"])
+    last = _entry(f"{file}: its last line", tail[:-1].rsplit(b"\n", 1)[-1])
+    return last["number"], last["sha256"]
 
 
-def _entry(file: Path, number: int, line: bytes) -> dict[str, Any]:
-    """One line whose own hash is right; its text must be exactly what `record` writes."""
+def _entry(where: str, line: bytes) -> dict[str, Any]:
+    """One line whose own hash is right; its text must be exactly what `record` writes. The hash is no secret, so anybody can make one."""
     body, mark, tail = line.rpartition(b', "sha256": "')
     digest = hashlib.sha256(body + b"}").hexdigest()
     if not mark or tail != digest.encode() + b'"}' or len(line) > LONGEST:
-        raise SafetyStop(
-            f"{file}:{number}: its hash does not fit its content; the trail was changed, keep it and begin a new one"
-        )
-    entry: dict[str, Any] = json.loads(body + b"}")
+        raise SafetyStop(f"{where}: its hash does not fit its content; the trail was changed, keep it and begin a new one")
+    try:
+        entry = json.loads(body + b"}")
+    except (ValueError, RecursionError):
+        entry = None
+    if not isinstance(entry, dict) or {key: type(value) for key, value in entry.items()} != FIELDS:
+        raise SafetyStop(f"{where}: is no entry with {', '.join(FIELDS)}; the trail was changed, keep it and begin a new one")
     return entry | {"sha256": digest}

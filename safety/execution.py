@@ -128,8 +128,8 @@ def _same_device(audit: Path, device: Manifest, approval: Approval, plan: Plan, 
     since = approval.approved_at.isoformat()
     for entry in verify(audit):
         facts = entry["facts"]
-        if entry["event"] == "device" and (facts["plan"], facts["approved_at"]) == (plan.sha256, since):
-            require_same(facts["device"], device, f"{plan.folder}: this approval was first used with")
+        if entry["event"] == "device" and (facts.get("plan"), facts.get("approved_at")) == (plan.sha256, since):
+            require_same(facts.get("device", {}), device, f"{plan.folder}: this approval was first used with")
             return
     record(audit, "device", now, plan=plan.sha256, approved_at=since, device=device)
 

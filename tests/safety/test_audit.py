@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import multiprocessing
 import threading
 from datetime import UTC, datetime
@@ -75,6 +76,40 @@ def test_nothing_is_added_to_a_trail_whose_end_was_changed(trail: Path) -> None:
     trail.write_bytes(raw[:-4] + b'x"}\n')
     with pytest.raises(SafetyStop, match="its hash does not fit"):
         record(trail, "run begins")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"nonsense}",
+        b'{"number": 2}',
+        b'{"number": "2", "at": "", "event": "", "facts": {}, "previous": ""}',
+        b'{"number": 2, "at": "", "event": "", "facts": [], "previous": ""}',
+        b'{"number": ' + b"9" * 5000 + b"}",
+        b'{"facts": ' + b"[" * 20_000 + b"}",
+        b'{"\xff": 1}',
+    ],
+)
+def test_a_forged_line_that_is_no_entry_is_named(trail: Path, body: bytes) -> None:
+    """Whoever can write the file can also make a hash that fits."""
+    a, *_ = trail.read_bytes().splitlines(keepends=True)
+    trail.write_bytes(a + body[:-1] + b', "sha256": "' + hashlib.sha256(body).hexdigest().encode() + b'"}\n')
+    with pytest.raises(SafetyStop, match=r"audit\.jsonl:2: is no entry with number, at, event, facts, previous"):
+        verify(trail)
+    with pytest.raises(SafetyStop, match="its last line: is no entry"):
+        record(trail, "run begins")
+
+
+def test_a_line_is_added_without_reading_those_before_the_last(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    for k in range(40):
+        record(file, "run begins", facts=["x" * 9000] * (k % 11), k=k)
+    assert [entry["facts"]["k"] for entry in verify(file)] == list(range(40))
+    whole = file.read_bytes()
+    file.write_bytes(b"?" * (len(whole) - LONGEST - 2) + whole[-LONGEST - 2 :])
+    record(file, "run completed")
+    with pytest.raises(SafetyStop, match=":1: its hash does not fit"):
+        verify(file)
 
 
 def test_a_line_longer_than_any_that_is_written_is_refused(trail: Path) -> None:
