@@ -2,7 +2,7 @@
 
 from logs.log import Event, Log, State
 from logs.pieces import Pieces, open_pieces
-from logs.read import read_log
+from logs.read import is_log, read_log
 from logs.recorder import Recorder
 from logs.recorder_process import RecorderProcess
 from logs.recording import COMPLETED, Recording
@@ -16,6 +16,7 @@ __all__ = [
     "RecorderProcess",
     "Recording",
     "State",
+    "is_log",
     "open_pieces",
     "read_log",
 ]

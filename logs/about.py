@@ -85,7 +85,13 @@ def about_recording(arm: Arm, cell: Cell | None = None, plan: Path | None = None
 
 
 def attachments(path: Path) -> tuple[dict[str, bytes], dict[str, str]]:
-    """The attachments of an MCAP file and what its record `recording` says; both empty for another kind of file."""
+    """The attachments of an MCAP file and what its record `recording` says; both empty for another kind of file.
+
+    Of a folder, those of its one MCAP file: a bag in several parts is none of ours.
+    """
+    if path.is_dir():
+        parts = list(path.glob("*.mcap"))
+        return attachments(parts[0]) if len(parts) == 1 else ({}, {})
     with open_regular(path, BadLog, "give a recording") as file:
         if file.read(len(MAGIC)) != MAGIC:
             return {}, {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,20 @@ from logs.ur_rtde_csv import looks_like_csv, read_csv
 from sim.errors import BadLog, EmptyLog
 from sim.files import open_regular
 from sim.resources import nearest
+
+SUFFIXES = (".mcap", ".csv", ".db3", ".bag")
+PARTS = ("*.mcap", "*.db3*", "metadata.yaml")  # of a recording in a folder
+
+
+def is_log(word: str) -> bool:
+    """Whether `word` names a recording, which need not be there, and not an arm or a cell: a file of its suffix, or a folder that holds one.
+
+    A folder with an arm.toml is an arm, whatever was recorded into it.
+    """
+    if os.path.isdir(word):  # as Path.is_dir, but False for a name that no file can have
+        folder = Path(word)
+        return not (folder / "arm.toml").is_file() and any(True for part in PARTS for _ in folder.glob(part))
+    return Path(word).suffix.lower() in SUFFIXES
 
 
 def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.arm_table import ArmTable, LimitsTable, PriorTable, SensorsTable, SpeedFrom, TorqueAt
 from sim.errors import ConfigError
-from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
+from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_facts import model_limits, model_name, unknown_sensors
 from sim.model_text import checked_text, urdf_speed_limits
@@ -109,11 +109,8 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
         return _bare(path)
     if path.name == "arm.toml" or (path / "arm.toml").is_file():
         return _folder(path if path.is_dir() else path.parent)
-    for folder in config_folders(configs, "arms"):
-        if (folder / str(reference) / "arm.toml").is_file():
-            return _folder(folder / str(reference))
-    if (added := arm_folder(str(reference))) is not None:
-        return _folder(added)
+    if (named := folder_of(str(reference), configs)) is not None:
+        return _folder(named)
     if path.is_dir():  # of no arm's name: what it lacks to be one
         return _folder(path)
     if path.suffix.lower() == ".toml":
@@ -124,6 +121,14 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
         f"there is no arm {str(reference)!r}; {nearest(str(reference), known)}; an arm is a name from configs/arms, "
         "a folder with arm.toml, or a .xml or .urdf file"
     )
+
+
+def folder_of(name: str, configs: Path | None = None) -> Path | None:
+    """The folder of the arm of that name, in configs/arms or in a package that adds it; None where there is no such arm."""
+    if not is_name(name):  # a path
+        return None
+    found = (folder / name for folder in config_folders(configs, "arms") if (folder / name / "arm.toml").is_file())
+    return next(found, None) or arm_folder(name)
 
 
 def _folder(folder: Path) -> Arm:

@@ -40,13 +40,14 @@ def command(
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
-    from calib.measurement.recordings import arm_and_logs, is_log, read_logs
+    from calib.measurement.recordings import arm_and_logs, read_logs
     from calib.newest_arm import named
     from calib.report import validation as page
     from calib.validation.forward import SHORT
     from calib.validation.prediction_log import write_predictions
     from calib.validation.validate import validate
     from calib.verdict import Verdict
+    from logs import is_log
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)

@@ -20,28 +20,28 @@ from calib.gate.commands import read_as
 from calib.guided_answer import answer
 from calib.past_runs import LATEST, RUNS, Run, list_runs
 from calib.terminal import console
-from logs import Log, Pieces, open_pieces, read_log
+from logs import Log, Pieces, is_log, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside
-from sim.arm import Arm, load_arm
+from logs.read import SUFFIXES
+from sim.arm import Arm, folder_of, load_arm
 from sim.errors import BadLog, ConfigError, EmptyLog
 from sim.files import is_name
 from sim.resources import did_you_mean
 
 T = TypeVar("T", Log, Pieces)
 
-SUFFIXES = (".mcap", ".csv")
 GIVE = "give the path of a recording: an .mcap or .csv file or a rosbag2 folder"
 MOST_NAMES = 8  # of the recordings that a message lists
 
 
 def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
-    """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside."""
+    """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside.
+
+    A folder that holds a recording hides no arm of its name: `./NAME` is the folder.
+    """
     logs = list(logs or [])
-    if first == LATEST and not Path(first).exists():
-        first = str(latest_arm())
-    if Path(first).suffix in SUFFIXES:  # no arm has such a name: where no file has it either, a recording's name was misspelt
+    if is_log(first) and folder_of(first, configs) is None:
         require(Path(first))
-    if is_log(first):
         return recorded_arm(Path(first), configs), [Path(first), *logs]
     arm = load_arm(first, configs)
     if not logs:
@@ -69,12 +69,6 @@ def _arm_of(run: Run) -> Path | None:
             session = guided_session.read_session(run.folder)
             return guided.best_arm(session) if session.closed else None
     return None
-
-
-def is_log(word: str) -> bool:
-    """Whether `word` is the path of a recording, and not the name of an arm or a cell."""
-    path = Path(word)
-    return path.suffix in SUFFIXES and os.path.isfile(path)  # as Path.is_file, but False for a name that no file can have
 
 
 def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
@@ -164,7 +158,7 @@ def require(path: Path) -> None:
         raise ConfigError(f"{path}: there is no folder {folder}; {GIVE}")
     if os.path.islink(path):
         raise ConfigError(f"{path}: is a link to {path.readlink()}, which is not there; {GIVE}")
-    there = sorted(str(p) for p in folder.iterdir() if p.suffix in {*SUFFIXES, path.suffix} - {""} and p.exists())
+    there = sorted(str(p) for p in folder.iterdir() if p.suffix.lower() in {*SUFFIXES, path.suffix} - {""} and p.exists())
     near = did_you_mean(str(path), there)
     listed = ", ".join(there[:MOST_NAMES]) + (", ..." if len(there) > MOST_NAMES else "")
     beside = f"; there are {listed}" if there and not near else ""

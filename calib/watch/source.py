@@ -19,16 +19,13 @@ from calib.measurement.recordings import require as require_file
 from calib.watch.picture import Declared
 from calib.watch.recorded import digest_of, instant_of
 from drivers import open_driver
-from logs import read_log
+from logs import is_log, read_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
 from sim.errors import BadLog, ConfigError, EndOfRecording
-from sim.files import is_name
 from sim.finite import is_finite
 from sim.joint_state import JointState
-
-BAG = ("*.mcap", "*.db3*", "metadata.yaml")  # what the folder of a recording holds
 
 
 @dataclass(frozen=True)
@@ -54,14 +51,6 @@ class Source:
     facts: dict[str, Any] = field(default_factory=dict)
     recording: str = ""
     recorded: datetime | None = None
-
-
-def is_log(reference: str) -> bool:
-    """Whether the word on the command line is a recording and not a cell; a folder called as a cell is none unless it holds a recording."""
-    path = Path(reference)
-    if path.is_dir():
-        return not is_name(reference) or any(True for pattern in BAG for _ in path.glob(pattern))
-    return path.suffix.lower() in (".mcap", ".csv", ".db3")
 
 
 @contextmanager

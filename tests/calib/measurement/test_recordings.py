@@ -85,6 +85,28 @@ def test_a_recording_brings_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert set(attachments(file)[0]) == {"arm/arm.toml", "arm/model.xml", "cell.toml"}
 
 
+def test_a_folder_and_capitals_are_a_recording_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the message about a missing recording promises; a folder hides no arm of its name."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("bag", "servo6"):
+        Path(name).mkdir()
+        recorded(Path(name) / "part_0.mcap", load_arm("servo6"), {})
+    Path("X.CSV").touch()
+    for word in ("bag", "./servo6"):
+        found, given = arm_and_logs(word, None, None)
+        assert (found.name, given) == ("servo6", [Path(word)])
+    with pytest.raises(ConfigError, match=r"^X\.CSV: neither holds an arm nor names one; name it: `calib \.\.\. ARM X\.CSV`"):
+        arm_and_logs("X.CSV", None, None)
+    with pytest.raises(ConfigError, match=r"^there is no recording 'Y\.CSV'"):
+        arm_and_logs("Y.CSV", None, None)
+    recorded(Path("servo6/part_1.mcap"), load_arm("servo6"), {})
+    with pytest.raises(ConfigError, match=r"^servo6: neither holds an arm"):
+        arm_and_logs("./servo6", None, None)
+    Path("servo6/part_1.mcap").unlink()
+    arm, given = arm_and_logs("servo6", [Path("servo6")], None)
+    assert [len(log) for log in read_logs(given, arm)] == [20]
+
+
 def test_an_arm_that_was_changed_in_the_recording_is_refused(tmp_path: Path) -> None:
     arm = load_arm("servo6")
     files = dict(about_recording(arm).files)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calib.watch.session import watch
-from calib.watch.source import Source, from_log, is_log
+from calib.watch.source import Source, from_log
 from calib.watch.trend_table import TrendTable
 from calib.watch.which_arm import WatchedArm
 from logs import read_log
@@ -68,19 +68,3 @@ def test_a_live_watch_counts_once_with_what_it_wrote(tmp_path: Path, servo6: Arm
     watch(source(servo6, calm), tmp_path / "later", database=table, now=lambda: MADE + timedelta(days=1))
     with TrendTable(table) as kept:
         assert [r.started for r in kept.runs(WatchedArm("servo6"))] == [MADE, MADE + timedelta(days=1)]
-
-
-def test_a_folder_with_a_cells_name_is_no_log_unless_it_holds_a_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mock-ur10e").mkdir()
-    (tmp_path / "mock-ur10e" / "notes.txt").touch()
-    assert not is_log("mock-ur10e")
-    assert is_log("./mock-ur10e")
-    for name in ("part_0.mcap", "part_0.db3.zstd", "metadata.yaml"):
-        file = tmp_path / "mock-ur10e" / name
-        file.touch()
-        assert is_log("mock-ur10e")
-        file.unlink()
-    assert [is_log(word) for word in ("a.mcap", "a.CSV", "a.db3", "a.toml", "a")] == [True, True, True, False, False]
