@@ -47,7 +47,7 @@ class RecorderProcess(Recording):
 
     `write` raises DeviceError, without ever waiting, once the ring is full (the disk is too slow: samples are lost and counted,
     the recording ends aborted), once the recording process has failed to write, or once it is gone. If this process dies, the
-    recording process writes what the ring still holds and ends the file as aborted.
+    recording process writes what the ring still holds and ends the file as killed.
     """
 
     def __init__(
@@ -59,9 +59,8 @@ class RecorderProcess(Recording):
         *,
         reserve: int = AHEAD,
         slots: int = SLOTS,
-        stall: float = 0.0,
     ) -> None:
-        """Start the recording process and wait until its file is open; `stall` (s) makes every write slow, for tests."""
+        """Start the recording process and wait until its file is open."""
         self.path, self.joint_names = Path(path), tuple(joint_names)
         self.samples = 0
         self._closed = False
@@ -73,7 +72,7 @@ class RecorderProcess(Recording):
             self._ring = Ring(fd, slots, slot)
             task = {
                 "fd": fd, "about": about_fd, "slots": slots, "slot": slot, "parent": os.getpid(), "path": str(self.path), "reserve": reserve,
-                "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}) | {"ring": self._ring_name}, "stall": stall,
+                "joint_names": self.joint_names, "metadata": metadata_text(metadata or {}) | {"ring": self._ring_name},
             }  # fmt: skip
             root = str(Path(__file__).resolve().parent.parent)
             self._process = subprocess.Popen(
@@ -205,7 +204,6 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
                 break
             time.sleep(0.001)
             continue
-        time.sleep(task["stall"])
         try:
             write_message(recorder, data, n)
         except DeviceError as error:
