@@ -120,9 +120,9 @@ def read_session(folder: Path) -> GuidedSession:
     return GuidedSession(folder=folder, **data, done=tuple(table.done))
 
 
-def open_session(cell: Path, root: Path | None = None, configs: Path | None = None) -> GuidedSession | None:
+def open_session(cell: Path, configs: Path | None = None) -> GuidedSession | None:
     """The newest session of this cell file that has not been closed."""
-    for run in list_runs() if root is None else list_runs(root):
+    for run in list_runs():
         if run.verb == "go" and (run.folder / FILE).is_file():
             found = read_session(run.folder)
             with suppress(ConfigError):  # a cell file that is gone is another one

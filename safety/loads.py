@@ -37,10 +37,10 @@ class NotEnough(SafetyStop):
 class Loads:
     """The limits of one arm in one cell, checked for boxes."""
 
-    def __init__(self, arm: Arm, cell: Cell, bounds: TorqueBounds | None = None) -> None:
+    def __init__(self, arm: Arm, cell: Cell) -> None:
         self.arm = arm = equipped(arm, cell)
         self.cell = cell
-        self._body, self._bounds = RigidBody(arm), bounds or TorqueBounds(arm, cell)
+        self._body, self._bounds = RigidBody(arm), TorqueBounds(arm, cell)
         self._outlines = Outlines(arm)
         shapes = self._outlines.shapes
         self._reach = np.array([joint_reach(arm, shape) for shape in shapes]).reshape(-1, arm.n)

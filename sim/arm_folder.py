@@ -44,7 +44,6 @@ def write_arm(
     inertials: Mapping[str, Inertial] | None = None,
     joints: Mapping[str, Mapping[str, float]] | None = None,
     gravity: np.ndarray | None = None,
-    payload: Inertial | None = None,
     effects: Iterable[ArmEffect] = (),
     provenance: Mapping[str, str] | None = None,
 ) -> Arm:
@@ -53,9 +52,9 @@ def write_arm(
     inertials   joint name -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the link behind it, link's axes, all of it
     joints      joint name -> frictionloss N m, damping N m s/rad, armature kg m^2, stiffness N m/rad, springref rad; those given
     gravity     (3,) m/s^2 in the base frame
-    payload     (mass, com, inertia) of a body on the last link, beside all that the link has already; becomes body calib_payload
     effects     of the catalogue: each replaces the arm's own of that name and joint. What a model file can hold goes to model.xml
-                (friction, rotor, spring, masses, gravity; ripple and asymmetry as elements that plain MuJoCo simulates), the rest
+                (friction, rotor, spring, masses, gravity; ripple and asymmetry as elements that plain MuJoCo simulates; payloads as
+                body calib_payload on the last link), the rest
                 and all standard deviations to arm.toml
     provenance  entries that replace or join the arm's own
 
@@ -65,7 +64,7 @@ def write_arm(
     """
     folder = Path(folder)
     _check_place(folder, arm)
-    arm, payload = with_effects(arm, effects, payload)
+    arm, payload = with_effects(arm, effects)
     for joint, values in (joints or {}).items():
         arm = _with_joint(arm, joint, values)
     tree = _with_joint_effects(arm)
@@ -94,8 +93,9 @@ def write_arm(
     return load_arm(folder)
 
 
-def with_effects(arm: Arm, effects: Iterable[ArmEffect], payload: Inertial | None) -> tuple[Arm, Inertial | None]:
+def with_effects(arm: Arm, effects: Iterable[ArmEffect]) -> tuple[Arm, Inertial | None]:
     """The arm with effects, and what is mounted on it with their payloads."""
+    payload: Inertial | None = None
     for item in effects:
         if checked(arm, item).effect == "payload":
             p = item.parameters

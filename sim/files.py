@@ -49,17 +49,17 @@ def read_bytes(file: Path, most: int, kind: type[CalibError] = ConfigError, reme
     return data
 
 
-def read_text(file: Path, most: int, kind: type[CalibError] = ConfigError, remedy: str = "give another file") -> str:
+def read_text(file: Path, most: int, remedy: str = "give another file") -> str:
     """`read_bytes` as UTF-8 text."""
-    return as_text(read_bytes(file, most, kind, remedy), file, kind, remedy)
+    return as_text(read_bytes(file, most, remedy=remedy), file, remedy)
 
 
-def as_text(data: bytes, file: Path, kind: type[CalibError] = ConfigError, remedy: str = "give another file") -> str:
+def as_text(data: bytes, file: Path, remedy: str = "give another file") -> str:
     """UTF-8 text; the error names the byte that is none."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise kind(f"{printable(file)}: not UTF-8 text at byte {error.start}; {remedy}") from error
+        raise ConfigError(f"{printable(file)}: not UTF-8 text at byte {error.start}; {remedy}") from error
 
 
 def toml_table(text: str, file: Path, remedy: str = "correct the file at that place") -> dict[str, Any]:

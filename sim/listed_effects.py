@@ -34,7 +34,7 @@ def with_listed(arm: Arm, listed: Collection[EffectTable], file: Path) -> Arm:
 
 def _with_bodies(arm: Arm, bodies: Collection[ArmEffect]) -> Arm:
     changed = replace(arm, effects=tuple(e for e in arm.effects if e not in bodies))
-    text, _ = model_text(*with_effects(changed, bodies, None))
+    text, _ = model_text(*with_effects(changed, bodies))
     tree = kinematic_tree(compiled(text, arm.model_path.parent, str(arm.model_path)))
     return replace(changed, model_text=text, tree=replace(tree, dq_max=arm.tree.dq_max))
 

@@ -45,17 +45,12 @@ def torque_path(
     arm: Arm,
     motion: Trajectory,
     effects: Iterable[ArmEffect] | None = None,
-    width: np.ndarray | None = None,
-    lead: np.ndarray | None = None,
     warming: np.ndarray | None = None,
 ) -> PathState:
-    """Every stage of the torque path along `motion`; `effects` replaces the arm's own list where it is given.
-
-    width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
-    """
+    """Every stage of the torque path along `motion`; `effects` replaces the arm's own list where it is given."""
     stages = by_stage(arm.effects if effects is None else effects, arm)
     state = link_side(arm, motion, stages, warming)
-    motor_side(state, stages, width, lead)
+    motor_side(state, stages)
     return state
 
 
@@ -78,7 +73,10 @@ def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray 
 
 
 def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None) -> None:
-    """The rest of the path, in place: stages JOINT to CHANNEL; works on any subset of the joints."""
+    """The rest of the path, in place: stages JOINT to CHANNEL; works on any subset of the joints.
+
+    width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
+    """
     gear_side(state, stages)
     behind_the_gear(state, stages, width, lead)
 

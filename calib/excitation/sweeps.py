@@ -16,6 +16,7 @@ from sim.trajectory import Trajectory
 # Shares of acceleration and jerk that a sweep uses: gentle, and far from where the quintic between two samples could exceed them
 GENTLE = 0.4
 DWELL = 0.3
+LOW, HIGH = 0.5, 7.0  # Hz of the small chirp
 
 
 @dataclass(frozen=True)
@@ -118,19 +119,18 @@ def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], app
 
 
 def overlay(
-    arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, gentle: float = GENTLE, low: float = 0.5,
-    high: float = 7.0,
+    arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, gentle: float = GENTLE
 ) -> Trajectory:  # fmt: skip
-    """A small chirp of every joint, low to high Hz and each at its own phase, faded at the ends.
+    """A small chirp of every joint, LOW to HIGH and each at its own phase, faded at the ends.
 
     Its speed is amplitude (n,) rad/s, less where that would take more than `gentle` of the acceleration or jerk.
     """
     count = round(seconds * rate)
     t = np.arange(count + 1) / rate
     offsets = 1 + 0.07 * np.arange(arm.n)
-    sweep = np.log(high / low)
-    phase = 2 * np.pi * low * seconds / sweep * (np.exp(t / seconds * sweep) - 1)[:, None] * offsets
-    turn = 2 * np.pi * low * np.exp(t / seconds * sweep)[:, None] * offsets
+    sweep = np.log(HIGH / LOW)
+    phase = 2 * np.pi * LOW * seconds / sweep * (np.exp(t / seconds * sweep) - 1)[:, None] * offsets
+    turn = 2 * np.pi * LOW * np.exp(t / seconds * sweep)[:, None] * offsets
     slowness = amplitude**-4.0 + (gentle * arm.ddq_max / turn) ** -4.0 + (gentle * arm.jerk_max / turn**2) ** -4.0
     q = home + slowness**-0.25 * _fade(t, seconds, 0.15 * seconds)[:, None] * np.sin(phase) / turn
     spline = _smooth_derivatives(t, q)

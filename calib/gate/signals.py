@@ -62,9 +62,9 @@ class Signals:
         return len(self.t)
 
 
-def signals(logs: Sequence[Log], load: Sequence[np.ndarray], most: int = MOST_ROWS) -> Signals:
+def signals(logs: Sequence[Log], load: Sequence[np.ndarray]) -> Signals:
     """The rows of all logs together; `load` (N, n) for each log, a column of one unit. No rows where nothing moves."""
-    parts = [_of_log(log, x, max(most // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
+    parts = [_of_log(log, x, max(MOST_ROWS // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
     t, q, dq, ddq, read, x = (np.concatenate([part[k] for part in parts]) for k in range(6))
     late = np.concatenate([part[6] for part in parts], axis=1)
     first = np.cumsum([0, *(len(part[7]) for part in parts)])

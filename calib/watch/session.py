@@ -91,10 +91,9 @@ def watch(
     database: Path | None = None,
     on_event: Callable[[WatchEvent], None] = lambda event: None,
     on_picture: Callable[[float, Watcher], None] = lambda share, watcher: None,
-    end_requested: Callable[[], bool] = lambda: False,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
 ) -> Watched:
-    """Watch to the end of the log, for `seconds` of the device's clock, or until `end_requested`; on_picture gets the share done.
+    """Watch to the end of the log, or for `seconds` of the device's clock; on_picture gets the share done.
 
     A device that fails ends it as well: what was seen until then is the answer, with the fault in it.
 
@@ -145,7 +144,7 @@ def watch(
                     on_event(event)
                 on_picture((last - first) / source.duration if source.duration else 0.0, watcher)
                 refusal = gate.add(state) if gate is not None else None
-                if end_requested() or refusal is not None:
+                if refusal is not None:
                     break
         except KeyboardInterrupt:
             note = INFO, "watch", "ended by the operator"

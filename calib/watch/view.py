@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -29,8 +28,8 @@ CONSISTENT = (0.5, 1.6)  # of the normalised innovation squared; tails are heavi
 class WatchView:
     """A context manager; `update` as often as one likes. On a terminal a screen, elsewhere nothing but the events, a line each."""
 
-    def __init__(self, title: str, console: Console | None = None, now: Callable[[], float] = time.monotonic) -> None:
-        self._title, self._console, self._now = title, console or Console(file=sys.stderr), now
+    def __init__(self, title: str) -> None:
+        self._title, self._console = title, Console(file=sys.stderr)
         self._live: Live | None = None
         self._due = -np.inf
         self._events: deque[WatchEvent] = deque(maxlen=KEPT)
@@ -53,9 +52,9 @@ class WatchView:
 
     def update(self, share: float, watcher: Watcher) -> None:
         """Draw, unless it was drawn a moment ago."""
-        if self._live is None or self._now() < self._due:
+        if self._live is None or time.monotonic() < self._due:
             return
-        self._due = self._now() + REDRAW
+        self._due = time.monotonic() + REDRAW
         self._live.update(self.screen(share, watcher.picture(), watcher.arm.joint_names), refresh=True)
 
     def screen(self, share: float, p: Picture, joints: tuple[str, ...]) -> Group:

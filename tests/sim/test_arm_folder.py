@@ -80,14 +80,15 @@ def test_every_number_arrives_in_full_precision(tmp_path):
 
 def test_payload_is_a_body_on_the_last_link_and_adds_up(tmp_path):
     arm = load_arm("ur5e")
-    one = write_arm(tmp_path / "one", arm, payload=(1.5, np.array([0.01, 0.0, 0.05]), np.diag([0.001, 0.002, 0.0015])))
+    first = {"mass": 1.5, "com_x": 0.01, "com_y": 0.0, "com_z": 0.05}
+    one = write_arm(tmp_path / "one", arm, effects=[ArmEffect("payload", None, first)])
     values = {"mass": 0.7, "com_x": 0.0, "com_y": 0.02, "com_z": 0.1}
     two = write_arm(tmp_path / "two", one, effects=[ArmEffect("payload", None, values)])
     model = mujoco.MjModel.from_xml_string(two.model_text)
     assert model.body("calib_payload").mass[0] == pytest.approx(2.2)
     link = (arm.tree.mass[5], arm.tree.com[5], arm.tree.inertia[5])
-    bodies = [link, (1.5, np.array([0.01, 0.0, 0.05]), np.diag([0.001, 0.002, 0.0015]))]
-    mass, com, inertia = combined([*bodies, (0.7, np.array([0.0, 0.02, 0.1]), np.zeros((3, 3)))])
+    bodies = [(1.5, np.array([0.01, 0.0, 0.05]), np.zeros((3, 3))), (0.7, np.array([0.0, 0.02, 0.1]), np.zeros((3, 3)))]
+    mass, com, inertia = combined([link, *bodies])
     assert two.tree.mass[5] == pytest.approx(mass, rel=1e-15)
     np.testing.assert_allclose(two.tree.com[5], com, rtol=1e-14)
     np.testing.assert_allclose(two.tree.inertia[5], inertia, rtol=1e-13, atol=1e-16)
