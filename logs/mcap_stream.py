@@ -81,7 +81,7 @@ class McapStream:
                     return
                 at, want = (at + step, WINDOW) if step > 0 else (at, -step)
                 continue
-            sealed = self._sealed(data, ops, starts, used, at)
+            sealed = self._sealed(data, ops, starts, at)
             if self.journal:
                 keep = starts < sealed
                 ops, starts = ops[keep], starts[keep]
@@ -137,7 +137,7 @@ class McapStream:
             self.unsealed = len(data)
         return None
 
-    def _sealed(self, data: bytes, ops: np.ndarray, starts: np.ndarray, used: int, at: int) -> int:
+    def _sealed(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> int:
         """Check the CRC of every sealed sample of a journal; the end of the last sound one (0 where there is none)."""
         seals = [seal for seal in starts[ops == SEAL].tolist() if data[seal + 1 : seal + 13] == _SEAL]
         self.journal |= bool(seals) or (at == len(MAGIC) and header_library(data) == JOURNAL)

@@ -48,8 +48,8 @@ def foreign_physics(model: mujoco.MjModel) -> list[str]:
     return [f"{what} {where}" for what, where in rows if where]
 
 
-def without_foreign_physics(root: Element, model: mujoco.MjModel) -> None:
-    """Take it out of the text `root` that `model` was compiled from; damping and stiffness of joints keep their linear term."""
+def without_foreign_physics(root: Element) -> None:
+    """Take it out of the model text `root`; damping and stiffness of joints keep their linear term."""
     for option in root.findall("option"):
         for key in FLUID:
             option.attrib.pop(key, None)

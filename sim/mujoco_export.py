@@ -66,7 +66,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     text, files = model_text(arm)
     model = compiled(text, arm.model_path.parent, arm.name)
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
-    without_foreign_physics(root, model)
+    without_foreign_physics(root)
     exclude_lasting_contacts(root, model, arm)
     bodies = dict(zip(arm.joint_names, bodies_of(root), strict=True))
     soft = any(e.form.twist for e in entries)

@@ -108,7 +108,7 @@ def command(
     complete = True
     if table is not None:
         names = model.joint_names if model else None
-        chosen, doubts, complete = chosen_map(table, file, map_file, columns or [], rate, joints, names, episode)
+        chosen, doubts, complete = chosen_map(table, map_file, columns or [], rate, joints, names, episode)
         chosen, words = with_words(chosen, words)
     if words and not arm:
         raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")

@@ -33,7 +33,7 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
         return GateCheck(
             "speed", True, "speed is the derivative of position" if comparable.any() else "no speed reading, or no motion"
         ), s
-    ways = _of_ratio(own, comparable, wrong) or _of_columns(table, comparable, wrong)
+    ways = _of_ratio(own, comparable, wrong) or _of_columns(table, wrong)
     if not ways:
         worst = int(np.flatnonzero(wrong)[0])
         value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
@@ -79,7 +79,7 @@ def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> lis
     return out
 
 
-def _of_columns(table: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+def _of_columns(table: np.ndarray, wrong: np.ndarray) -> list[Correction]:
     """Two joints whose speeds stand in each other's column; a speed that goes with its own position, by whatever factor, does not."""
     out = []
     wrong = wrong & ~np.isfinite(np.diagonal(table))

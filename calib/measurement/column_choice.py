@@ -19,7 +19,7 @@ from sim.resources import nearest
 
 
 def chosen_map(
-    table: Table, file: Path, map_file: Path | None, columns: Sequence[str], rate: float | None, joints: str | None,
+    table: Table, map_file: Path | None, columns: Sequence[str], rate: float | None, joints: str | None,
     joint_names: Sequence[str] | None, episode: int | None,
 ) -> tuple[ColumnMap, list[str], bool]:  # fmt: skip
     """The map, what is doubtful about it or was not taken, and whether it was stated, not guessed: by a map, or time and positions by options."""

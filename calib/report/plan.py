@@ -48,7 +48,7 @@ def write(
     worth = worth or {}
     looks = {motion.name: looks_along(arm, motion.trajectory, clearance) for motion in motions}
     total = sum(motion.trajectory.duration for motion in motions)
-    page = Page(arm.name, _sentence(arm, cell, motions, looks, total), None, _facts(motions, looks, total, worth), "plan")
+    page = Page(arm.name, _sentence(arm, cell, motions, looks, total), None, _facts(looks, total, worth), "plan")
     options = Markup("").join(
         Markup('<option value="{0}">{0} · {1:.0f} s</option>').format(m.name, m.trajectory.duration) for m in motions
     )
@@ -60,7 +60,7 @@ def write(
     for motion in motions:
         look = looks[motion.name]
         body = Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(
-            _curves(arm, cell, motion, look), _caption(motion, look)
+            _curves(arm, cell, motion, look), _caption(motion)
         )
         page.embed(Markup('<div data-motion="{}">{}</div>').format(motion.name, body))
     _motions(page, motions, looks)
@@ -125,9 +125,7 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks
     return text
 
 
-def _facts(
-    motions: Sequence[NamedMotion], looks: Mapping[str, Looks], total: float, worth: Mapping[str, Any]
-) -> list[tuple[str, Any]]:
+def _facts(looks: Mapping[str, Looks], total: float, worth: Mapping[str, Any]) -> list[tuple[str, Any]]:
     facts: list[tuple[str, Any]] = [("duration", _clock(total))]
     facts.append(("fastest flange", f"{max(float(look.speed.max()) for look in looks.values()):.2f} m/s"))
     if worth.get("condition") is not None:
@@ -140,7 +138,7 @@ def _facts(
     return facts
 
 
-def _caption(motion: NamedMotion, look: Looks) -> str:
+def _caption(motion: NamedMotion) -> str:
     kind = "" if motion.kind == motion.name else f" ({motion.kind})"
     return f"{motion.name}{kind}: dotted red lines are limits; the upright line is the moment that the player shows."
 

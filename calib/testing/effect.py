@@ -43,7 +43,7 @@ def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promis
                 out.refuse(f"{p.name} beyond {bound:g} is refused", partial(checked, arm, outside), ConfigError)
         spoilt = replace(item, parameters=item.parameters | {p.name: math.nan})
         out.refuse(f"{p.name} of NaN is refused", partial(checked, arm, spoilt), ConfigError)
-    out.keep("with strength it changes the torque, to finite numbers", lambda: _changes(arm, effect, item, motion))
+    out.keep("with strength it changes the torque, to finite numbers", lambda: _changes(arm, item, motion))
     out.keep("without strength it changes nothing", lambda: _nothing(arm, effect, item, motion))
     out.keep("it leaves the motion that it is given as it is", lambda: _leaves(arm, item, motion))
     out.keep("the same twice is the same", lambda: _same_twice(arm, item, motion))
@@ -91,7 +91,7 @@ def _bare(arm: Arm, item: ArmEffect) -> Arm:
     return replace(arm, effects=tuple(e for e in arm.effects if (e.effect, e.joint) != (item.effect, item.joint)))
 
 
-def _changes(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> str:
+def _changes(arm: Arm, item: ArmEffect, motion: Trajectory) -> str:
     bare = _bare(arm, item)
     change = predict(with_effect(bare, item), motion) - predict(bare, motion)
     if not np.isfinite(change).all():

@@ -203,7 +203,7 @@ class TorqueFilter:
         gain = row.seconds / min(max(self._moved, LEARNT), NOISE_MEMORY) if self._rows >= 3 else 0.0
         self._slow, self._spread, self._white = sizes(
             self._left, self._recent_used, self.left(row, self.x), used, gain, np.exp(-row.seconds / MEMORY), CLIP, self._floor, self._products,
-            self._slow, self._spread, self._white,
+            self._slow, self._white,
         )  # fmt: skip
 
 

@@ -161,7 +161,7 @@ def updated(used, payload, slip, speed, left, x, covariance, white, spread, doub
 
 
 @numba.njit(cache=True)
-def sizes(left, recent_used, now, used, gain, fade, clip, floor, products, slow, spread, white):  # type: ignore[no-untyped-def]
+def sizes(left, recent_used, now, used, gain, fade, clip, floor, products, slow, white):  # type: ignore[no-untyped-def]
     """Sizes of slow and white noise of each joint from what rows leave: `now` (n,) of the `used` joints, and the two rows before.
 
     left, recent_used (3, n) are the last three rows, newest first, clipped at `clip` deviations, and move back one place here; products (3, n)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -21,7 +19,7 @@ def chosen(
     heads: list[str], *options: str, rate: float | None = None, names: tuple[str, ...] | None = None
 ) -> tuple[ColumnMap, list[str], bool]:
     columns = {name: T if name in ("t", "Zeit", "timestamps", "t_ms") else np.sin(2 * T + k) for k, name in enumerate(heads)}
-    return chosen_map(Table(columns, np.arange(len(T))), Path("a.csv"), None, options, rate, None, names, None)
+    return chosen_map(Table(columns, np.arange(len(T))), None, options, rate, None, names, None)
 
 
 def joints(n: int, *stems: str) -> list[str]:
@@ -67,7 +65,7 @@ def test_what_is_stated_is_taken_for_nothing_else() -> None:
     """A torque that is stated is no current; what else is guessed is as without it: an angle that starts again keeps its turn."""
     wrapped = (30 * T + np.pi) % (2 * np.pi) - np.pi
     table = Table({"t": T, "q1": wrapped, "i1": np.sin(T)}, np.arange(len(T)))
-    found, _, _ = chosen_map(table, Path("a.csv"), None, ["tau=i1:mNm"], None, None, None, None)
+    found, _, _ = chosen_map(table, None, ["tau=i1:mNm"], None, None, None, None)
     assert set(found.channels) == {"q", "tau"}
     assert (found.channels["tau"].unit, found.channels["q"].wraps) == ("mN m", 2 * np.pi)
 
