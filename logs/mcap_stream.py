@@ -58,7 +58,6 @@ class McapStream:
     sealed_to: int = 0
     _messages: int = 0
     _crc: int = 0
-    _seal: int = 0
 
     def __post_init__(self) -> None:
         self._definitions = Definitions(self.damage, self.channels, self.metadata, self.attachments)

@@ -53,7 +53,7 @@ class ComingToRest:
             slow = float(np.max(np.abs(dq))) < 0.5 * fastest
             if (i + 1) * stop.period > SLOWER_AFTER and slow and not float(np.max(np.abs(state.dq))) < at_begin:
                 break
-        return self._standstill(stop.kind, state, stop.time, stop.q[-1] - self.good, still)
+        return self._standstill(stop.kind, state, stop.q[-1] - self.good, still)
 
     def by_device(
         self, device: DeviceStop, q_cmd: np.ndarray, dq_cmd: np.ndarray, read: Callable[[], JointState], own: Standstill | None
@@ -75,12 +75,12 @@ class ComingToRest:
             if still >= STANDING_CYCLES:
                 break
         kind = "the device's own stop" if own is None else f"{own.stop}, then the device's own stop"
-        return self._standstill(kind, state, time, q_cmd + angle - self.good, still)
+        return self._standstill(kind, state, q_cmd + angle - self.good, still)
 
     def _stands(self, state: JointState) -> bool:
         return bool((np.abs(state.dq) <= self.noise).all())
 
-    def _standstill(self, kind: str, end: JointState, time: float, angle: np.ndarray, still: int) -> Standstill:
+    def _standstill(self, kind: str, end: JointState, angle: np.ndarray, still: int) -> Standstill:
         travelled = tuple((end.q - self.good).tolist()) if np.shape(end.q) == np.shape(self.good) else ()
         since = end.t_device - self.begin.t_device
-        return Standstill(kind, since, travelled, time, tuple(angle.tolist()), still >= STANDING_CYCLES)
+        return Standstill(kind, since, travelled, tuple(angle.tolist()), still >= STANDING_CYCLES)

@@ -45,11 +45,10 @@ SIMULATED = "time is simulated in this cell"
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left: the log of each motion at full speed, those of slower stages, and how closely the arm followed."""
+    """What a run left: the log of each motion at full speed, and how closely the arm followed."""
 
     folder: Path
     logs: dict[str, Path]
-    rehearsals: tuple[Path, ...]
     stages: tuple[StageResult, ...]
     latency: float
     approved_by: str
@@ -159,7 +158,6 @@ class _Run:
         with unhurried():
             legs = self.route.legs(self.driver.read().q, speeds, self.watch)
         logs: dict[str, Path] = {}
-        rehearsals: list[Path] = []
         results: list[StageResult] = []
         self.progress.left = sum(len(leg.cleared) / self.driver.rate + PAUSE for speed in speeds for leg in legs[speed])
         for i, speed in enumerate(speeds):
@@ -168,12 +166,10 @@ class _Run:
             results.append(result)
             if speed == STAGES[-1]:
                 logs = paths
-            else:
-                rehearsals += paths.values()
             if i + 1 < len(speeds):
                 room = min(float(leg.cleared.room.min()) for leg in legs[speeds[i + 1]])
                 gate(result, speeds[i + 1], self.arm, self.cell, room)
-        return RunResult(self.folder, logs, tuple(rehearsals), tuple(results), self.latency, approved_by, self.route.verdicts)
+        return RunResult(self.folder, logs, tuple(results), self.latency, approved_by, self.route.verdicts)
 
     def _stage(self, legs: Sequence[Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
         """All legs at one speed. Logs are opened before and closed after the arm is driven: neither may hold up the loop."""

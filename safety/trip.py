@@ -31,13 +31,12 @@ class Trip:
 class Standstill:
     """How the arm came to rest: which stop, s from the reading that showed the fault to standstill, rad travelled by each joint.
 
-    Angles are counted from the last good reading; predicted_time s and predicted_angle rad are those of the commanded stop.
+    Angles are counted from the last good reading; predicted_angle rad is that of the commanded stop.
     """
 
     stop: str
     time: float
     angle: tuple[float, ...]
-    predicted_time: float
     predicted_angle: tuple[float, ...]
     at_rest: bool
 

@@ -39,7 +39,6 @@ class Worth:
     log_det: float
     condition: float
     condition_scaled: float
-    weakest: tuple[str, ...]
 
 
 class Information:
@@ -56,16 +55,13 @@ class Information:
         whitened = (a / self.sigma[:, None]).reshape(-1, self.model.p)
         gram = whitened.T @ whitened
         norm = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        scaled = np.linalg.eigh(gram / np.outer(norm, norm))
+        scaled = np.linalg.eigvalsh(gram / np.outer(norm, norm))
         sign, log_det = np.linalg.slogdet(gram)
         raw = np.linalg.svd(base, compute_uv=False)
-        weak = scaled[1][:, 0]
-        names = tuple(self.model.names[k].split(" ")[0] for k in np.argsort(-np.abs(weak))[:3])
         return Worth(
             float(log_det) if sign > 0 else -np.inf,
             float(raw[0] / raw[-1]) if raw[-1] > 0 else np.inf,
-            float(np.sqrt(scaled[0][-1] / scaled[0][0])) if scaled[0][0] > 0 else np.inf,
-            names,
+            float(np.sqrt(scaled[-1] / scaled[0])) if scaled[0] > 0 else np.inf,
         )
 
 

@@ -32,14 +32,13 @@ class TorqueDelay:
     """Delay of the torque channel behind the motion channel, s, positive where torque is late.
 
     delay, std   over all joints, weighted
-    per_joint    (n,) and per_joint_std (n,), NaN where a joint did not move enough
+    per_joint    (n,), NaN where a joint did not move enough
     period       s, of the samples
     """
 
     delay: float
     std: float
     per_joint: np.ndarray
-    per_joint_std: np.ndarray
     period: float
 
     @property
@@ -64,7 +63,7 @@ def torque_delay(log: Log, arm: Arm) -> TorqueDelay:
     weight = 1 / std[known] ** 2
     mean = float(np.sum(weight * delay[known]) / weight.sum())
     scatter = float(np.sum(weight * (delay[known] - mean) ** 2)) / max(int(known.sum()) - 1, 1)
-    return TorqueDelay(mean, float(np.sqrt(max(scatter, 1.0) / weight.sum())), delay, std, 1 / m.rate)
+    return TorqueDelay(mean, float(np.sqrt(max(scatter, 1.0) / weight.sum())), delay, 1 / m.rate)
 
 
 def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:

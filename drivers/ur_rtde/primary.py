@@ -30,7 +30,7 @@ JOINTS = 6
 
 @dataclass(frozen=True)
 class OwnArm:
-    """What a controller says of its arm: calibrated kinematics, position limits rad, largest speed rad/s, its number for the robot type.
+    """What a controller says of its arm: calibrated kinematics, position limits rad, largest speed rad/s.
 
     checksum is the controller's own of its kinematic calibration, as text; safety that of its safety configuration, None where it sends none.
     """
@@ -39,7 +39,6 @@ class OwnArm:
     q_min: np.ndarray
     q_max: np.ndarray
     dq_max: np.ndarray
-    robot_type: int
     checksum: str
     safety: int | None = None
 
@@ -113,7 +112,7 @@ def parsed(found: dict[int, bytes], where: str) -> OwnArm:
     ):
         raise DeviceError(f"{where}: kinematics or limits are no numbers that an arm can have; nothing was taken from them")
     return OwnArm(
-        DhRows(theta, a, d, alpha), limits[:, 0].copy(), limits[:, 1].copy(), motion[:, 0].copy(), configuration[55],
+        DhRows(theta, a, d, alpha), limits[:, 0].copy(), limits[:, 1].copy(), motion[:, 0].copy(),
         "-".join(f"{x:08x}" for x in kinematics[:6]), _safety(found.get(SAFETY, b"")),
     )  # fmt: skip
 

@@ -86,7 +86,7 @@ def test_a_short_descent_already_determines_more() -> None:
 
 
 def test_what_keeps_the_cap_is_preferred() -> None:
-    well, better, wild = (Worth(d, c, 10.0, ()) for d, c in ((300.0, 30.0), (310.0, 39.0), (400.0, CONDITION_CAP + 1)))
+    well, better, wild = (Worth(d, c, 10.0) for d, c in ((300.0, 30.0), (310.0, 39.0), (400.0, CONDITION_CAP + 1)))
     assert sorted([wild, well, better], key=preference) == [wild, well, better]
 
 

@@ -16,7 +16,7 @@ def reading(t: float) -> JointState:
 
 
 def test_it_crosses_a_process_boundary_whole() -> None:
-    rest = Standstill("along the path", 0.3, (0.1, 0.2), 0.31, (0.11, 0.2), False)
+    rest = Standstill("along the path", 0.3, (0.1, 0.2), (0.11, 0.2), False)
     stop = MotionStopped(Trip("speed", 2.31, 2.09, "rad/s", "plan a slower motion", "elbow"), 3.4, rest, (reading(3.4),), "x")
     again = pickle.loads(pickle.dumps(stop))
     assert str(again) == str(stop)

@@ -10,7 +10,7 @@ from sim.emulated.can.servo import Body, Servo, encoded, ranged, standard
 
 # PMAX rad, VMAX rad/s, TMAX N m, KT_OUT N m/A as delivered: openarm_can and the Seeed Studio wiki
 MODELS = {"J4310": (12.5, 30.0, 10.0, 0.945), "J4340": (12.5, 10.0, 28.0, 4.074), "J8009": (12.5, 45.0, 54.0, 1.2616)}
-OVER_TEMPERATURE, LOST, OVERLOAD = 0xC, 0xD, 0xE
+OVER_TEMPERATURE, LOST = 0xC, 0xD
 FLOATS = frozenset({0, 1, 2, 3, 4, 5, 6, 11, 12, 17, 18, 19, *range(20, 35), 50, 51, 52, 53, 54, 55, 80, 81})
 WRITABLE = frozenset({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, *range(21, 36)})
 TICK = 50e-6  # s, the unit of register 9
