@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
-from calib.measurement.recordings import latest_arm
-from calib.past_runs import LATEST
+from calib import guided, guided_session
+from calib.claims.of_diagnosis import is_corrected
+from calib.guided_answer import answer
+from calib.past_runs import LATEST, RUNS, Run, list_runs
 from calib.terminal import console
+from sim.errors import ConfigError
 
 
 def named(arm: str) -> str:
@@ -16,3 +20,25 @@ def named(arm: str) -> str:
     folder = latest_arm()
     console.warn(f"{LATEST} is {folder}")
     return str(folder)
+
+
+def latest_arm() -> Path:
+    """The arm folder of the newest run of identify, polish or a diagnose that corrected its arm, or of the newest guided session that is complete."""
+    found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
+    if found is None:
+        raise ConfigError(
+            f"{LATEST}: no run of calib identify, calib polish or calib go, nor a calib diagnose that corrected its arm, is in {RUNS}/; name an arm folder"
+        )
+    return found
+
+
+def _arm_of(run: Run) -> Path | None:
+    if run.verb in ("identify", "polish"):
+        return run.folder / "arm"
+    with contextlib.suppress(ConfigError):  # what cannot be read is none
+        if run.verb == "diagnose":
+            return run.folder / "arm" if is_corrected(answer(run.folder)) else None
+        if run.verb == "go":
+            session = guided_session.read_session(run.folder)
+            return guided.best_arm(session) if session.closed else None
+    return None

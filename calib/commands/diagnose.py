@@ -45,8 +45,8 @@ def command(
     from calib.claims.of_diagnosis import is_corrected
     from calib.diagnosis.changes import diagnose_changes, require_baseline
     from calib.diagnosis.whole import diagnose_pieces
-    from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.newest_arm import named
+    from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from sim.arm import load_arm
     from sim.required import require_identified
 

@@ -62,9 +62,9 @@ def command(
     from calib.identification.identify import identify
     from calib.identification.loaded import identify_with_load, identify_with_own_load
     from calib.identification.outcome import evidence, gap_table, parameter_table
-    from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.newest_arm import named
     from calib.report import identification as page
+    from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.verdict import Verdict
 
     arm = named(arm)

@@ -86,9 +86,10 @@ def command(
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
     from calib.gate.commands import passed
-    from calib.measurement.column_choice import chosen_map, confirm, with_words
-    from calib.measurement.recordings import require
+    from calib.measurement.column_choice import chosen_map, with_words
     from calib.measurement.torque_delay import torque_delay
+    from calib.terminal.column_question import confirm_columns
+    from calib.terminal.recordings import require
     from logs import read_log
     from logs.convert import import_recording, table_of
     from sim.arm import load_arm
@@ -123,7 +124,7 @@ def command(
                 console.warn(f"taken as likely, with --yes: {doubt}")
         else:
             (folder / MAP).write_text(chosen.text(), encoding="utf-8")  # the question names it: whoever answers no corrects it
-            confirm(chosen, doubts, table, folder / MAP)
+            confirm_columns(chosen, doubts, table, folder / MAP)
     change = None
     if model is not None:
         change = passed(model, tuple(words), configs)

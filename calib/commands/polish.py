@@ -39,8 +39,8 @@ def command(
     """
     from calib.gate.commands import require
     from calib.measurement.preprocessing import prepare
-    from calib.measurement.recordings import arm_and_logs, read_logs, require_unseen
     from calib.newest_arm import named
+    from calib.terminal.recordings import arm_and_logs, read_logs, require_unseen
     from calib.validation.polish import POLISHED, polish
     from sim.arm_folder import write_arm
     from sim.errors import ConfigError

@@ -30,8 +30,8 @@ def command(
     """
     import numpy as np
 
-    from calib.measurement.recordings import recorded_arm, require
     from calib.terminal.live import LiveView, Snapshot
+    from calib.terminal.recordings import recorded_arm, require
     from logs import read_log
     from sim.arm import load_arm
 

@@ -40,9 +40,9 @@ def command(
         calib validate runs/first/arm validation.mcap
     """
     from calib import evidence
-    from calib.measurement.recordings import arm_and_logs, read_logs
     from calib.newest_arm import named
     from calib.report import validation as page
+    from calib.terminal.recordings import arm_and_logs, read_logs
     from calib.validation.forward import SHORT
     from calib.validation.prediction_log import write_predictions
     from calib.validation.validate import validate

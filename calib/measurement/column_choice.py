@@ -1,13 +1,11 @@
-"""What the columns of a table mean: from a map that was kept, from options, or from a guess that a person confirms."""
+"""What the columns of a table mean: from a map that was kept, from options, or from a guess."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from calib.terminal import console
 from logs.column_guess import Stated, guess_map, numbered_joints
 from logs.column_map import CALENDAR, CHANNELS, DRIVE, ColumnMap, Columns, of_plain, read_map
 from logs.column_names import stated_unit
@@ -33,9 +31,11 @@ def chosen_map(
         joint_names = names if names is not None else numbered_joints(len(stated.channels["q"].columns))
         where = {"episode_index": float(episode)} if episode is not None else {}
         found = ColumnMap(tuple(joint_names), stated.time, stated.time_unit, stated.channels, stated.rate, where)
-        idle = ", ".join(_idle(found, table))
+        unused = ", ".join(idle(found, table))
         doubts = (
-            [f"time and q are stated, so nothing is guessed, and not taken: {idle}; state others with --column"] if idle else []
+            [f"time and q are stated, so nothing is guessed, and not taken: {unused}; state others with --column"]
+            if unused
+            else []
         )
     else:
         found, doubts = guess_map(table, names, episode, stated)
@@ -54,24 +54,8 @@ def with_words(chosen: ColumnMap, assume: Sequence[str]) -> tuple[ColumnMap, lis
     return replace(chosen, channels=channels), others
 
 
-def confirm(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) -> None:
-    """Show the guess and ask; ConfigError where nobody answers, or the answer is no."""
-    rows = [["time", chosen.time or "", chosen.time_unit]]
-    rows += [[name, ", ".join(part.columns), part.unit] for name, part in chosen.channels.items()]
-    for row in (["joints", ", ".join(chosen.joints), ""], *rows, ["not used", ", ".join(_idle(chosen, table)) or "none", ""]):
-        console.warn(f"  {row[0]:<12} {row[1]}{'  [' + row[2] + ']' if row[2] else ''}")
-    for doubt in doubts:
-        console.warn(f"  doubtful: {doubt}")
-    if not sys.stdin.isatty():
-        raise ConfigError(
-            f"these meanings of the columns are a guess from their names; check {kept} and import again with --map {kept}, or accept "
-            "the guess with --yes; an --out that was given is a run now: name another one"
-        )
-    if console.ask("calib: is this what the columns mean? [y/N] ").strip().lower() not in ("y", "yes"):
-        raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept} and another --out")
-
-
-def _idle(chosen: ColumnMap, table: Table) -> list[str]:
+def idle(chosen: ColumnMap, table: Table) -> list[str]:
+    """The columns of the table that the map does not use."""
     used = {chosen.time, *chosen.where} | {name for part in chosen.channels.values() for name in part.columns}
     return [name for name in (*table.columns, *table.words) if name not in used]
 

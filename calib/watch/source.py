@@ -14,8 +14,8 @@ import numpy as np
 
 from calib.gate.commands import read_as, require
 from calib.gate.correction import AS_RECORDED
-from calib.measurement.recordings import recorded_arm
-from calib.measurement.recordings import require as require_file
+from calib.terminal.recordings import recorded_arm
+from calib.terminal.recordings import require as require_file
 from calib.watch.picture import Declared
 from calib.watch.recorded import digest_of, instant_of
 from drivers import open_driver

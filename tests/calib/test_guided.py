@@ -10,8 +10,7 @@ import pytest
 from calib import guided
 from calib.guided_answer import answer
 from calib.main import main
-from calib.measurement.recordings import latest_arm
-from calib.newest_arm import named
+from calib.newest_arm import latest_arm, named
 from calib.past_runs import newest
 from calib.run_folder import new_run
 from calib.terminal import options

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from calib.measurement.recordings import latest_arm
+from calib.newest_arm import latest_arm
 from calib.past_runs import latest, list_runs, newest, read_run
 from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, login_name, new_run, require_free
 from sim.cell import load_cell

@@ -13,7 +13,7 @@ import pytest
 
 import logs
 from calib.main import main
-from calib.measurement.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm, require
+from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm, require
 from logs import Recorder, State
 from logs.about import About, about_recording, attachments, is_inside
 from logs.convert import write_log

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import contextlib
 import os
 import shutil
 import tempfile
@@ -14,11 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from calib import guided, guided_session
-from calib.claims.of_diagnosis import is_corrected
 from calib.gate.commands import read_as
-from calib.guided_answer import answer
-from calib.past_runs import LATEST, RUNS, Run, list_runs
+from calib.past_runs import LATEST
 from calib.terminal import console
 from logs import Log, Pieces, is_log, open_pieces, read_log
 from logs.about import ARM_FOLDER, attachments, is_inside
@@ -47,28 +43,6 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
     if not logs:
         raise ConfigError(f"no recording of {arm.name} was given; name one: .mcap, .csv or a rosbag2 folder")
     return arm, logs
-
-
-def latest_arm() -> Path:
-    """The arm folder of the newest run of identify, polish or a diagnose that corrected its arm, or of the newest guided session that is complete."""
-    found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
-    if found is None:
-        raise ConfigError(
-            f"{LATEST}: no run of calib identify, calib polish or calib go, nor a calib diagnose that corrected its arm, is in {RUNS}/; name an arm folder"
-        )
-    return found
-
-
-def _arm_of(run: Run) -> Path | None:
-    if run.verb in ("identify", "polish"):
-        return run.folder / "arm"
-    with contextlib.suppress(ConfigError):  # what cannot be read is none
-        if run.verb == "diagnose":
-            return run.folder / "arm" if is_corrected(answer(run.folder)) else None
-        if run.verb == "go":
-            session = guided_session.read_session(run.folder)
-            return guided.best_arm(session) if session.closed else None
-    return None
 
 
 def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
