@@ -54,26 +54,7 @@ _FACE = {
     "record": "calib.sitting",
     "validate": "calib.validation.validate",
 }
-__all__ = [
-    "Arm",
-    "CalibError",
-    "Cell",
-    "Diagnosis",
-    "Identification",
-    "Log",
-    "Plan",
-    "Session",
-    "Trajectory",
-    "Validation",
-    "diagnose",
-    "identify",
-    "load_arm",
-    "load_cell",
-    "plan",
-    "read_log",
-    "record",
-    "validate",
-]
+__all__ = list(_FACE)
 _HOME = Path(__file__).resolve().parent.parent
 _BESIDE = ("safety", "drivers", "logs", "sim")
 

@@ -6,6 +6,7 @@ import errno
 import os
 import sys
 from importlib import import_module
+from keyword import iskeyword
 from typing import Annotated, Any
 
 import typer
@@ -20,32 +21,32 @@ from sim.first_use import announce
 from sim.resources import nearest
 from sim.version import software_version
 
-# name on the command line -> module in calib.commands that has a function `command`, or `app` with subcommands
-COMMANDS: dict[str, str] = {
-    "demo": "demo",
-    "init": "init",
-    "go": "go",
-    "check": "check",
-    "plan": "plan",
-    "record": "record",
-    "identify": "identify",
-    "validate": "validate",
-    "diagnose": "diagnose",
-    "polish": "polish",
-    "watch": "watch",
-    "fleet": "fleet",
-    "export": "export",
-    "import": "import_",
-    "replay": "replay",
-    "report": "report",
-    "runs": "runs",
-    "effects": "effects",
-    "emulate": "emulate",
-    "capture": "capture",
-    "arm": "arm",
-    "servo": "servo",
-    "help": "help",
-}
+# names on the command line; the module of each in calib.commands has a function `command`, or `app` with subcommands
+COMMANDS = (
+    "demo",
+    "init",
+    "go",
+    "check",
+    "plan",
+    "record",
+    "identify",
+    "validate",
+    "diagnose",
+    "polish",
+    "watch",
+    "fleet",
+    "export",
+    "import",
+    "replay",
+    "report",
+    "runs",
+    "effects",
+    "emulate",
+    "capture",
+    "arm",
+    "servo",
+    "help",
+)
 
 # Matrices here are small: a BLAS with many threads spends two thirds of its processor time waiting for itself.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -58,6 +59,11 @@ OF_FILES = {
 }  # fmt: skip
 
 
+def module_of(name: str) -> str:
+    """The module of a command: of its name, with _ behind a word that Python keeps for itself."""
+    return f"calib.commands.{name}{'_' * iskeyword(name)}"
+
+
 class Commands(Group):
     """Imports a command only when it is needed: completion and `calib effects` need not wait for a physics engine."""
 
@@ -67,7 +73,7 @@ class Commands(Group):
     def get_command(self, ctx: Any, name: str) -> Any:
         if name not in COMMANDS:
             return None
-        module = import_module(f"calib.commands.{COMMANDS[name]}")
+        module = import_module(module_of(name))
         single = getattr(module, "app", None)
         if single is None:
             single = typer.Typer(rich_markup_mode=None, add_completion=False, context_settings=HELP)

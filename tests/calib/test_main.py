@@ -36,7 +36,7 @@ def test_a_wrong_option_is_answered_in_one_sentence(capsys: pytest.CaptureFixtur
 def test_help_looks_into_every_command_and_waits_for_no_numbers() -> None:
     code = "import sys; from calib.main import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
-    assert {f"calib.commands.{module}" for module in program.COMMANDS.values()} <= set(printed)
+    assert {program.module_of(name) for name in program.COMMANDS} <= set(printed)
     assert not {"numpy", "scipy", "pydantic", "mujoco", "pinocchio", "drivers", "safety", "logs"} & set(printed)
 
 

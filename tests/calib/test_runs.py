@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from calib import main as program
 from calib.main import main
 from calib.past_runs import read_run
 from calib.run_folder import new_run
@@ -41,7 +42,7 @@ def _a_command_that_makes_a_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
 
     monkeypatch.setitem(sys.modules, "calib.commands.no", module)
     monkeypatch.setattr(calib.commands, "no", module, raising=False)
-    monkeypatch.setitem(__import__("calib.main").main.COMMANDS, "no", "no")
+    monkeypatch.setattr(program, "COMMANDS", (*program.COMMANDS, "no"))
 
 
 def test_no_runs_yet_says_how_to_make_one(capsys: pytest.CaptureFixture[str]) -> None:
