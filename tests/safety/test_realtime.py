@@ -119,12 +119,21 @@ def test_every_thread_of_an_attentive_process_goes_before_other_programs() -> No
 
 
 def test_an_attentive_process_that_is_granted_nothing_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
     def refused(*arguments: object) -> None:
+        asked.append(arguments)
         raise PermissionError("not granted")
 
+    def now() -> tuple[int, int]:
+        return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+    before = now()
     monkeypatch.setattr(os, "sched_setscheduler", refused)
     with realtime.attentive():
-        pass
+        requested = len(asked)
+        assert (requested > 0, now()) == (True, before)
+    assert (len(asked), now()) == (requested, before)  # nothing was granted, so nothing is given back
 
 
 ELSEWHERE = """

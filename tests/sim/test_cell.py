@@ -6,16 +6,18 @@ import pytest
 
 from drivers import open_driver
 from sim.arm import load_arm
-from sim.cell import load_arm_of, load_cell
+from sim.cell import Cell, load_arm_of, load_cell
 from sim.errors import ConfigError
 
 ARM = load_arm("ur10e")
 
 
-def opened(tmp_path: Path, lines: str) -> None:
+def opened(tmp_path: Path, lines: str) -> Cell:
     file = tmp_path / "cell.toml"
     file.write_text(f'schema = "cell/1"\nname = "cell"\narm = "ur10e"\ndriver = "mock"\n{lines}\n')
-    open_driver(load_cell(file), ARM)
+    cell = load_cell(file)
+    open_driver(cell, ARM)
+    return cell
 
 
 @pytest.mark.parametrize("key", ["home", "rest"])
@@ -34,7 +36,8 @@ def test_a_posture_that_the_arm_cannot_take(tmp_path: Path, key: str, angles: li
 
 
 def test_postures_at_the_limits(tmp_path: Path) -> None:
-    opened(tmp_path, f"home = {ARM.q_min.tolist()}\nrest = {ARM.q_max.tolist()}")
+    table = opened(tmp_path, f"home = {ARM.q_min.tolist()}\nrest = {ARM.q_max.tolist()}").table
+    assert (table.home, table.rest) == (ARM.q_min.tolist(), ARM.q_max.tolist())
 
 
 @pytest.mark.parametrize(
