@@ -19,7 +19,7 @@ LARGE := tests/calib/test_claims.py tests/safety/test_execution.py tests/safety/
 test: $(VENV)/ready  ## the tests that CI runs, in two processes; the drivers', which keep real time and mostly wait, after the others, in three
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE:%=--ignore=%) --ignore=tests/drivers
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder tests/drivers
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -r R tests/drivers
 
 test-docs: $(VENV)/ready  ## every command block of README and docs, in the order of a reader
 	$(BIN)/python -m pytest -m slow tests/test_docs.py
