@@ -29,7 +29,7 @@ class ReplayDriver(Driver):
             raise DeviceError(f"replay: the log has joints {list(log.joint_names)}, {arm.name} has {list(arm.joint_names)}")
         self.log, self.arm = log, arm
         self._order = [log.joint_names.index(n) for n in arm.joint_names]
-        self.rate = float(1.0 / np.median(np.diff(log.t))) if len(log) > 1 else arm.sensors.rate
+        self.rate = 1 / log.period if len(log) > 1 else arm.sensors.rate
         self.clock = SimulatedClock()
         self._t_host = log.t_host if np.isfinite(log.t_host).all() else log.t  # ur_rtde CSV files have no host clock
         self._next: int | None = None

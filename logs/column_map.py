@@ -31,6 +31,7 @@ from typing import Any
 
 import tomli_w
 
+from logs.log import CHANNELS
 from logs.units import TIME, UNITS
 from logs.words import BITS
 from sim.errors import ConfigError
@@ -38,7 +39,6 @@ from sim.files import read_toml
 from sim.resources import nearest
 
 MAX_JOINTS = 64
-CHANNELS = tuple(UNITS)
 DRIVE = ("tau", "current")
 CALENDAR = "ns"  # the unit of columns that hold instants of a calendar
 

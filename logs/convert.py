@@ -41,8 +41,6 @@ from sim.errors import BadLog, DeviceError
 from sim.files import is_name
 from sim.version import software_version
 
-ARRAYS = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
-
 
 @dataclass(frozen=True)
 class Imported:
@@ -115,7 +113,7 @@ def import_recording(
 def sampling_of(log: Log) -> Sampling:
     """How the samples of a log were taken; nothing is added."""
     if np.any(np.diff(log.t) < 0) or not np.isfinite(log.q).all():
-        log = _part(log, np.isfinite(log.q).all(axis=1))
+        log = log.part(np.isfinite(log.q).all(axis=1))
     others = {name: getattr(log, name) for name in ("tau", "current") if np.isfinite(getattr(log, name)).any()}
     return examine(log.t, log.q, log.dq, others, bridging=False)
 
@@ -126,7 +124,7 @@ def _resampled(log: Log) -> tuple[Log, Sampling]:
     alone = not np.isfinite(log.t_host).any() and np.isfinite(log.q).all()
     if not alone or (not found.rebuilt and len(found.source) == len(log)):
         return log, found
-    kept = _part(log, found.source)
+    kept = log.part(found.source)
     if not found.rebuilt:
         return kept, found
     shift = round(float(found.t[0]) * 1e9)
@@ -136,17 +134,13 @@ def _resampled(log: Log) -> tuple[Log, Sampling]:
     ), found  # fmt: skip
 
 
-def _part(log: Log, rows: np.ndarray) -> Log:
-    return replace(log, **{name: getattr(log, name)[rows] for name in ARRAYS})
-
-
 def _without_duplicates(log: Log) -> Log:
     """The first of the samples that share an instant: two readings at one instant have no derivative."""
     keep = np.r_[True, np.diff(log.t) > 0]
     if keep.all():
         return log
     finding = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
-    return replace(_part(log, keep), findings=(*log.findings, finding))
+    return replace(log.part(keep), findings=(*log.findings, finding))
 
 
 def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:

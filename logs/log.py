@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
 
 from logs.clock_fit import ClockFit
+
+MEASURED, COMMANDED = ("q", "dq", "tau", "current", "temperature"), ("q_cmd", "dq_cmd", "tau_cmd")
+CHANNELS = (*MEASURED, *COMMANDED)  # the arrays of a log with a column for each joint
+SAMPLES = ("t", "t_host", *CHANNELS)  # the arrays with a row for each sample
 
 
 class State(Enum):
@@ -79,3 +85,17 @@ class Log:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def period(self) -> float:
+        """Median step of `t`, s; NaN where there are fewer than two samples."""
+        return float(np.median(np.diff(self.t))) if len(self) > 1 else math.nan
+
+    def part(self, rows: slice | np.ndarray) -> Log:
+        """Those samples alone, on the same clock."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in SAMPLES})
+
+    def with_joints(self, names: Sequence[str]) -> Log:
+        """These joints, in this order; ValueError where the log has not all of them."""
+        columns = [self.joint_names.index(name) for name in names]
+        return replace(self, joint_names=tuple(names), **{name: getattr(self, name)[:, columns] for name in CHANNELS})

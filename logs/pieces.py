@@ -91,9 +91,7 @@ class Pieces(Sequence[Log]):
             return source.log(lo, hi)
         if (lo, hi) == (0, len(source)):
             return source
-        names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
-        part = {name: getattr(source, name)[lo:hi] for name in names}
-        return replace(source, findings=source.findings if lo == 0 else (), **part)
+        return replace(source.part(slice(lo, hi)), findings=source.findings if lo == 0 else ())
 
     def __iter__(self) -> Iterator[Log]:
         return (self[k] for k in range(len(self)))

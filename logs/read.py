@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from logs.bags import ROSBAG1, SQLITE, is_sqlite_bag, read_bag
@@ -77,6 +76,4 @@ def _reordered(log: Log, wanted: tuple[str, ...] | None, damage: Damage) -> Log:
     missing = [name for name in wanted if name not in log.joint_names]
     if missing:
         raise damage.refuse("joints", f"the recording has no {missing[0]!r}", nearest(missing[0], log.joint_names))
-    columns = [log.joint_names.index(name) for name in wanted]
-    names = ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
-    return replace(log, joint_names=wanted, **{name: getattr(log, name)[:, columns] for name in names})
+    return log.with_joints(wanted)

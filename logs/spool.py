@@ -17,7 +17,7 @@ from logs.align import INTERPOLATED, at_samples, beside, reading_times
 from logs.assembly import chosen, in_order, left_out, states_of, unstamped, words_of
 from logs.damage import Damage
 from logs.joint_topic import JointTopic
-from logs.log import Log, State
+from logs.log import CHANNELS, COMMANDED, MEASURED, Log, State
 from logs.mcap_log import scanned
 from logs.rosbag2 import bag_parts
 from logs.schemas import COMMANDS, DIAGNOSTICS, STATES, device_offset
@@ -25,14 +25,12 @@ from logs.timing import checked_times
 from sim.errors import DeviceError
 
 ROWS = 1 << 16  # in memory at once
-MEASURED, COMMANDED = ("q", "dq", "tau", "current", "temperature"), ("q_cmd", "dq_cmd", "tau_cmd")
-KEPT = (*MEASURED, *COMMANDED)
 COUNTS = ("stamp", "host", "sequence")
 
 
 @dataclass
 class Spool:
-    """N samples on disk: instants (N,) s from `origin` ns on the device clock, and rows of each of KEPT that was recorded, float64."""
+    """N samples on disk: instants (N,) s from `origin` ns on the device clock, and rows of each of CHANNELS that was recorded, float64."""
 
     path: Path
     folder: Path
@@ -50,7 +48,7 @@ class Spool:
 
     def log(self, lo: int, hi: int) -> Log:
         """Samples lo to hi; NaN for what was not recorded, and for the host clock."""
-        q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd = (self._read(name, lo, hi) for name in KEPT)
+        q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd = (self._read(name, lo, hi) for name in CHANNELS)
         return Log(
             self.joint_names, t=np.array(self.t[lo:hi]), t_host=np.full(hi - lo, np.nan), q=q, dq=dq, tau=tau, current=current,
             temperature=temperature, q_cmd=q_cmd, dq_cmd=dq_cmd, tau_cmd=tau_cmd, metadata=self.metadata,
@@ -123,7 +121,7 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
     rows = None if bad is None else np.flatnonzero(~bad)
     t = t if rows is None else t[rows]
     t.tofile(folder / "t")
-    for name in KEPT:
+    for name in CHANNELS:
         _write(folder / name, arrays[name], rows)
     for one in stored.values():
         one.remove()

@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from logs.column_map import CHANNELS, DRIVE, ColumnMap
+from logs.column_map import DRIVE, ColumnMap
 from logs.damage import Damage
-from logs.log import Log, State
+from logs.log import CHANNELS, MEASURED, Log, State
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.tables.table import IN_WORDS, INSTANTS, Table
 from logs.timing import checked_times
 from logs.units import TEMPERATURE_ZERO, TIME, UNITS
 from logs.words import finding, signed, wrapped
 from sim.resources import nearest
-
-MEASURED = ("q", "dq", "tau", "current", "temperature")
 
 
 def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -> Log:

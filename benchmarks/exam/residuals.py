@@ -28,7 +28,7 @@ def residual(case: Path, motion: str) -> tuple[float, np.ndarray, np.ndarray]:
     """(step s, residual (N, n) N m, moving (N, n)) of the nominal arm on one log, resampled on the log's own mean rate."""
     arm = load_arm(case / "arm.xml")
     log = read_log(case / f"{motion}.mcap", arm.joint_names)
-    step = float(np.median(np.diff(log.t)))
+    step = log.period
     t = np.arange(log.t[0], log.t[-1], step)
     q, tau = (np.stack([np.interp(t, log.t, x) for x in y.T], axis=1) for y in (log.q, log.tau))
     window = int(0.1 / step) // 2 * 2 + 1

@@ -211,9 +211,10 @@ def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
 def _plain(done: Imported, delay: TorqueDelay | None) -> dict[str, Any]:
     import numpy as np
 
+    from logs.log import CHANNELS
+
     log = done.log
     duration = float(log.t[-1] - log.t[0])
-    channels = ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
     return {
         "schema": "import/1",
         "source": done.source,
@@ -224,7 +225,7 @@ def _plain(done: Imported, delay: TorqueDelay | None) -> dict[str, Any]:
         "duration": duration,
         "rate": (len(log) - 1) / duration if duration > 0 else None,
         "joints": log.joint_names,
-        "measured": [name for name in channels if np.isfinite(getattr(log, name)).any()],
+        "measured": [name for name in CHANNELS if np.isfinite(getattr(log, name)).any()],
         "clock": log.clock,
         "torque_delay": delay,
         "left_out": done.left_out,

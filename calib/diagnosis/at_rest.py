@@ -51,7 +51,7 @@ def _contact(arm: Arm, log: Log, push: Push) -> tuple[ArmEffect, dict[str, float
     information = (columns * weight[:, None]).T @ (columns * weight[:, None]) + np.eye(3) / force_spread(arm) ** 2
     covariance = np.linalg.inv(information)
     force = covariance @ (columns.T @ (weight**2 * push.torque))
-    step = float(np.median(np.diff(log.t)))
+    step = log.period
     values = {"start": push.start, "duration": push.end - push.start}
     std = {"start": step, "duration": 2 * step}
     for axis, value, variance in zip("xyz", force, np.diag(covariance), strict=True):

@@ -116,6 +116,4 @@ def _ordered(log: Log, arm: Arm) -> Log:
     """The log's columns in the arm's order, without joints that the arm does not have; as it is where joints are missing."""
     if tuple(log.joint_names) == arm.joint_names or not set(arm.joint_names) <= set(log.joint_names):
         return log
-    columns = [log.joint_names.index(name) for name in arm.joint_names]
-    names = ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
-    return replace(log, joint_names=arm.joint_names, **{name: getattr(log, name)[:, columns] for name in names})
+    return log.with_joints(arm.joint_names)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from logs.column_map import DRIVE
-from logs.log import Log
+from logs.log import CHANNELS, Log
 from logs.units import ANGLE, SPEED, TIME
 from logs.words import BITS, signed
 from sim.errors import ConfigError
@@ -32,7 +32,7 @@ PARTS = ("q", "dq", "motion", "tau", "all")
 UNITS = {"t": TIME, "q": ANGLE, "dq": SPEED, "current": {"mA": 1e-3}, "tau": {"mNm": 1e-3}}
 ARRAYS = {
     "q": ("q", "q_cmd"), "dq": ("dq", "dq_cmd"), "motion": ("q", "dq", "q_cmd", "dq_cmd"), "tau": ("tau", "current", "tau_cmd"),
-    "all": ("q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd"),
+    "all": CHANNELS,
 }  # fmt: skip
 SIGNED = tuple(name for name in ARRAYS["all"] if name != "temperature")
 CURRENT = "tau=current"

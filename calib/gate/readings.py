@@ -92,7 +92,7 @@ def words(log: Log) -> GateCheck:
 
 def frozen(log: Log) -> GateCheck:
     """No joint's position and load stand to the last bit while others move, or while a speed that stands as well says that one does."""
-    name, period = name_of(log), float(np.median(np.diff(log.t)))
+    name, period = name_of(log), log.period
     load = np.where(np.isfinite(log.tau).any(axis=0), log.tau, log.current)
     still = (np.diff(log.q, axis=0) == 0) & (np.diff(load, axis=0) == 0)
     moving_any = ~(np.diff(log.q, axis=0) == 0).all(axis=1)

@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from logs.column_guess import Stated, guess_map, numbered_joints
-from logs.column_map import CALENDAR, CHANNELS, DRIVE, ColumnMap, Columns, of_plain, read_map
+from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns, of_plain, read_map
 from logs.column_names import stated_unit
+from logs.log import CHANNELS
 from logs.tables import Table
 from logs.units import TIME, UNITS
 from logs.words import BITS

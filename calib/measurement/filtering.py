@@ -77,7 +77,7 @@ def motion_cutoff(log: Log) -> float:
 
     Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
     """
-    rate = 1 / float(np.median(np.diff(log.t)))
+    rate = 1 / log.period
     q = log.q[np.isfinite(log.q).all(axis=1)]
     if len(q) < 64:
         return min(CUTOFF_LEAST, 0.1 * rate)

@@ -65,7 +65,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log], torques: Sequence[np.ndarray] 
         commanded = [(log, tau) for log, tau in read if np.isfinite(log.q_cmd[:, j]).all()]
         if not commanded:
             continue
-        most = max(float(np.quantile(_smoothed(tau, _rate(log)), 0.998)) for log, tau in read)
+        most = max(float(np.quantile(_smoothed(tau, 1 / log.period), 0.998)) for log, tau in read)
         recordings = [[stand for stand in _stands(log, j, tau, most) if stand[0] > BEHIND] for log, tau in commanded]
         found = [stand for stands in recordings for stand in stands]
         if not found:
@@ -82,7 +82,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log], torques: Sequence[np.ndarray] 
 
 def _stands(log: Log, j: int, tau: np.ndarray, most: float) -> Iterator[tuple[float, float, float]]:
     """Stretches of flat torque near `most`, of tau (N,): largest following error over its usual size, level and its standard error N m."""
-    rate = _rate(log)
+    rate = 1 / log.period
     torque = _smoothed(tau, rate)
     error = np.abs(log.q_cmd[:, j] - log.q[:, j])
     speed = np.abs(log.dq[:, j])
@@ -129,7 +129,3 @@ def _smoothed(tau: np.ndarray, rate: float) -> np.ndarray:
     noise = float(np.median(np.abs(np.diff(tau)))) / (0.6745 * np.sqrt(2.0))
     wanted = noise / max(NOISE * float(np.quantile(np.abs(tau), 0.998)), 1e-12)
     return np.abs(uniform_filter1d(tau, max(1, round(rate * float(np.clip(wanted**2 / rate, SMOOTH, LONGEST))))))
-
-
-def _rate(log: Log) -> float:
-    return 1.0 / float(np.median(np.diff(log.t)))

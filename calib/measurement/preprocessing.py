@@ -180,7 +180,7 @@ def prepare(
     _check(log, arm, name)
     torque = joint_torque(log, arm, name)
     finite = np.isfinite(log.q).all(axis=1)
-    rate = 1 / float(np.median(np.diff(log.t)))
+    rate = 1 / log.period
     cutoff = cutoff or motion_cutoff(log)
     smooth = windows(rate) if windows else DerivativeFilter.of_cutoff(rate, cutoff)
     decimator = Decimator.of_cutoff(rate, cutoff)

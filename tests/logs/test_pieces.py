@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from logs import Pieces, Recorder, open_pieces, read_log
-from logs.spool import KEPT, spool
+from logs.log import CHANNELS
+from logs.spool import spool
 from sim.errors import BadLog
 from sim.joint_state import JointState
 
@@ -36,7 +37,7 @@ def test_what_is_unpacked_is_what_is_read(tmp_path: Path, names: tuple[str, ...]
     assert len(whole) == len(unpacked) == 3
     assert whole.seconds == pytest.approx(unpacked.seconds)
     for a, b in zip(whole, unpacked, strict=True):
-        for name in ("t", *KEPT):
+        for name in ("t", *CHANNELS):
             np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=1e-10, err_msg=name)
         assert (a.metadata, a.state, a.t_origin) == (b.metadata, b.state, b.t_origin)
 

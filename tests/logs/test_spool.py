@@ -13,6 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 from logs import Log, pieces, read_log, spool
+from logs.log import CHANNELS
 from logs.schemas import COMMANDS, DIAGNOSTICS, SCHEMAS, STATES
 from sim.errors import BadLog, DeviceError
 from tests.logs.conftest import JOINTS, cdr, joint_message
@@ -161,11 +162,11 @@ def test_a_recording_is_read_the_same_whichever_way(
     if isinstance(whole, str) or isinstance(part, str):
         assert part == whole
         return
-    for name in ("t", *spool.KEPT):
+    for name in ("t", *CHANNELS):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name), err_msg=name)
     for name in ("joint_names", "t_origin", "state", "metadata", "findings"):
         assert getattr(part, name) == getattr(whole, name)
-    recorded = {"t", *(name for name in spool.KEPT if np.isfinite(getattr(whole, name)).any())}
+    recorded = {"t", *(name for name in CHANNELS if np.isfinite(getattr(whole, name)).any())}
     assert {f.name for f in (tmp_path / "spool").iterdir()} == recorded
 
 
