@@ -18,7 +18,6 @@ from calib.diagnosis.model_form import form_std, with_shift
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.names import Names, names_of
 from calib.diagnosis.possible import possible
-from calib.diagnosis.prices import price
 from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.searched import searched
@@ -112,7 +111,7 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
         made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law, written)
         if (a.effect.effect, a.effect.joint) in observed:
             made["measured_by"] = "following error"
-        entries.append(made | {"false_name_rate": names.null.rate(a.over_price)})
+        entries.append(made | {"false_name_rate": names.null.rate(key(a.effect), a.lost)})
     entries.sort(key=lambda x: -x["gap_share"])
     # a limit is fitted to no torque: the arm did what it allowed
     limits = [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
@@ -121,8 +120,9 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
 
 def _false_names(found: SearchResult, names: Names) -> dict[str, Any]:
     """chance: how often, without an effect, some candidate brings as much as the strongest that the search left unnamed."""
-    over = [s.gain - price(s.effect) for s in (found.ladder[-1] if found.ladder else []) if s.effect.effect != CONTACT]
-    return {"simulated": len(names.null.largest), "chance": names.null.rate(max(over, default=-np.inf))}
+    left = [s for s in (found.ladder[-1] if found.ladder else []) if s.effect.effect != CONTACT]
+    chance = min((names.null.rate(s.key, s.gain) for s in left), default=1.0)
+    return {"simulated": len(names.null.largest), "chance": chance}
 
 
 def _possible(

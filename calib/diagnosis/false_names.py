@@ -1,6 +1,8 @@
-"""P(max over candidates c of LR_c - price_c >= LR - price of a name, without any effect): the false-name rate of a diagnosis.
+"""P(max over candidates c of LR_c - usual_c >= LR - usual of a name, without any effect): the false-name rate of a diagnosis.
 
-LR is the fall of -2 log likelihood. Its null distribution is simulated for this arm, this motion and this residual. The whitened residual of
+LR is the fall of -2 log likelihood, usual_c the price of c, or what it alone brings in MOST_FALSE of recordings without an effect where that is
+more: a balanced test, in which one candidate that this motion feeds by chance hides none of the others (R. Beran 1988, Balanced Simultaneous
+Confidence Sets, J. Amer. Statist. Assoc. 83, 679-686). Its null distribution is simulated for this arm, this motion and this residual. The whitened residual of
 the fit is cut into blocks of BLOCK seconds and every block, of all joints, gets a random sign: a wild bootstrap (C. F. J. Wu 1986,
 doi:10.1214/aos/1176350142), in blocks because neighbouring rows and joints are not independent (X. Shao 2010,
 doi:10.1198/jasa.2009.tm08744). The nuisance is drawn from its prior and fitted again with the named effects, and every candidate is scored.
@@ -13,6 +15,7 @@ What the model lacks at every block alike, such as a wrong form of friction, is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,10 +33,21 @@ MOST_FALSE = 0.01
 
 @dataclass(frozen=True)
 class NullDistribution:
-    """largest (DRAWS,): per simulated recording the most that a candidate brings above its price; gains: per candidate (DRAWS,) what it brings."""
+    """gains: per candidate (DRAWS,) what it brings in simulated recordings."""
 
-    largest: np.ndarray
     gains: dict[Key, np.ndarray]
+
+    @cached_property
+    def usual(self) -> dict[Key, float]:
+        """Per candidate its price, or what it brings by chance where that is more."""
+        return {
+            key: max(price_of(effect_named(key[0])), float(np.quantile(g, 1 - MOST_FALSE))) for key, g in self.gains.items()
+        }
+
+    @cached_property
+    def largest(self) -> np.ndarray:
+        """(DRAWS,) the most that any candidate brings above what is usual for it."""
+        return np.asarray(np.max([gain - self.usual[key] for key, gain in self.gains.items()], axis=0))
 
     @staticmethod
     def of(f: Fit, bank: Bank | None = None) -> NullDistribution:
@@ -49,12 +63,12 @@ class NullDistribution:
             g = np.sum([blocks.products(j, x.s, e[j]) - x.xs.T @ theta for j, x in pieces.items()], axis=0)
             gain = f.joint.gain_of(pieces, g, c.spread)[0]
             gains[c.key] = np.maximum(gains.get(c.key, 0.0), gain)
-        over = [gain - price_of(effect_named(effect)) for (effect, _), gain in gains.items()]
-        return NullDistribution(np.max(over, axis=0), gains)
+        return NullDistribution(gains)
 
-    def rate(self, over_price: float) -> float:
-        """P, at most: the share of simulated recordings in which some candidate brings that much above its price, with one draw more."""
-        return float((1 + np.sum(self.largest >= over_price)) / (1 + len(self.largest)))
+    def rate(self, key: Key, gain: float) -> float:
+        """P, at most: the share of simulated recordings in which some candidate is as far above what is usual for it, with one draw more."""
+        above = gain - self.usual.get(key, price_of(effect_named(key[0])))
+        return float((1 + np.sum(self.largest >= above)) / (1 + len(self.largest)))
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def names_of(
     if odd:
         kept = _beside(odd, kept, found.best.hypothesis.arm.joint_names)
         odd = not_left_by_form(odd, kept)
-    kept = [a for a in kept if null.rate(a.over_price) <= MOST_FALSE]
+    kept = [a for a in kept if null.rate(_key(a.effect), a.lost) <= MOST_FALSE]
     named = found.best
     while len(kept) < len(named.accepted):
         named = fit(

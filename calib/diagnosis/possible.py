@@ -11,7 +11,6 @@ from typing import Any
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.false_names import NullDistribution
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.prices import price
 from calib.diagnosis.scoring import Scored
 from sim.effects import effect_named
 
@@ -29,7 +28,7 @@ def possible(
     out: list[dict[str, Any]] = []
 
     def chance(s: Scored, brings: float) -> float:
-        return null.rate(brings - price(s.effect))
+        return null.rate(s.key, brings)
 
     promising = [s for s in ranked if s.key not in named and s.effect.effect != CONTACT and chance(s, s.gain) < CHANCE]
     for s in promising[:MOST]:

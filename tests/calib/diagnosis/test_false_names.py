@@ -11,7 +11,7 @@ from calib.diagnosis.false_names import MOST_FALSE, NullDistribution
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.prices import price
+from calib.diagnosis.prices import THRESHOLD
 from calib.diagnosis.scoring import scored
 from calib.diagnosis.selection import started
 from sim.arm import Arm
@@ -43,16 +43,26 @@ def test_other_recordings_without_an_effect_fall_where_it_says(null: NullDistrib
     for seed in OTHERS:
         # these drives do not lead their reading by half a control period, which is ordinary elsewhere
         ranked = scored(begun(ur10e, seed), {("time_delay", None)}, ask_contact=False)
-        chances.append(null.rate(max(s.gain - price(s.effect) for s in ranked)))
+        chances.append(min(null.rate(s.key, s.gain) for s in ranked))
     assert min(chances) > MOST_FALSE
     assert min(chances) < 0.5 < max(chances)
 
 
 def test_the_rate_counts_the_draw_at_hand() -> None:
-    null = NullDistribution(np.arange(99.0), {})
-    assert null.rate(-1.0) == 1.0
-    assert null.rate(94.0) == pytest.approx(0.06)
-    assert null.rate(1e9) == pytest.approx(0.01)
+    one, other = ("coulomb_friction", "elbow_joint"), ("viscous_friction", "elbow_joint")
+    null = NullDistribution({one: np.linspace(0.0, THRESHOLD, 99)})
+    assert null.rate(one, -1.0) == 1.0
+    assert null.rate(one, 0.95 * THRESHOLD) == pytest.approx(0.06, abs=0.005)
+    assert null.rate(one, 1e9) == pytest.approx(0.01)
+    assert null.rate(other, 1e9) == pytest.approx(0.01)
+
+
+def test_a_candidate_that_chance_feeds_hides_no_other() -> None:
+    """A delay that brings up to 100 without an effect: 25 of viscous friction are a name, 60 of the delay are none."""
+    fed, other = ("time_delay", None), ("viscous_friction", "elbow_joint")
+    rng = np.random.default_rng(5)
+    null = NullDistribution({fed: rng.uniform(0.0, 100.0, 999), other: rng.chisquare(1, 999)})
+    assert null.rate(other, 25.0) <= MOST_FALSE < null.rate(fed, 60.0)
 
 
 def test_a_name_states_the_rate_of_false_names(ur10e: Arm) -> None:

@@ -16,7 +16,7 @@ from calib.diagnosis.prices import THRESHOLD
 from calib.diagnosis.scoring import Scored
 from sim.arm import ArmEffect
 
-NULL = NullDistribution(np.linspace(-10.0, -0.1, 99), {})
+NULL = NullDistribution({("viscous_friction", "elbow_joint"): THRESHOLD + np.linspace(-10.0, -0.1, 99)})
 
 
 def scored(gain: float, effect: str = "joint_spring", joint: str | None = "elbow_joint") -> Scored:
