@@ -19,7 +19,7 @@ from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Gat
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
 from calib.gate.fit import LEAST_SECONDS, GravityFit, fitted, model_torque
-from calib.gate.mounting import is_mounting, mounting_torque
+from calib.gate.missing import is_missing, mounting_torque, without_springs
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, doubtful, steps
 from calib.gate.signals import SHIFTS, Signals, signals
@@ -158,11 +158,14 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         return [*out, GateCheck("torque", True, detail)]
     before = s = s.rows(below)
     found, rivals, s = steps(arm, s, SHIFTS)
-    if found and (doubtful(arm, found[0]) or is_mounting(arm, before, found[0].gain)):
+    if found and (doubtful(arm, found[0]) or is_missing(arm, before, found[0])):
         found, s = [], before
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
+    if at := {j for cause in sizes for c in cause.corrections for j in c.joints}:
+        beside = without_springs(arm, s, sorted(at))
+        sizes = scale.causes(arm, beside, fitted(beside, model_torque(arm, beside)), from_current, known)
     other = _other(arm, s, fit, sizes, family) if known else None
     out.append(_columns(arm, before, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))

@@ -1,0 +1,117 @@
+"""What a model may lack that looks like a wrong reading: a load, a tilted base or a constant pull, a spring at a joint, a coupled transmission."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from calib.gate.fit import LEAST_ROWS, SLOW, GravityFit, fitted, model_torque, moving
+from calib.gate.search import SURE_GAIN, GainStep, steps
+from calib.gate.signals import SHIFTS, Signals
+from sim.arm import Arm
+from sim.rigid_body import RigidBody
+
+LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
+
+
+def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
+    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
+    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
+
+    Zero where the load would be none: a tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
+    """
+    body, tau = RigidBody(arm), model_torque(arm, s)
+    columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
+    if tilt:  # gravity keeps its size
+        level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
+        tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
+        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
+        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
+    x, y = [], []
+    in_motion = moving(s)
+    for j in range(s.n):
+        rows = np.flatnonzero(in_motion[:, j])
+        if len(rows) < LEAST_ROWS or not fit.left[j] > 0:
+            continue
+        v = s.dq[rows, j]
+        joint = np.column_stack([s.ddq[rows, j], v, np.tanh(v / SLOW), np.ones(len(rows)), tau[rows, j]])
+        basis = np.linalg.qr(joint if scaled else joint[:, :-1])[0]
+        both = np.column_stack([columns[rows, j], s.load[rows, j] - (0.0 if scaled else tau[rows, j])])
+        rest = (both - basis @ (basis.T @ both)) / fit.left[j]
+        x.append(rest[:, :-1])
+        y.append(rest[:, -1])
+    if not x:
+        return np.zeros_like(tau)
+    found = np.linalg.lstsq(np.concatenate(x), np.concatenate(y), rcond=1e-6)[0]
+    if not -LIGHT < found[0] / arm.tree.mass.sum() < 1.0:
+        return np.zeros_like(tau)
+    out: np.ndarray = columns @ found
+    return out
+
+
+def is_missing(arm: Arm, s: Signals, found: GainStep) -> bool:
+    """Whether something that a model may lack explains more than a correction does, and leaves nothing to correct.
+
+    Of the mounting it is asked with a scale of each joint's readings left free, and with the arm's masses as they are stated: free scales leave
+    little to tell a load by where each joint moves little. A spring and a transmission at the joints of the correction fit anything a
+    little, so that they must explain SURE_GAIN more. Wrong signs of a wrist whose transmission is coupled (exam seed 26113071) gained 0.1 and the
+    coupling 1.0; of a slide on a spring 0.3 and the spring 5.
+    """
+    plain = fitted(s, model_torque(arm, s))
+    loads = (mounting_torque(arm, s, plain, scaled=free) for free in (True, False))
+    if any(_explains(arm, s, plain, load, found.gain) for load in loads):
+        return True
+    joints = found.correction.joints
+    return any(
+        _explains(arm, s, plain, _joint_torque(arm, s, joints, columns), found.gain + SURE_GAIN)
+        for columns in (_spring, _coupling)
+    )
+
+
+def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
+    """The rows without the torque of a spring at each of some joints where one explains SURE_GAIN more: its size is not that of masses."""
+    tau = model_torque(arm, s)
+    beside = replace(s, load=s.load - _joint_torque(arm, s, joints, _spring))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sprung = np.log(fitted(s, tau).left / fitted(beside, tau).left) > SURE_GAIN
+    return replace(s, load=np.where(sprung, beside.load, s.load))
+
+
+def _spring(s: Signals, j: int) -> np.ndarray:
+    """(R, 1): a spring pulls back."""
+    return s.q[:, [j]]
+
+
+def _coupling(s: Signals, j: int) -> np.ndarray:
+    """(R, k): inertia and friction of a motor that the joint before it turns too, in either direction."""
+    if j == 0:
+        return np.zeros((len(s), 0))
+    before, own = s.dq[:, j - 1], s.dq[:, j]
+    one_way = [s.ddq[:, j - 1], before, *(np.tanh((own + ratio * before) / SLOW) for ratio in (-1.0, 1.0))]
+    return np.column_stack([sign * x for x in one_way for sign in (1.0, -1.0)])
+
+
+def _joint_torque(arm: Arm, s: Signals, joints: Sequence[int], columns: Callable[[Signals, int], np.ndarray]) -> np.ndarray:
+    """(R, n) torque of the columns (R, k), none of them negative, fitted beside those of calib.gate.fit at some joints."""
+    tau, in_motion, out = model_torque(arm, s), moving(s), np.zeros(s.load.shape)
+    for j in joints:
+        rows, extra = np.flatnonzero(in_motion[:, j]), columns(s, j)
+        if len(rows) < LEAST_ROWS or not extra.shape[1]:
+            continue
+        v = s.dq[:, j]
+        x = np.column_stack([tau[:, j], s.ddq[:, j], v, np.tanh(v / SLOW), extra])
+        x = x - x[rows].mean(axis=0)
+        size = np.maximum(np.linalg.norm(x[rows], axis=0), 1e-12)
+        theta = nnls(x[rows] / size, s.load[rows, j] - s.load[rows, j].mean())[0] / size
+        out[:, j] = x[:, -extra.shape[1] :] @ theta[-extra.shape[1] :]
+    return out
+
+
+def _explains(arm: Arm, s: Signals, plain: GravityFit, missing: np.ndarray, gain: float) -> bool:
+    """Whether a torque (R, n) that the model lacks lowers the residuals by more than `gain` nats, with no correction left that helps."""
+    beside = replace(s, load=s.load - missing, late=s.late - missing)
+    ratio = np.log(plain.left / fitted(beside, model_torque(arm, s)).left)
+    return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
