@@ -34,6 +34,9 @@ LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
 # constant offset against a friction that differs between directions (exam seeds 26112811, 26112821, 26112901): the wrong one ahead by up to 13.
 APART, APART_FRICTION, APART_SHARE, FRICTION = 8.0, 16.0, 0.02, "friction"
 MOST_RIVALS = 2
+# Share of what an effect brings, by which an imitator must bring more: six unknown effects of the exam were imitated by 12 % and beyond; springs that
+# were there by .7 % (fast motion hardly tells one from one that creeps) and by 2.2 % (a slide whose spring makes nearly all of its force).
+IMITATED = 0.05
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 MOST_SURE = 0.99  # the catalogue may not hold what the arm has
@@ -212,11 +215,7 @@ def _one_sided(item: ArmEffect, fall: np.ndarray, best: Fit) -> bool:
 
 
 def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | None:
-    """What imitates an effect and brings more in its place, beside everything that `rest` leaves free; and how much more.
-
-    More than APART and APART_SHARE: the imitators of six unknown effects of the exam brought 12 % more and beyond. Fast motion hardly tells a
-    spring from one that creeps, and there .7 % decided by what the model of friction leaves.
-    """
+    """What imitates an effect and brings more in its place, beside everything that `rest` leaves free; and how much more: beyond APART and IMITATED."""
     if item.joint is None:
         return None
     j, rows, best = rest.hypothesis.arm.joint_index(item.joint), rest.solved.rows, None
@@ -227,7 +226,7 @@ def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | No
         )
         size = np.maximum(np.linalg.norm(white, axis=0), 1e-12)
         more = float(rest.joint.gain({j: white / size})[0]) - lost
-        if more > max(APART, APART_SHARE * lost, best[1] if best else 0.0):
+        if more > max(APART, IMITATED * lost, best[1] if best else 0.0):
             best = (what, more)
     return best
 

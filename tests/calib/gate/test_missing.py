@@ -35,7 +35,8 @@ def test_a_spring_hides_no_wrong_unit() -> None:
     tau = log.tau.copy()
     tau[:, -1] *= 1000.0
     refusal = gate(arm("ur10e"), [replace(log, tau=tau)], family=family).refusal
-    assert refusal is not None and WRIST in refusal
+    assert refusal is not None
+    assert WRIST in refusal
 
 
 def test_a_spring_hides_no_exchanged_columns() -> None:
