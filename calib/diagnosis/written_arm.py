@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.corrected import ArmChange, correction, names_alone
+from calib.diagnosis.corrected import ORDINARY, ArmChange, correction, names_alone
 from calib.diagnosis.fit import Fit, fit
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.law import Law, Refitted, Split, with_laws
@@ -84,7 +84,7 @@ def ways_of(
 
     Tried are the names alone, beside them friction and rotors of the joints that they concern, everything refitted under the measured
     noise and without whitening, and that with laws where they help. kept: the arm as it was, where recordings were held out; joints at which
-    a refit predicts these worse stay as they were in another way.
+    a refit predicts these worse stay as they were in two other ways.
     """
     start = f.hypothesis.start
     split = Split.of(f, pieces)
@@ -95,7 +95,7 @@ def ways_of(
     ways = [WrittenArm.of(x, (), start, shown) for x in changes]
     rms, lawful = ways[-1].rms, refit
     if kept is not None:
-        ways += _where_better(f, split, ways[-1], kept, shown, limits)
+        ways += [*_where_better(f, split, ways[-1], kept, shown, limits), *_own_kept(ways[-2], kept, start, shown)]
     bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
     slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
     only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
@@ -137,6 +137,13 @@ def _where_better(
             return []
         way = WrittenArm.of(with_laws(f, split, (), limits, held=held).change, (), f.hypothesis.start, shown)
     return [way] if held else []
+
+
+def _own_kept(way: WrittenArm, kept: WrittenArm, start: Arm, shown: Sequence[Measurement]) -> list[WrittenArm]:
+    """The same with friction, rotor and offset as they were of the joints that it predicts worse than the arm as it was; nothing without such."""
+    spoilt = {start.joint_names[j] for j in np.flatnonzero(way.rms > (1 + WORSE) * kept.rms)}
+    effects = tuple(e for e in way.change.effects if e.effect not in ORDINARY or e.joint not in spoilt)
+    return [WrittenArm.of(replace(way.change, effects=effects), (), start, shown)] if spoilt else []
 
 
 def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
