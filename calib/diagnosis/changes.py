@@ -16,12 +16,12 @@ from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
+from calib.diagnosis.written_arm import torque_rms
 from calib.gate.commands import examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
 from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
-from sim.prediction import predict
 
 LEAST_LOGS = 3
 # of a joint's residual RMS; of a change of the whole arm, joints that hardly bear it keep theirs within the noise of a recording. Not tuned.
@@ -78,22 +78,13 @@ def diagnose_changes(
     lasting = [c for c in found.changes if c.effect.effect != CONTACT]
     correction = ArmChange({}, tuple(replace(c.effect, std=finite(c.std)) for c in lasting)) if lasting else None
     if correction is not None:
-        before, with_it = (_left(a, shown) for a in (arm, correction.of(arm)))
+        used = np.concatenate([m.row_usable[m.row_moving] for m in shown])
+        before, with_it = (torque_rms(a, shown, used) for a in (arm, correction.of(arm)))
         result["gap"] |= {"given_arm": before.tolist(), "corrected_arm": with_it.tolist()}
         if refused := _worse(arm, lasting, before, with_it, result["gap"]["log"]):
             result |= {"refused": refused, "arm_out": None}
             correction = None
     return Diagnosis(result, tuple(c.effect for c in found.changes), None, correction)
-
-
-def _left(arm: Arm, shown: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m, RMS of what an arm's prediction leaves of recordings; 0 of a joint that stands in all of them."""
-    power, count = np.zeros(arm.n), np.zeros(arm.n)
-    for m in shown:
-        off = m.rows(m.tau) - m.rows(predict(arm, m.trajectory))
-        power += np.where(m.row_usable, off**2, 0.0).sum(axis=0)
-        count += m.row_usable.sum(axis=0)
-    return np.asarray(np.sqrt(power / np.maximum(count, 1.0)))
 
 
 def _worse(arm: Arm, changes: Sequence[Changed], before: np.ndarray, with_it: np.ndarray, log: str) -> list[str]:

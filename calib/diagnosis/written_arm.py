@@ -153,9 +153,12 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
     return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
 
 
-def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m RMS of `torque_errors`."""
-    return np.asarray(np.sqrt(np.mean(torque_errors(arm, measurements) ** 2, axis=0)))
+def torque_rms(arm: Arm, measurements: Sequence[Measurement], rows: np.ndarray | None = None) -> np.ndarray:
+    """(n,) N m RMS of `torque_errors`, or of those `rows` (R, n) of them: 0 of a joint without any."""
+    squares = torque_errors(arm, measurements) ** 2
+    if rows is None:
+        return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    return np.asarray(np.sqrt(np.where(rows, squares, 0.0).sum(axis=0) / np.maximum(rows.sum(axis=0), 1)))
 
 
 def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0.0) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,16 @@ from calib.diagnosis.change_rules import explains_more
 from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.motion import measured
 from calib.diagnosis.scored_changes import ScoredChange
+from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
+from sim.effects.thermal_friction import WARM_TIME
 from sim.errors import ConfigError
 from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import recording
 
 ELBOW, WRIST = 2, 3
+DROP, SLOWLY = 0.4, 300.0  # share of the friction, s
 
 
 def always(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -116,6 +120,34 @@ def test_an_arm_that_holds_the_change_already_is_not_given_it_again(ur10e: Arm, 
     assert "the given arm may hold this change already" in found.answer["refused"][0]
     found.write(tmp_path, corrected)
     assert [p.name for p in tmp_path.iterdir()] == ["diagnosis.json"]
+
+
+def warm(arm: Arm, seed: int, celsius: np.ndarray) -> Log:
+    """`recording` with an offset at the wrist and an elbow whose friction falls with the temperature by up to DROP between 20 and 40 degC."""
+
+    def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        share = np.expm1(-WARM_TIME / SLOWLY * (celsius - 20.0) / 20.0) / np.expm1(-WARM_TIME / SLOWLY)
+        level, viscosity = (arm.effect(name, "elbow_joint") for name in ("coulomb_friction", "viscous_friction"))
+        assert level is not None
+        assert viscosity is not None
+        dry = level.parameters["coulomb"] * np.tanh(motion.dq[:, ELBOW] / 4e-3)
+        out = np.zeros_like(tau)
+        out[:, ELBOW] = -DROP * share * (dry + viscosity.parameters["viscous"] * motion.dq[:, ELBOW])
+        out[:, WRIST] = 3.0 if seed > 10 else 0.0
+        return out
+
+    log = recording(arm, seed, hidden)
+    return replace(log, temperature=np.tile(celsius[:, None], (1, arm.n)))
+
+
+def test_the_corrected_arm_is_judged_as_warm_as_the_recordings_are(ur10e: Arm) -> None:
+    count = len(recording(ur10e, 1).t)
+    arm = with_effect(ur10e, ArmEffect("thermal_friction", "elbow_joint", {"relative_drop": DROP, "time_constant": SLOWLY}))
+    before = [warm(ur10e, seed, np.linspace(20.0, 40.0, count)) for seed in (1, 2, 3)]
+    hot = [warm(ur10e, seed, np.full(count, 40.0)) for seed in (11, 12)]
+    gap = diagnose_changes(arm, hot[:1], hot[1:], before).answer["gap"]
+    assert gap["given_arm"][ELBOW] < 1.3 * gap["noise_floor"][ELBOW]
+    assert gap["corrected_arm"][WRIST] < 0.5 * gap["given_arm"][WRIST]
 
 
 def test_two_healthy_logs_are_too_few(ur10e: Arm) -> None:
