@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from sim.effects.effect import Effect
+    from sim.effects.effect import Effect, Probe
     from sim.rigid_body import RigidBody
     from sim.torque_path import PathState
     from sim.tree import KinematicTree
@@ -60,16 +61,32 @@ class MotionView(Protocol):
         """Rows that were computed before under this key from the same torque of joint j, or now."""
 
 
+class Columns(Mapping[int, np.ndarray]):
+    """Joint index -> (R, k), computed where it is asked for: who knows the products of a candidate asks for none."""
+
+    def __init__(self, joints: Collection[int], of: Callable[[int], np.ndarray]) -> None:
+        self._joints, self._of = joints, of
+
+    def __getitem__(self, joint: int) -> np.ndarray:
+        return self._of(joint)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._joints)
+
+    def __len__(self) -> int:
+        return len(self._joints)
+
+
 @dataclass(frozen=True)
 class CandidateColumns:
     """An effect tried at one place and from one start of its nonlinear parameters.
 
-    columns  per recording {joint index: (R, k) N m per unit of coefficient}
+    columns  per recording {joint index: (R, k) N m per unit of coefficient}, or the same as `Columns`
     combine  coefficients (k,) -> parameter values
     spread   (k,) prior standard deviation of the coefficients, where some may not show at all; None: free
     """
 
-    columns: list[dict[int, np.ndarray]]
+    columns: Sequence[Mapping[int, np.ndarray]]
     combine: Combine
     spread: tuple[float, ...] | None = None
 
@@ -78,19 +95,21 @@ def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iter
     """By the torque of joint j at each of the effect's probes."""
     own = views[0].own(effect.name, j)
     for i, probe in enumerate(effect.probes(own)):
-        if not probe.points:
-            continue
-        columns = []
-        for view in views:
+        if probe.points:
+            yield CandidateColumns([Columns((j,), partial(_behind, effect, view, i, probe)) for view in views], probe.combine)
 
-            def rows(view: MotionView = view, probe=probe) -> np.ndarray:  # type: ignore[no-untyped-def]
-                # an effect that vanishes at the probe's base leaves the torque as it is
-                absent = own is None and dict(probe.base) == effect.none()
-                base = view.tau_hat[:, j] if absent else view.torque_with(j, effect.name, probe.base)
-                return view.rows(np.stack([view.torque_with(j, effect.name, p) - base for p in probe.points], axis=1))
 
-            columns.append({j: view.kept_of(j, (effect.name, i), rows)})
-        yield CandidateColumns(columns, probe.combine)
+def _behind(effect: Effect, view: MotionView, i: int, probe: Probe, j: int) -> np.ndarray:
+    """(R, k) of joint j at the i-th probe of an effect."""
+
+    def rows() -> np.ndarray:
+        own, base = view.own(effect.name, j), view.tau_hat[:, j]
+        # an effect that vanishes at the probe's base leaves the torque as it is
+        if own is not None or dict(probe.base) != effect.none():
+            base = view.torque_with(j, effect.name, probe.base)
+        return view.rows(np.stack([view.torque_with(j, effect.name, p) - base for p in probe.points], axis=1))
+
+    return view.kept_of(j, (effect.name, i), rows)
 
 
 def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[CandidateColumns]:
@@ -100,34 +119,30 @@ def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Itera
         tuple(values.items()) for name in ("rotor_inertia", "viscous_friction") if (values := views[0].own(name, j)) is not None
     )
     for i, probe in enumerate(effect.probes(own)):
-        columns = []
-        for view in views:
 
-            def rows(view: MotionView = view, probe=probe) -> np.ndarray:  # type: ignore[no-untyped-def]
-                slope, moved = view.posture_slopes(j), []
-                for point in probe.points:
-                    reading = view.reading[:, j]
-                    error = effect.reading(reading, point) - effect.reading(reading, probe.base)
-                    speed = np.gradient(error, view.link.t)
-                    errors = (error, speed, np.gradient(speed, view.link.t))
-                    moved.append(
-                        -sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(view.tau_hat.shape))
-                    )
-                return view.rows(np.stack(moved, axis=2))
+        def samples(view: MotionView, probe: Probe = probe) -> np.ndarray:
+            slope, moved = view.posture_slopes(j), []
+            for point in probe.points:
+                reading = view.reading[:, j]
+                error = effect.reading(reading, point) - effect.reading(reading, probe.base)
+                speed = np.gradient(error, view.link.t)
+                errors = (error, speed, np.gradient(speed, view.link.t))
+                moved.append(-sum((d * e[:, None] for d, e in zip(slope, errors, strict=True)), np.zeros(view.tau_hat.shape)))
+            return np.stack(moved, axis=2)
 
-            key = (effect.name, j, i, drive, None if own is None else tuple(own.items()))
-            columns.append(by_joint(view.kept(key, rows)))
-        yield CandidateColumns(columns, probe.combine)
+        key = (effect.name, j, i, drive, None if own is None else tuple(own.items()))
+        yield CandidateColumns([of_all_joints(view, key, partial(samples, view)) for view in views], probe.combine)
 
 
-def by_joint(rows: np.ndarray) -> dict[int, np.ndarray]:
-    """(R, n, k) -> per joint (R, k)."""
-    return {j: rows[:, j] for j in range(rows.shape[1])}
+def by_joint(view: MotionView, rows: Callable[[], np.ndarray]) -> Columns:
+    """Rows (R, n, k), which are asked for once -> per joint (R, k)."""
+    whole = cache(rows)
+    return Columns(range(view.n), lambda j: whole()[:, j])
 
 
-def of_the_links(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> dict[int, np.ndarray]:
-    """Samples (N, n, k) that depend on the link side alone -> rows (R, k) per joint."""
-    return by_joint(view.kept(key, lambda: view.rows(samples())))
+def of_all_joints(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> Columns:
+    """Samples (N, n, k) that depend on the link side, and on what the key says, alone -> rows (R, k) per joint."""
+    return by_joint(view, lambda: view.kept(key, lambda: view.rows(samples())))
 
 
 def force_rows(view: MotionView) -> np.ndarray:

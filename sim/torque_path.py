@@ -45,8 +45,8 @@ class PathState:
     t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor;
     level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
     tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
-    warm, where a recording has temperatures. memory: what a law needs of the samples before, kept by whoever
-    walks along a path in parts; None for a path that is whole. slips: joint -> how its slip follows the motion, where that is not Dahl's
+    warm, where a recording has temperatures. memory: what a law needs of the samples before, and its parameters, kept by whoever
+    walks along a path of one arm in parts; None for a path that is whole. slips: joint -> how its slip follows the motion, where that is not Dahl's
     law: of the path, the joint and the lead s of `sim.slip.slip_along`.
     """
 

@@ -50,7 +50,7 @@ class Since:
         rows = healthy.law.rows(models)
         out = list(rows.r)
         for s in self.accepted:
-            match = same_candidate(s, models) if s.candidate is not None else None
+            match = same_candidate(s, models)
             if match is not None:
                 for j in match.columns[0]:
                     out[j] = out[j] - rows.take(j, [x[j] for x in match.columns]) @ s.coefficients

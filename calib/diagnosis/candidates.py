@@ -14,10 +14,11 @@ from sim.motion_view import CandidateColumns
 
 @dataclass(frozen=True)
 class Candidate(CandidateColumns):
-    """An effect at a joint (None: the whole arm) with its columns per recording."""
+    """An effect at a joint (None: the whole arm) with its columns per recording; number: which of its starts there, from 1."""
 
     effect: str = ""
     joint: str | None = None
+    number: int = 0
 
     @property
     def key(self) -> Key:
@@ -35,8 +36,8 @@ def candidates(models: Sequence[LogModel], wanted: Wanted | None = None) -> Iter
         for j, joint in joints if effect.scope == "joint" else [(None, None)]:
             if wanted is not None and not wanted(effect, j):
                 continue
-            for c in effect.columns(models, j):
-                yield Candidate(c.columns, c.combine, c.spread, effect.name, joint)
+            for number, c in enumerate(effect.columns(models, j), 1):
+                yield Candidate(c.columns, c.combine, c.spread, effect.name, joint, number)
 
 
 def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:

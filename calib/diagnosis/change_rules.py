@@ -51,10 +51,8 @@ def left_by_form(odd: tuple[int, str, float, float], accepted: list[ScoredChange
 
 def holds(s: ScoredChange, kept: ResidualRows | None, noise: Noise, held: list[LogModel]) -> bool:
     """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
-    if kept is None or s.candidate is None:
-        return True
-    match = same_candidate(s, held)
-    if match is None:
+    match = same_candidate(s, held) if kept is not None else None
+    if kept is None or match is None:
         return True
     solved = solve(kept, noise)
     left, columns = solved.left(), white(match, solved)

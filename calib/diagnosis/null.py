@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.healthy import Folds
-from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Solved, solve
 
 NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
@@ -30,23 +28,16 @@ def nulls(folds: Folds) -> dict[tuple[Key, int], Null]:
     for rows, m in zip(folds.left_out, folds.models, strict=True):
         solved = solve(rows, folds.noise)
         left = solved.left()
-        for number, c in numbered([m]):
+        for c in candidates([m]):
             s = white(c, solved)
             _, coefficients, _ = solved.gain(s, c.spread, left=left)
-            found.setdefault((c.key, number), []).append(coefficients)
+            found.setdefault((c.key, c.number), []).append(coefficients)
     out = {}
     for key, each in found.items():
         mean, count = np.mean(each, axis=0), len(each)
         moment = np.sum([np.outer(c - mean, c - mean) for c in each], axis=0) / max(count - 1, 1) * (1 + 1 / count)
         out[key] = Null(mean, NULL_WIDENED * (moment + NULL_DIAGONAL * np.diag(np.diag(moment))))
     return out
-
-
-def numbered(models: list[LogModel]) -> Iterable[tuple[int, Candidate]]:
-    numbers: dict[Key, int] = {}
-    for c in candidates(models):
-        numbers[c.key] = numbers.get(c.key, 0) + 1
-        yield numbers[c.key], c
 
 
 def white(c: Candidate, solved: Solved) -> dict[int, np.ndarray]:

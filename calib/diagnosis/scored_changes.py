@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.admissible import plausible
-from calib.diagnosis.candidates import Candidate, Key
+from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
-from calib.diagnosis.null import Null, numbered, white
+from calib.diagnosis.null import Null, white
 from calib.diagnosis.parameters import within
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
@@ -47,7 +47,6 @@ class ScoredChange:
     worth: float
     brings: float
     log: int | None = None
-    number: int = 0
     rivals: tuple[Key, ...] = ()
 
     @property
@@ -66,12 +65,12 @@ def scored_changes(
     """Every candidate beside what is accepted, most worth first, one entry per effect and joint."""
     best: dict[Key, ScoredChange] = {}
     left = solved.left()
-    for number, c in numbered(models):
+    for c in candidates(models):
         if c.key in skip:
             continue
         s = white(c, solved)
         fall, coefficients, covariance = solved.gain(s, c.spread, left=left)
-        usual = null.get((c.key, number), Null(np.zeros_like(coefficients), np.zeros_like(covariance)))
+        usual = null.get((c.key, c.number), Null(np.zeros_like(coefficients), np.zeros_like(covariance)))
         wide, beyond = covariance + usual.covariance, coefficients - usual.mean
         gain = float(beyond @ np.linalg.lstsq(wide, beyond, rcond=1e-12)[0])
         price = PER_PARAMETER * (len(effect_named(c.effect).parameters) - 1) + max(effect_named(c.effect).surcharge, 0.0)
@@ -81,7 +80,7 @@ def scored_changes(
             continue
         if c.key not in best or brings > best[c.key].brings:
             columns = {j: solved.rows.take(j, [x[j] for x in c.columns]) for j in c.columns[0]}
-            best[c.key] = ScoredChange(c, item, columns, coefficients, wide, gain, worth, brings, number=number)
+            best[c.key] = ScoredChange(c, item, columns, coefficients, wide, gain, worth, brings)
     if (CONTACT, None) not in skip:
         touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
         if touched is not None and within(touched[2]):
@@ -94,7 +93,11 @@ def scored_changes(
 
 def same_candidate(s: ScoredChange, models: list[LogModel]) -> Candidate | None:
     """The same candidate, at the same point of its shape, on other logs."""
-    return next((c for number, c in numbered(models) if c.key == s.key and number == s.number), None)
+    if s.candidate is None:
+        return None
+    number, at = s.candidate.number, None if s.effect.joint is None else models[0].arm.joint_index(s.effect.joint)
+    there = candidates(models, lambda effect, j: (effect.name, j) == (s.effect.effect, at))
+    return next((c for c in there if c.number == number), None)
 
 
 def _spread(s: ScoredChange) -> dict[str, float]:

@@ -49,12 +49,12 @@ class Bank:
         """A new round of scoring: what neither this round nor the last one used is dropped."""
         self._old, self._new = self._new, {}
 
-    def piece(self, f: Fit, c: Candidate, number: int, j: int, keep: bool) -> Products:
-        """Columns of candidate c (the number-th of its key) at joint j; keep: for the rounds to come."""
+    def piece(self, f: Fit, c: Candidate, j: int, keep: bool) -> Products:
+        """Columns of candidate c at joint j; keep: for the rounds to come."""
         model, solved = f.models[0], f.solved
         # a column behind the load depends on its joint alone
         sides = [m.side.joints[j] if effect_named(c.effect).stage in LATE else m.side for m in f.models]
-        key = (c.key, number, j, model.joint_key(j), tuple(id(side) for side in sides), id(solved.noise))
+        key = (c.key, c.number, j, model.joint_key(j), tuple(id(side) for side in sides), id(solved.noise))
         found = self._new.get(key) or self._old.get(key)
         if found is None:
             rows = solved.rows
@@ -104,12 +104,10 @@ def beside_accepted(
     if wanted is None:
         bank.turn()
     accepted = [x[:, z.shape[1] :] for x, z in zip(f.joint.xw, f.solved.xw, strict=True)]
-    numbers: dict[Key, int] = {}
     ordinary = unstated_keys(f.hypothesis.arm)
     for c in candidates(f.models, wanted):
-        numbers[c.key] = numbers.get(c.key, 0) + 1
         if c.key not in skip and c.key not in ordinary:
-            yield c, {j: _beside(accepted[j], bank.piece(f, c, numbers[c.key], j, wanted is None)) for j in c.columns[0]}
+            yield c, {j: _beside(accepted[j], bank.piece(f, c, j, wanted is None)) for j in c.columns[0]}
 
 
 def _beside(accepted: np.ndarray, c: Products) -> Products:

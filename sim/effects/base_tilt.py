@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
-from sim.motion_view import CandidateColumns, MotionView, of_the_links
+from sim.motion_view import CandidateColumns, MotionView, of_all_joints
 from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
@@ -41,7 +41,7 @@ class BaseTilt(Effect):
             moved = [view.bodies.inverse_dynamics(q, zero, zero, gravity - view.tree.gravity) for gravity in turned]
             return np.stack([10.0 * change for change in moved], axis=2)
 
-        columns = [of_the_links(v, self.name, partial(samples, v)) for v in views]
+        columns = [of_all_joints(v, self.name, partial(samples, v)) for v in views]
         yield CandidateColumns(columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:

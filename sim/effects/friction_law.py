@@ -83,18 +83,18 @@ class FrictionLaw(Effect):
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
         assert joint is not None
-        values = [p[name] for name in TERMS]
-        if not any(values):
-            return
-        if state.memory is None:
-            wanted = [name for name, value in zip(TERMS, values, strict=True) if value != 0.0]
-            state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
-            return
-        q, dq, load = _path(state, joint)
-        memory = state.memory.get((self.name, joint))
+        memory = None if state.memory is None else state.memory.get((self.name, joint))
         if memory is None:
-            memory = state.memory[self.name, joint] = np.array([q[0], *(0.0 for _ in WIDTHS)])
-        state.tau[:, joint] += _continued(q, dq, load, np.array(values), memory)
+            values = [p[name] for name in TERMS]
+            if not any(values):
+                return
+            if state.memory is None:
+                wanted = [name for name, value in zip(TERMS, values, strict=True) if value != 0.0]
+                state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
+                return
+            # the coefficients stand behind the slips: this is called at every step of a simulation
+            memory = state.memory[self.name, joint] = np.array([state.q_motor[0, joint], *(0.0 for _ in WIDTHS), *values])
+        _go_on(state.q_motor, state.dq_motor, state.load, state.tau, joint, memory)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
         """The slips of every width together, then the other terms one by one, each with its own doubt."""
@@ -129,7 +129,7 @@ class FrictionLaw(Effect):
 
     def terms(self, state: PathState, joint: int, names: Sequence[str] = TERMS) -> np.ndarray:
         """(N, k) torque of each of these terms with a coefficient of one, along a whole path."""
-        q, dq, load = _path(state, joint)
+        q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
         slips = np.zeros((len(q), len(WIDTHS)))
         for i, (width, name) in enumerate(zip(WIDTHS, FAMILIES["slip"], strict=True)):
             if len(q) > 1 and (name in names or width == TURNING):
@@ -139,12 +139,6 @@ class FrictionLaw(Effect):
     def probes(self, own: Values | None) -> list[Probe]:
         """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
         return []
-
-
-def _path(state: PathState, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,) each: angle and speed of the motor, and the load."""
-    q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
-    return q, dq, load
 
 
 # Numba's cache follows the changes of a file and not of those that it imports: these kernels call none of another file.
@@ -177,16 +171,19 @@ def _terms(dq, load, slips, wanted):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _continued(q, dq, load, coefficients, memory):  # type: ignore[no-untyped-def]
-    """(N,) torque of all terms; memory: the angle before the first sample and the slips of WIDTHS there, moved on in place."""
-    out, slips = np.zeros(len(q)), memory[1:]
+def _go_on(q, dq, load, tau, joint, memory):  # type: ignore[no-untyped-def]
+    """Add the torque of all terms to that of a joint, (N, n) each.
+
+    memory, moved on in place: the angle before the first sample, the slips of WIDTHS there, and the coefficients of the terms.
+    """
+    slips, coefficients = memory[1 : 1 + len(WIDTHS)], memory[1 + len(WIDTHS) :]
     for k in range(len(q)):
-        step = q[k] - memory[0]
+        step, torque = q[k, joint] - memory[0], 0.0
         way = 1.0 if step > 0 else -1.0
-        memory[0] = q[k]
+        memory[0] = q[k, joint]
         for i in range(len(WIDTHS)):
             slips[i] = way + (slips[i] - way) * np.exp(-abs(step) / WIDTHS[i])
         for i in range(len(coefficients)):
             if coefficients[i] != 0.0:
-                out[k] += coefficients[i] * _term(i, dq[k], load[k], slips)
-    return out
+                torque += coefficients[i] * _term(i, dq[k, joint], load[k, joint], slips)
+        tau[k, joint] += torque

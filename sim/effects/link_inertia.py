@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,11 @@ class LinkInertia(Effect):
             )
 
         block, by = slice(10 * joint, 10 * joint + 10), np.stack(moves, axis=1)
-        yield CandidateColumns([by_joint(v.regressor_rows[:, :, block] @ by) for v in views], combine, SPREAD)
+
+        def rows(view: MotionView) -> np.ndarray:
+            return view.regressor_rows[:, :, block] @ by
+
+        yield CandidateColumns([by_joint(v, partial(rows, v)) for v in views], combine, SPREAD)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
         """The tree with that link's mass and centre of mass replaced."""

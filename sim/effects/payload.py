@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -42,7 +43,10 @@ class Payload(Effect):
             com = scale * c[1:4] / mass if abs(mass) > 1e-9 else np.zeros(3)
             return {"mass": mass, "com_x": float(com[0]), "com_y": float(com[1]), "com_z": float(com[2])}
 
-        yield CandidateColumns([by_joint(scale * v.regressor_rows[:, :, last : last + 4]) for v in views], combine, SPREAD)
+        def rows(view: MotionView) -> np.ndarray:
+            return scale * view.regressor_rows[:, :, last : last + 4]
+
+        yield CandidateColumns([by_joint(v, partial(rows, v)) for v in views], combine, SPREAD)
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
         """Its centre of mass is near the flange."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
 from sim.mjcf_form import Exported, JointSize
-from sim.motion_view import CandidateColumns, MotionView
+from sim.motion_view import CandidateColumns, Columns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
@@ -36,17 +36,20 @@ class TimeDelay(Effect):
         own = views[0].own(self.name, None)
         before = own["delay"] if own else 0.0
 
-        def later(view: MotionView, j: int, late: float) -> np.ndarray:
-            t, tau = view.link.t, view.tau_hat[:, j]
-            pairs = itertools.pairwise(view.starts)
-            then = np.concatenate([np.interp(t[a:b] - late, t[a:b], tau[a:b]) for a, b in pairs])
-            return view.rows((then - tau)[:, None])
+        def later(view: MotionView, late: float, j: int) -> np.ndarray:
+            def rows() -> np.ndarray:
+                t, tau = view.link.t, view.tau_hat[:, j]
+                pairs = itertools.pairwise(view.starts)
+                then = np.concatenate([np.interp(t[a:b] - late, t[a:b], tau[a:b]) for a, b in pairs])
+                return view.rows((then - tau)[:, None])
+
+            return view.kept_of(j, (self.name, late), rows)
 
         def combine(c: np.ndarray, late: float) -> dict[str, float]:
             return {"delay": before + late * float(c[0])}
 
         for late in DELAYS:
-            columns = [{j: v.kept_of(j, (self.name, late), partial(later, v, j, late)) for j in range(v.n)} for v in views]
+            columns = [Columns(range(v.n), partial(later, v, late)) for v in views]
             yield CandidateColumns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:

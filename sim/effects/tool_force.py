@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class ToolForce(Effect):
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
         """Linear in the force."""
         names = [p.name for p in self.parameters]
-        columns = [by_joint(force_rows(v)) for v in views]
+        columns = [by_joint(v, partial(force_rows, v)) for v in views]
         yield CandidateColumns(columns, lambda c: {name: float(x) for name, x in zip(names, c, strict=True)})
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:

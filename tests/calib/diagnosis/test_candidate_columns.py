@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -53,6 +54,22 @@ def test_the_columns_of_a_candidate_are_the_slope_of_its_law(model: LogModel, ef
         assert float(np.sum(exact * promised)) > ALIKE * size * np.linalg.norm(promised), (effect, c.joint)
         assert np.linalg.norm(promised) == pytest.approx(size, rel=SIZE), (effect, c.joint)
     assert seen
+
+
+def test_columns_that_nobody_asks_for_are_not_computed(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside another fit the products of most candidates are known, and those of accepted effects are skipped."""
+    model = LogModel(measured(recording(ur10e, 1, seconds=6.0), ur10e), Hypothesis.nominal(ur10e))
+    computed, asked = LogModel.torque_with, set[str]()
+
+    def counted(self: LogModel, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
+        asked.add(effect)
+        return computed(self, j, effect, values)
+
+    monkeypatch.setattr(LogModel, "torque_with", counted)
+    (gain,) = (c for c in candidates([model]) if c.key == ("torque_gain", "elbow_joint"))
+    assert not asked
+    assert gain.columns[0][2].shape == (len(model.measurement.row_samples), 1)
+    assert asked == {"torque_gain"}
 
 
 def test_a_link_is_found_whether_its_moments_follow_its_mass_or_not(ur10e: Arm) -> None:
