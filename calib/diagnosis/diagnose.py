@@ -21,7 +21,7 @@ from calib.diagnosis.possible import possible
 from calib.diagnosis.promotion import Promotion, promoted
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.searched import searched
-from calib.diagnosis.selection import SearchResult, add
+from calib.diagnosis.selection import add
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import as_written
 from calib.gate.commands import examined
@@ -50,6 +50,7 @@ def diagnose(
     reached = limits_reached(arm, (*logs, *holdout))
     limits = tuple(x.effect for x in reached)
     names = names_of(fitted, found, apart, limits, progress)
+    found = names.found
     progress("testing the corrected arm")
     promotion = promoted(fitted, names.written, found.baseline, apart, limits)
     # what the following error shows is there, whatever the torque of a model with it is worth
@@ -72,8 +73,8 @@ def diagnose(
     result["gap"]["noise_floor"] = [] if noise.bound else [float(x) for x in noise.sigma]
     result |= {
         "noise_source": None if noise.bound else "what an additive basis and all candidate effects leave of the recordings",
-        "false_names": _false_names(found, names),
-        "possible": _possible(fitted, found, names, [*names.effects, *limits, *(r.effect for r in promotion.refused)]),
+        "false_names": _false_names(names),
+        "possible": _possible(fitted, names, [*names.effects, *limits, *(r.effect for r in promotion.refused)]),
         "refused": refused,
         "motion": [{"before": a.entry(), "after": b.entry()} for a, b in promotion.motion],
         "laws": [x.entry() for x in promotion.laws],
@@ -118,17 +119,16 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
     return entries + [x | {"measured_by": "lag behind the command"} for x in limits]
 
 
-def _false_names(found: SearchResult, names: Names) -> dict[str, Any]:
+def _false_names(names: Names) -> dict[str, Any]:
     """chance: how often, without an effect, some candidate brings as much as the strongest that the search left unnamed."""
-    left = [s for s in (found.ladder[-1] if found.ladder else []) if s.effect.effect != CONTACT]
+    left = [s for s in (names.found.ladder[-1] if names.found.ladder else []) if s.effect.effect != CONTACT]
     chance = min((names.null.rate(s.key, s.gain) for s in left), default=1.0)
     return {"simulated": len(names.null.largest), "chance": chance}
 
 
-def _possible(
-    fitted: Sequence[Measurement], found: SearchResult, names: Names, have: Sequence[ArmEffect]
-) -> list[dict[str, Any]]:
-    best, ranked = found.best, found.ladder[-1] if found.ladder and not names.odd else []
+def _possible(fitted: Sequence[Measurement], names: Names, have: Sequence[ArmEffect]) -> list[dict[str, Any]]:
+    best, ladder = names.found.best, names.found.ladder
+    ranked = ladder[-1] if ladder and not names.odd else []
 
     def brought(s: Scored) -> float:
         return best.objective - add(fitted, best, s).objective

@@ -32,9 +32,11 @@ MOST_LEFT = 0.4
 class Names:
     """kept of the effects that were assessed; odd: structure that nothing explains; vetoed: sentences on effects that were left out.
 
-    fit: of the named effects; written: the same with what an arm folder can hold; null: of the fit that ended the search.
+    found: the search, its best fit without the effects that failed a test of their own, and null of that fit; fit: of the named effects;
+    written: the same with what an arm folder can hold.
     """
 
+    found: SearchResult
     assessed: Sequence[Assessed]
     kept: Sequence[Assessed]
     odd: Sequence[Odd]
@@ -69,9 +71,10 @@ def names_of(
     limits: Sequence[ArmEffect],
     progress: Callable[[str], None],
 ) -> Names:
-    """The effects of `found.best` that stay; those that fail a test of their own leave it. limits: effects that need no fit."""
+    """The effects of `found.best` that stay. limits: effects that need no fit."""
     progress("testing the candidates")
-    assessed, vetoed = _settled(fitted, found, apart)
+    assessed, vetoed, best = _settled(fitted, found.best, apart)
+    found = replace(found, best=best)
     null = NullDistribution.of(found.best)
     progress("testing the residual")
     seen = {_key(e) for e in limits}
@@ -94,25 +97,23 @@ def names_of(
     ]
     stay = {_key(e): e for e in named.accepted}
     kept = [replace(a, effect=stay[_key(a.effect)]) for a in kept if _key(a.effect) in stay]
-    return Names(assessed, kept, odd, vetoed, named, written, null)
+    return Names(found, assessed, kept, odd, vetoed, named, written, null)
 
 
-def _settled(
-    fitted: Sequence[Measurement], found: SearchResult, apart: Sequence[Measurement]
-) -> tuple[list[Assessed], list[str]]:
-    """What is left of `found.best` when one effect after the other has left that fails its test, and the sentences on those."""
+def _settled(fitted: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> tuple[list[Assessed], list[str], Fit]:
+    """What is left of `best` when one effect after the other has left that fails its test, the sentences on those, and the fit without them."""
     vetoed: list[str] = []
     while True:
-        assessed = assess(fitted, found.best, apart)
+        assessed = assess(fitted, best, apart)
         if not any(a.vetoed or a.doubtful for a in assessed):
-            assessed = with_rival_pairs(fitted, found.best, with_rivals(fitted, found.best, assessed))
+            assessed = with_rival_pairs(fitted, best, with_rivals(fitted, best, assessed))
         refused = [a for a in assessed if a.vetoed or a.doubtful]
         if not refused:
-            return [replace(a, rest=None) for a in assessed], vetoed
+            return [replace(a, rest=None) for a in assessed], vetoed, best
         worst = min(refused, key=lambda a: (a.imitator is None, a.held_out))
         vetoed += [worst.refusal] if worst.vetoed else []
         assert worst.rest is not None
-        found.best = worst.rest
+        best = worst.rest
 
 
 def not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit) -> list[Odd]:

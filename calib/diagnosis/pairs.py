@@ -18,7 +18,6 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.prices import cost
 from calib.diagnosis.scoring import Bank, Scored, scored
 from calib.diagnosis.selection import SearchResult, add, best_next, grown, without
-from calib.diagnosis.unexplained import rests
 from calib.measurement.preprocessing import Measurement
 
 # Of the best one's promise, where nothing shows that the name is wrong. Chosen on one case (exam seed 26113021, case 014); of 183 cases of three
@@ -30,21 +29,21 @@ MOST_NAMES = 2  # at a joint: what more of them leave is no matter of a wrong fi
 CLEARLY = 8.0  # -2 log likelihood
 
 
-def paired(measurements: Sequence[Measurement], found: SearchResult) -> None:
-    """Replace `found.best` where another pair fits clearly better at a joint with structure beside its names, or with a single name of which
-    another effect promises nearly as much.
+def paired(measurements: Sequence[Measurement], found: SearchResult) -> SearchResult:
+    """The search gone on from another pair, where one fits clearly better than `found.best` at a joint with structure beside its names, or with
+    a single name of which another effect promises nearly as much.
     """
     if found.hopeless:
-        return
-    bank, odd = Bank(), {r.joint for r in rests(found.baseline, found.best) if r.odd}
+        return found
+    bank, odd = Bank(), {r.joint for r in found.rests if r.odd}
     for joint in dict.fromkeys(e.joint for e in found.best.accepted if e.joint is not None):
         names = [i for i, e in enumerate(found.best.accepted) if e.joint == joint]
         if len(names) > (MOST_NAMES if joint in odd else 1):
             continue
         other = _best_pair(measurements, found.best, names, joint, PROMISE if joint in odd else NEARLY, bank)
         if other is not None and cost(other) < cost(found.best) - CLEARLY:
-            found.best = other
-            grown(measurements, found)
+            found = grown(measurements, replace(found, best=other))
+    return found
 
 
 def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:

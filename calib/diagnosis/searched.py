@@ -45,9 +45,7 @@ def searched(
 
 
 def _found(measurements: Sequence[Measurement], hypothesis: Hypothesis, progress: Callable[[str], None]) -> SearchResult:
-    found = search(measurements, hypothesis, progress)
-    paired(measurements, found)
-    return found
+    return paired(measurements, search(measurements, hypothesis, progress))
 
 
 def _new(shown: Mapping[Key, Observed], seen: Mapping[Key, Observed]) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from calib.diagnosis.admissible import admissible
 from calib.diagnosis.candidates import Key, acts_at, acts_everywhere
@@ -13,7 +14,7 @@ from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.prices import THRESHOLD, cost, price
 from calib.diagnosis.pure_error import measured_noise
 from calib.diagnosis.scoring import Bank, Scored, beside, scored
-from calib.diagnosis.unexplained import rests
+from calib.diagnosis.unexplained import Rest, rests
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
@@ -30,19 +31,24 @@ TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
 STRENGTHS, KEPT, WEAKER = (0.5, 2.0), 0.5, (0.5, 0.2)
 
 
-@dataclass
+@dataclass(frozen=True)
 class SearchResult:
     """What the search ends with: the fit, the fit without effects, and the candidates that came near, at every step."""
 
     baseline: Fit
     best: Fit
-    ladder: list[list[Scored]] = field(default_factory=list)
+    ladder: tuple[list[Scored], ...] = ()
+
+    @cached_property
+    def rests(self) -> list[Rest]:
+        """Per joint, what is left of the recordings."""
+        return rests(self.baseline, self.best)
 
     @property
     def hopeless(self) -> bool:
         """Whether as many effects as a joint may have leave far more than the noise there: the catalogue does not hold what it has."""
         full = _full_joints(self.best)
-        return bool(full) and any(r.joint in full and r.sigma > MOST_REST * r.expected for r in rests(self.baseline, self.best))
+        return bool(full) and any(r.joint in full and r.sigma > MOST_REST * r.expected for r in self.rests)
 
 
 def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
@@ -57,29 +63,26 @@ def search(
 ) -> SearchResult:
     """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
     baseline = started(measurements, hypothesis)
-    found = SearchResult(baseline, baseline)
-    grown(measurements, found, progress)
-    return found
+    return grown(measurements, SearchResult(baseline, baseline), progress)
 
 
 def grown(
     measurements: Sequence[Measurement], found: SearchResult, progress: Callable[[str], None] = lambda text: None
-) -> None:
-    """Effects added to `found.best`, taken away and exchanged, until nothing helps."""
-    best, bank, hopeless = found.best, Bank(), set[Key]()
-    while len(best.accepted) < MOST_EFFECTS:
+) -> SearchResult:
+    """The search gone on: effects added to `found.best`, taken away and exchanged, until nothing helps."""
+    bank, hopeless = Bank(), set[Key]()
+    while len(found.best.accepted) < MOST_EFFECTS:
+        best = found.best
         progress(f"searching for effect {len(best.accepted) + 1}")
-        here = {(e.effect, e.joint) for e in best.accepted}
-        ranked = scored(best, here, bank)
-        found.ladder.append(ranked[:12])
+        ranked = scored(best, {(e.effect, e.joint) for e in best.accepted}, bank)
+        found = replace(found, ladder=(*found.ladder, ranked[:12]))
         better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and not at_full_joint(s, best)])
         if better is None:
             break
-        best = exchanged(measurements, _pruned(measurements, better), bank, hopeless)
-        found.best = best
+        found = replace(found, best=exchanged(measurements, _pruned(measurements, better), bank, hopeless))
         if found.hopeless:
             break
-    found.best = best
+    return found
 
 
 def at_full_joint(s: Scored, f: Fit) -> bool:

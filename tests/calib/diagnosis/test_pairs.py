@@ -54,8 +54,7 @@ def test_a_wrong_first_effect_gives_way_to_the_two_that_it_imitates(
     measurements = warmed([measured(recording(ur10e, seed, hidden), ur10e) for seed in (1, 2)])
     baseline = selection.started(measurements, Hypothesis.nominal(ur10e))
     stuck = fit(measurements, baseline.hypothesis.with_effects((wrong,)), noise=baseline.solved.noise)
-    found = selection.SearchResult(baseline, stuck)
-    paired(measurements, found)
+    found = paired(measurements, selection.SearchResult(baseline, stuck))
     assert {(alike.get(e.effect, e.effect), e.joint) for e in found.best.accepted} >= {(e.effect, e.joint) for e in truth}
     assert cost(found.best) < cost(stuck)
 
@@ -63,9 +62,7 @@ def test_a_wrong_first_effect_gives_way_to_the_two_that_it_imitates(
 def test_what_leaves_no_structure_stays(ur10e: Arm) -> None:
     measurements = warmed([measured(recording(ur10e, seed), ur10e) for seed in (1, 2)])
     found = selection.search(measurements, Hypothesis.nominal(ur10e))
-    before = found.best
-    paired(measurements, found)
-    assert found.best is before
+    assert paired(measurements, found) is found
 
 
 def rivals_of(arm: Arm, truth: tuple[ArmEffect, ...], named: tuple[ArmEffect, ...]) -> list[tuple[tuple[str, str | None], ...]]:
