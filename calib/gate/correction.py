@@ -99,7 +99,7 @@ class Correction:
         return f"the torque (or current) {way} the positions by {abs(self.factor):.3g} s: another clock"
 
 
-def applied(log: Log, correction: Correction, torque_constant: np.ndarray | None = None) -> Log:
+def applied(log: Log, correction: Correction) -> Log:
     """The log read that way; its metadata says so under `assumed`."""
     c = correction
     change: dict[str, object] = {}

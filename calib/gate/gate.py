@@ -11,13 +11,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
 from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.compensation import compensated
-from calib.gate.correction import AS_RECORDED, applied, assumed, parsed
+from calib.gate.correction import AS_RECORDED, assumed
 from calib.gate.fit import LEAST_SECONDS, GravityFit, fitted, model_torque
 from calib.gate.missing import is_missing, mounting_torque, without_springs
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
@@ -37,58 +38,48 @@ SPREAD_OF_SCALE = 0.4
 UNCHECKED = "signs and columns of torques or currents cannot be checked"
 KEPT = 16
 _kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[GateCheck]]] = OrderedDict()
+_keeping = Lock()  # a live watch asks from a thread of its own
 
 
 @dataclass(frozen=True)
 class Gate:
-    """checks in their order; causes of what failed, the likeliest first; refusal, a sentence, or None; assumed, the words that were taken
-    for granted; logs as they are to be read."""
+    """checks in their order; causes of what failed, the likeliest first; refusal, a sentence, or None."""
 
     checks: tuple[GateCheck, ...]
     causes: tuple[Cause, ...]
     refusal: str | None
-    assumed: tuple[str, ...]
-    logs: tuple[Log, ...]
 
 
 def gate(
     arm: Arm,
     logs: Sequence[Log],
-    assume: Sequence[str] = (),
     family: Callable[[], Sequence[Arm]] | None = None,
     least_motion: float = 0.0,
 ) -> Gate:
-    """Whether `logs` are readings of `arm`; ConfigError for a word of `assume` that is none (see `calib.gate.correction`).
+    """Whether `logs` are readings of `arm`.
 
-    `family` gives other arms that the recording may be of, when it is called. With `as-recorded` among `assume`, or stated by every
-    log, nothing is refused. least_motion s: refused is a log with less of it.
+    `family` gives other arms that the recording may be of, when it is called. With `as-recorded` stated by every log
+    (`calib.gate.commands.read_as`), nothing is refused. least_motion s: refused is a log with less of it.
     """
     with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
-        return _gate(arm, logs, assume, family, least_motion)
+        return _gate(arm, logs, family, least_motion)
 
 
-def _gate(
-    arm: Arm, logs: Sequence[Log], assume: Sequence[str], family: Callable[[], Sequence[Arm]] | None, least_motion: float
-) -> Gate:
-    words = [word for word in assume if word != AS_RECORDED]
-    corrections = [parsed(word, arm.joint_names) for word in words]
-    read = tuple(logs)
-    checks = [readings.joints(log, arm) for log in read] + [readings.values(log) for log in read]
+def _gate(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None, least_motion: float) -> Gate:
+    checks = [readings.joints(log, arm) for log in logs] + [readings.values(log) for log in logs]
     if all(check.ok for check in checks):
-        for c in corrections:
-            read = tuple(applied(log, c) for log in read)
-        checks += [readings.words(log) for log in read] + [clock.clock(log) for log in read]
+        checks += [readings.words(log) for log in logs] + [clock.clock(log) for log in logs]
     if all(check.ok for check in checks):
-        checks.append(readings.twice(read))
+        checks.append(readings.twice(logs))
         for check in (clock.losses, readings.frozen):
-            checks += [check(log) for log in read]
-        checks += [readings.motion([log], least_motion) for log in read]
-        checks += _examined_once(arm, read, family)
+            checks += [check(log) for log in logs]
+        checks += [readings.motion([log], least_motion) for log in logs]
+        checks += _examined_once(arm, logs, family)
     failed = [check for check in checks if not check.ok]
     causes = _in_order(failed)
-    lifted = AS_RECORDED in assume or all(AS_RECORDED in assumed(log) for log in logs)
+    lifted = all(AS_RECORDED in assumed(log) for log in logs)
     refusal = None if not failed or lifted else _refusal(failed, causes, arm.joint_names)
-    return Gate(tuple(checks), causes, refusal, tuple(assume), read)
+    return Gate(tuple(checks), causes, refusal)
 
 
 def _in_order(failed: Sequence[GateCheck]) -> tuple[Cause, ...]:
@@ -121,11 +112,14 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
         for values in (log.t, log.q, log.dq, log.tau, log.current, log.q_cmd):
             digest.update(f"{values.shape}".encode() + np.ascontiguousarray(values).tobytes())
     key = id(arm), id(family), digest.digest()
-    known = _kept.pop(key, None)
+    with _keeping:
+        known = _kept.pop(key, None)
     # what the key tells apart by identity is kept with it
-    _kept[key] = known = known or (arm, family, _physics(arm, logs, family))
-    while len(_kept) > KEPT:
-        _kept.popitem(last=False)
+    known = known or (arm, family, _physics(arm, logs, family))
+    with _keeping:
+        _kept[key] = known
+        while len(_kept) > KEPT:
+            _kept.popitem(last=False)
     return known[2]
 
 

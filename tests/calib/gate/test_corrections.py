@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.wrong_data import arm, base
 from calib.gate import Correction, applied, gate, parsed
+from calib.gate.commands import read_as
 from logs.log import Log
 from sim.errors import ConfigError
 
@@ -49,16 +50,17 @@ def test_a_signed_word_that_was_kept_unsigned_is_named() -> None:
     assert found.refusal is not None
     assert "--assume tau=int16" in found.refusal
     np.testing.assert_array_equal(applied(kept, parsed("tau=int16", of.joint_names)).tau, raw)
-    assert "words" not in [check.check for check in gate(of, [kept], ["tau=int16"]).checks if not check.ok]
+    assert "words" not in [check.check for check in gate(of, [read_as(kept, ["tau=int16"])]).checks if not check.ok]
 
 
 def test_as_recorded_lifts_the_refusal_and_says_so() -> None:
     of, log = base("servo6 2")
     wrong = replace(log, tau=-log.tau)
     assert gate(of, [wrong]).refusal
-    found = gate(of, [wrong], ["as-recorded"])
+    read = read_as(wrong, ["as-recorded"])
+    found = gate(of, [read])
     assert found.refusal is None
-    assert found.assumed == ("as-recorded",)
+    assert json.loads(read.metadata["assumed"]) == ["as-recorded"]
     assert any(not check.ok for check in found.checks)
 
 
@@ -90,4 +92,4 @@ def test_another_clock_is_stated_as_exactly_as_it_can_be_undone(name: str, by: f
     assert correction.kind == "shift"
     assert correction.factor == pytest.approx(by, abs=0.06)
     assert ("lags" if by > 0 else "leads") in found.causes[0].sentence
-    assert gate(of, [replace(log, **late)], [correction.word(of.joint_names)]).refusal is None
+    assert gate(of, [read_as(replace(log, **late), [correction.word(of.joint_names)])]).refusal is None
