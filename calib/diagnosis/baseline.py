@@ -42,7 +42,6 @@ class Since:
     changes: list[Changed]
     odd: list[tuple[int, str, float, float]]
     noise: Noise
-    ranking: list[Changed] = field(default_factory=list)
     accepted: list[ScoredChange] = field(default_factory=list)
 
     def left(self, healthy: Healthy, models: list[LogModel]) -> list[np.ndarray]:
@@ -76,11 +75,9 @@ class Healthy:
         rows = self.law.rows(new)
         kept = self.law.rows(held) if held else None
         accepted: list[ScoredChange] = []
-        ranking: list[ScoredChange] = []
         dropped: set[Key] = set()
         while len(accepted) < MOST_CHANGES:
             scored = self._beside(accepted, dropped, rows, new)
-            ranking = ranking or scored
             agrees = partial(self._agrees, accepted=accepted, kept=kept, held=held)
             first = next((s for s in scored if s.worth > THRESHOLD and agrees(s)), None)
             if first is None:
@@ -95,7 +92,7 @@ class Healthy:
             dropped |= needless
         solved = solve(_joined(rows, accepted), self.noise)
         odd = [x for x in new_structure(solved, new, self._folds, self.noise) if not left_by_form(x, accepted, self.arm)]
-        return Since(_restated(accepted, solved, rows.p), odd, self.noise, [s.stated() for s in ranking[:12]], accepted)
+        return Since(_restated(accepted, solved, rows.p), odd, self.noise, accepted)
 
     def _agrees(self, s: ScoredChange, accepted: list[ScoredChange], kept: ResidualRows | None, held: list[LogModel]) -> bool:
         """Whether a candidate is more than the form of a named change leaves, and the logs kept apart agree."""

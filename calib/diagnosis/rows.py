@@ -20,6 +20,7 @@ from calib.regression.normal_equations import bounded
 # of the noise. Of low-passed readings AICC takes order 4, whose innovations are 0.85 of those of order 1. All prices and thresholds
 # of calib.diagnosis were found with order 1, the wider of the two; with order 4 three of ten cases of the exam that were right got another name.
 ORDER = 1
+RIDGE = 1e-6  # of a column's sum of squares, so that columns that say the same can be solved for
 
 
 @dataclass
@@ -172,7 +173,6 @@ class Solved:
         self,
         columns: dict[int, np.ndarray],
         spread: tuple[float, ...] | None = None,
-        ridge: float = 1e-6,
         left: list[np.ndarray] | None = None,
     ) -> tuple[float, np.ndarray, np.ndarray]:
         """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k).
@@ -186,18 +186,18 @@ class Solved:
             g += s.T @ left[j]
             ss += s.T @ s
             xs += self.products(j, s)
-        return _gained(g, ss, xs, self.inverse, spread, ridge)
+        return _gained(g, ss, xs, self.inverse, spread)
 
 
 def _gained(
-    g: np.ndarray, ss: np.ndarray, xs: np.ndarray, inverse: np.ndarray, spread: tuple[float, ...] | None, ridge: float = 1e-6
+    g: np.ndarray, ss: np.ndarray, xs: np.ndarray, inverse: np.ndarray, spread: tuple[float, ...] | None
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     own = ss - xs.T @ inverse @ xs
     own = 0.5 * (own + own.T)
     if spread is not None:
         own = own + np.diag(1.0 / np.square(spread))
     scale = np.sqrt(np.maximum(np.diag(ss), 1e-300))
-    own_n = own / np.outer(scale, scale) + ridge * np.eye(len(scale))
+    own_n = own / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
     covariance = np.linalg.inv(own_n) / np.outer(scale, scale)
     coefficients = covariance @ g
     return np.sum(g * coefficients, axis=0), coefficients, covariance

@@ -25,14 +25,10 @@ WIDER = (1.0, 1e2, 1e4, 1e6)
 
 @dataclass(frozen=True)
 class PossibleArm:
-    """pi (11 n,): link parameters and rotor inertias that exist; theta (p,) what they and the friction give in the model's columns.
-
-    divergence (n,): how far each link moved from the nominal one, in nats.
-    """
+    """pi (11 n,): link parameters and rotor inertias that exist; theta (p,) what they and the friction give in the model's columns."""
 
     pi: np.ndarray
     theta: np.ndarray
-    divergence: np.ndarray
 
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
@@ -103,9 +99,7 @@ def possible_arm(
     found, own = maps @ x[: 11 * n], size * x[11 * n :]
     # the solver keeps its bounds to within rounding
     own[signed], found[10 * n :] = np.maximum(own[signed], 0.0), np.maximum(found[10 * n :], 0.0)
-    shapes = [symmetric(x[10 * i : 10 * i + 10]) for i in range(n)]
-    divergence = [np.trace(k) - np.linalg.slogdet(k)[1] - 4 for k in shapes]
-    return PossibleArm(found, np.concatenate([model.base.projection @ found, own]), np.array(divergence))
+    return PossibleArm(found, np.concatenate([model.base.projection @ found, own]))
 
 
 def _root(j: np.ndarray) -> np.ndarray:

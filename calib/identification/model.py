@@ -30,9 +30,9 @@ class TorqueModel:
     slip_width: np.ndarray
 
     @staticmethod
-    def of_arm(arm: Arm, gravity: np.ndarray | None = None) -> TorqueModel:
+    def of_arm(arm: Arm) -> TorqueModel:
         """The model of this arm, dry friction turning over SLIP_WIDTH."""
-        body = RigidBody(arm, gravity)
+        body = RigidBody(arm)
         return TorqueModel(arm, body, body.base(), np.full(arm.n, SLIP_WIDTH))
 
     def with_slip_width(self, width: np.ndarray) -> TorqueModel:

@@ -9,15 +9,17 @@ import numpy as np
 from calib.identification.model import SLIP_WIDTHS, TorqueModel
 from calib.measurement.preprocessing import Measurement
 
+MOST = 5000  # rows
 
-def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], most: int = 5000) -> np.ndarray:
+
+def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement]) -> np.ndarray:
     """(n,) rad: of SLIP_WIDTHS the one that leaves each joint's rows the least residual; the narrowest unless another wins by 2 %.
 
-    Of every recording about as many rows, `most` in all.
+    Of every recording about as many rows, MOST in all.
     """
     n = model.arm.n
     sums = [[np.zeros((0, 0))] * n for _ in SLIP_WIDTHS]
-    blocks = _first_rows(model, measurements, most)
+    blocks = _first_rows(model, measurements)
     for k, width in enumerate(SLIP_WIDTHS):
         other = model.with_slip_width(np.full(n, width))
         for m, fine, used in blocks:
@@ -35,7 +37,7 @@ def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement], m
     return np.array(SLIP_WIDTHS)[best]
 
 
-def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: int) -> list:  # type: ignore[type-arg]
+def _first_rows(model: TorqueModel, measurements: Sequence[Measurement]) -> list:  # type: ignore[type-arg]
     out = []
     used = [model.used_by(j) for j in range(model.arm.n)]
     for m in measurements:
@@ -46,7 +48,7 @@ def _first_rows(model: TorqueModel, measurements: Sequence[Measurement], most: i
             b = m.decimator.rows(m.tau[samples])
             out.append((m, (samples, a, b, m.row_usable[first : first + len(b)]), used))
             first += len(b)
-            if first > most / len(measurements):
+            if first > MOST / len(measurements):
                 break
     return out
 

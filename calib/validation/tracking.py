@@ -51,9 +51,9 @@ class Tracking:
         return float(np.sqrt(np.mean(self.error**2)))
 
 
-def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory, seed: int = 0) -> Tracking:
+def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory) -> Tracking:
     """`truth` on the mock follows the motion with the torque of `model`; the gains are those of `nominal`. ValueError where it diverges."""
-    plant = Plant(truth, drive=nominal, seed=seed)
+    plant = Plant(truth, drive=nominal)
     plant.reset(motion.q[0])
     supplied = predict(moved_by(model), motion)
     rotor = values_of(nominal, "rotor_inertia", "inertia")

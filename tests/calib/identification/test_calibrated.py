@@ -17,7 +17,7 @@ def test_a_presliding_stiffness_that_the_fit_replaced_does_not_stay() -> None:
     joint = arm.joint_names[1]
     arm = with_effect(arm, ArmEffect("presliding_friction", joint, {"stiffness": 500.0}))
     model = TorqueModel.of_arm(arm)
-    possible = PossibleArm(full_nominal(arm, model), model.nominal(), np.zeros(arm.n))
+    possible = PossibleArm(full_nominal(arm, model), model.nominal())
     narrow = calibrated_arm(arm, model, possible, np.zeros(model.p), ["log"])
     assert narrow.effect("presliding_friction", joint) is None
     wide = calibrated_arm(arm, model.with_slip_width(np.full(arm.n, 0.01)), possible, np.zeros(model.p), ["log"])
