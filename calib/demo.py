@@ -158,7 +158,7 @@ class Reveal:
 def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     """`hidden` beside the content of diagnosis.json."""
     found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
-    key = (hidden.effect, hidden.joint)
+    key = hidden.key
     units = {p.name: p.unit for p in effect_named(hidden.effect).parameters}
     rows: list[list[Any]] = []
     for name, value in hidden.parameters.items():

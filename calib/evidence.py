@@ -70,11 +70,11 @@ def _switched(arm: Arm, found: Diagnosis) -> list[tuple[str, str | None, bool, A
 
     A contact is an event of one log and no property of an arm. Of the others, those that promised most at the first step of the search.
     """
-    change, keys = found.correction, {(e.effect, e.joint) for e in found.accepted if e.effect != CONTACT}
+    change, keys = found.correction, {e.key for e in found.accepted if e.effect != CONTACT}
     out = []
     for item in change.effects if change is not None else ():
-        if change is not None and (key := (item.effect, item.joint)) in keys:
-            rest = tuple(e for e in change.effects if (e.effect, e.joint) != key)
+        if change is not None and (key := item.key) in keys:
+            rest = tuple(e for e in change.effects if e.key != key)
             out.append((*key, True, replace(change, effects=rest).of(arm)))
     for step in found.steps[0] if found.steps else ():
         if step.key not in keys and step.key[0] != CONTACT and len(out) < MOST_SWITCHED:
@@ -97,6 +97,6 @@ def _candidates(found: Diagnosis) -> list[tuple[str, str | None, float]]:
     for step in found.steps[:1]:
         best |= {s.key: s.gain for s in step[:MOST_CANDIDATES]}
     for step in found.steps[1:]:
-        accepted = {(e.effect, e.joint) for e in found.accepted}
+        accepted = {e.key for e in found.accepted}
         best |= {s.key: max(s.gain, best.get(s.key, 0.0)) for s in step if s.key in accepted}
     return sorted(((effect, joint, gain) for (effect, joint), gain in best.items()), key=lambda c: -c[2])

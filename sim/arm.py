@@ -35,6 +35,11 @@ class ArmEffect:
     std: dict[str, float] = field(default_factory=dict)
 
     @property
+    def key(self) -> tuple[str, str | None]:
+        """Effect and joint: an arm has an effect at most once in a place."""
+        return self.effect, self.joint
+
+    @property
     def title(self) -> str:
         """As a sentence names it: "joint elasticity at elbow_joint"."""
         return self.effect.replace("_", " ") + (f" at {self.joint}" if self.joint else "")

@@ -22,10 +22,10 @@ def with_listed(arm: Arm, listed: Collection[EffectTable], file: Path) -> Arm:
 
     ConfigError where the catalogue or the arm does not know an effect, a parameter is out of its bounds, or the model says otherwise.
     """
-    native = {(e.effect, e.joint) for e in arm.effects}
+    native = {e.key for e in arm.effects}
     arm = replace(arm, effects=_all_effects(listed, arm.tree, file))
     try:
-        beside = [checked(arm, e) for e in arm.effects if (e.effect, e.joint) not in native]
+        beside = [checked(arm, e) for e in arm.effects if e.key not in native]
         bodies = [e for e in beside if effect_named(e.effect).stage is Stage.RIGID]
         return _with_bodies(arm, bodies) if bodies else arm
     except ConfigError as error:
@@ -41,7 +41,7 @@ def _with_bodies(arm: Arm, bodies: Collection[ArmEffect]) -> Arm:
 
 def _all_effects(listed: Iterable[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
     """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
-    from_model = dict(effects := {(e.effect, e.joint): e for e in model_effects(tree)})
+    from_model = dict(effects := {e.key: e for e in model_effects(tree)})
     for item in listed:
         key, parameters = (item.effect, item.joint), dict(item.parameters)
         if item.joint is not None and item.joint not in tree.joint_names:

@@ -149,7 +149,7 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
         brings = lost[i] - float(np.maximum(fall[~counts], 0.0).sum())
         held_out = float((without_it.losses - with_all.losses)[counts].sum()) + without_it.beside - with_all.beside
         nothing, one_sided, imitator = is_nothing(item, stds[i]), _one_sided(item, fall, best), _imitator(item, rest, lost[i])
-        other_channel = best.hypothesis.observed.get((item.effect, item.joint))
+        other_channel = best.hypothesis.observed.get(item.key)
         seen = other_channel.loss(0.0) if other_channel else 0.0
         out.append(Assessed(item, brings, (), held_out, worse, nothing, firsts[i], one_sided, imitator, seen, rest))
     return out

@@ -39,7 +39,7 @@ def within_recording(item: ArmEffect, f: Fit) -> bool:
 
 def plausible(item: ArmEffect, models: Sequence[LogModel], gain: float) -> bool:
     """Whether an effect is one that there may be in the recordings of the models; what was observed is there."""
-    if (item.effect, item.joint) in models[0].hypothesis.observed:
+    if item.key in models[0].hypothesis.observed:
         return True
     arm = models[0].arm
     joints = range(arm.n) if item.joint is None else [arm.joint_index(item.joint)]

@@ -65,11 +65,11 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
     links = [(i, joint) for i, joint in enumerate(start.joint_names) if joints is None and joint not in taken]
     inertials = {joint: _inertial(start, i, theta) for i, joint in links}
     effects = [replace(e, parameters=_moved(e, start, theta), std=finite(s)) for e, s in named]
-    have = {(e.effect, e.joint) for e, _ in named}
+    have = {e.key for e, _ in named}
     effects += [
         replace(e, parameters=_moved(e, start, theta)) if e.joint in moving else e
         for e in start.effects
-        if e.effect in ORDINARY and (e.effect, e.joint) not in have
+        if e.effect in ORDINARY and e.key not in have
     ]
     built = [e for e in (*_build_up(f.hypothesis, effects), *ripples(f)) if e.joint in moving]
     return ArmChange(inertials, (*effects, *built, *limits))
@@ -87,7 +87,7 @@ def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
 
 def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmEffect]:
     """Presliding friction of the joints whose dry friction was found to build up over clearly more than SLIP_WIDTH."""
-    out, have = [], {(e.effect, e.joint) for e in (*effects, *hypothesis.start.effects)}
+    out, have = [], {e.key for e in (*effects, *hypothesis.start.effects)}
     for joint, width in zip(hypothesis.start.joint_names, hypothesis.width, strict=True):
         level = next((e.parameters["coulomb"] for e in effects if e.effect == "coulomb_friction" and e.joint == joint), 0.0)
         if width > WIDER * SLIP_WIDTH and level > 0 and ("presliding_friction", joint) not in have:

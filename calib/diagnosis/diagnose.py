@@ -55,9 +55,7 @@ def diagnose(
     promotion = promoted(fitted, names.written, found.baseline, apart, limits)
     # what the following error shows is there, whatever the torque of a model with it is worth
     shown_otherwise = found.best.hypothesis.observed
-    names = names.without(
-        [r.effect for r in promotion.refused if not r.by_law and (r.effect.effect, r.effect.joint) not in shown_otherwise]
-    )
+    names = names.without([r.effect for r in promotion.refused if not r.by_law and r.effect.key not in shown_otherwise])
     refit = correction(as_written(fitted, found.baseline))
     change = promotion.change or (refit if start is not arm else None)
     shown = apart or every[-1:]
@@ -95,24 +93,21 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
 
     def of_torque(a: Assessed) -> float:
         """What an effect explains without what another channel shows of it."""
-        one = observed.get((a.effect.effect, a.effect.joint))
+        one = observed.get(a.effect.key)
         return max(a.lost - (one.loss(0.0) if one else 0.0), 0.0)
 
     total = max(sum(of_torque(a) for a in names.assessed), 1e-9)
 
-    def key(e: ArmEffect) -> tuple[str, str | None]:
-        return e.effect, e.joint
-
-    laws = {key(e): std for e, std in zip(names.fit.accepted, form_std(names.fit), strict=True)}
+    laws = {e.key: std for e, std in zip(names.fit.accepted, form_std(names.fit), strict=True)}
     entries = []
     for a in names.kept:
-        std, by_law, item, written = names.std_of(a.effect), laws[key(a.effect)], a.effect, promotion.written(a.effect)
+        std, by_law, item, written = names.std_of(a.effect), laws[a.effect.key], a.effect, promotion.written(a.effect)
         if written is not None and effect_named(item.effect).scope == "arm":
             item, std, by_law = written, std | dict(written.std), with_shift(by_law, item, written)
         made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law, written)
-        if (a.effect.effect, a.effect.joint) in observed:
+        if a.effect.key in observed:
             made["measured_by"] = "following error"
-        entries.append(made | {"false_name_rate": names.null.rate(key(a.effect), a.lost)})
+        entries.append(made | {"false_name_rate": names.null.rate(a.effect.key, a.lost)})
     entries.sort(key=lambda x: -x["gap_share"])
     # a limit is fitted to no torque: the arm did what it allowed
     limits = [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
@@ -133,7 +128,7 @@ def _possible(fitted: Sequence[Measurement], names: Names, have: Sequence[ArmEff
     def brought(s: Scored) -> float:
         return best.objective - add(fitted, best, s).objective
 
-    return possible(ranked, names.null, {(e.effect, e.joint) for e in have}, brought)
+    return possible(ranked, names.null, {e.key for e in have}, brought)
 
 
 def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, Any]:

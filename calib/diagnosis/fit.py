@@ -49,7 +49,7 @@ class Fit:
             value = self.accepted[i].parameters[p.name]
             out[i][p.name] = float(s * abs(value)) if logarithmic(p) else float(s)
         for item, std in zip(self.accepted, out, strict=True):
-            one = self.hypothesis.observed.get((item.effect, item.joint))
+            one = self.hypothesis.observed.get(item.key)
             if one is not None:
                 std |= dict.fromkeys(std, one.std)
         return out
@@ -176,7 +176,7 @@ def _prior(columns: list[list[np.ndarray]], hypothesis: Hypothesis) -> tuple[np.
     scale, mean = np.zeros(len(columns)), np.zeros(len(columns))
     for k, ((i, p), per_log) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
         item, size = hypothesis.accepted[i], np.sqrt(sum(float((c**2).sum()) for c in per_log))
-        one = hypothesis.observed.get((item.effect, item.joint))
+        one = hypothesis.observed.get(item.key)
         if item.effect == CONTACT and p.name.startswith("force"):
             scale[k] = force_spread(hypothesis.arm)
             mean[k] = -item.parameters[p.name] / scale[k]

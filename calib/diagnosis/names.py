@@ -52,12 +52,12 @@ class Names:
 
     def std_of(self, item: ArmEffect) -> dict[str, float]:
         """Standard deviations of a named effect's parameters."""
-        return next(std for e, std in zip(self.fit.accepted, self.fit.std(), strict=True) if _key(e) == _key(item))
+        return next(std for e, std in zip(self.fit.accepted, self.fit.std(), strict=True) if e.key == item.key)
 
     def without(self, refused: Sequence[ArmEffect]) -> Names:
         """Fewer names."""
-        gone = {_key(e) for e in refused}
-        return replace(self, kept=[a for a in self.kept if _key(a.effect) not in gone])
+        gone = {e.key for e in refused}
+        return replace(self, kept=[a for a in self.kept if a.effect.key not in gone])
 
     def verdict(self, limited: bool) -> str:
         """unexplained, effects_found or no_missing_effect; limited: a drive's limit was seen."""
@@ -77,13 +77,13 @@ def names_of(
     found = replace(found, best=best)
     null = NullDistribution.of(found.best)
     progress("testing the residual")
-    seen = {_key(e) for e in limits}
-    kept = [a for a in assessed if _key(a.effect) not in seen]
+    seen = {e.key for e in limits}
+    kept = [a for a in assessed if a.effect.key not in seen]
     odd = not_left_by_observed(unexplained(found.baseline, found.best, apart), kept, found.best)
     if odd:
         kept = _beside(odd, kept, found.best.hypothesis.arm.joint_names)
         odd = not_left_by_form(odd, kept)
-    kept = [a for a in kept if null.rate(_key(a.effect), a.lost) <= MOST_FALSE]
+    kept = [a for a in kept if null.rate(a.effect.key, a.lost) <= MOST_FALSE]
     named = found.best
     while len(kept) < len(named.accepted):
         named = fit(
@@ -95,8 +95,8 @@ def names_of(
     vetoed += [
         f"{e.title} was fitted and is left out: the corrected arm needs {_values(e)}, which is ordinary" for e in ordinary
     ]
-    stay = {_key(e): e for e in named.accepted}
-    kept = [replace(a, effect=stay[_key(a.effect)]) for a in kept if _key(a.effect) in stay]
+    stay = {e.key: e for e in named.accepted}
+    kept = [replace(a, effect=stay[a.effect.key]) for a in kept if a.effect.key in stay]
     return Names(found, assessed, kept, odd, vetoed, named, written, null)
 
 
@@ -121,7 +121,7 @@ def not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit
 
     The model misses the instants at which such an effect acts by some ms, so that some structure remains.
     """
-    brings = {a.effect.joint: a.lost for a in kept if _key(a.effect) in best.hypothesis.observed}
+    brings = {a.effect.joint: a.lost for a in kept if a.effect.key in best.hypothesis.observed}
     return [u for u in odd if not u.fitted < MOST_LEFT * brings.get(u.joint, 0.0)]
 
 
@@ -149,10 +149,6 @@ def _beside(odd: Sequence[Odd], kept: Sequence[Assessed], joint_names: Sequence[
     return [a for a in kept if little(a) and a.lost > BESIDE_UNKNOWN and a.held_out >= 0]
 
 
-def _key(item: ArmEffect) -> tuple[str, str | None]:
-    return item.effect, item.joint
-
-
 def _values(item: ArmEffect) -> str:
     parameters = {p.name: p for p in effect_named(item.effect).parameters}
     return ", ".join(f"{name.replace('_', ' ')} {value:.3g} {parameters[name].unit}" for name, value in item.parameters.items())
@@ -170,6 +166,6 @@ def _beyond_ordinary(measurements: Sequence[Measurement], named: Fit) -> tuple[F
         if not small:
             return named, written, gone
         gone += small
-        keys = {(e.effect, e.joint) for e in small}
-        rest = named.hypothesis.with_effects(tuple(e for e in named.accepted if (e.effect, e.joint) not in keys))
+        keys = {e.key for e in small}
+        rest = named.hypothesis.with_effects(tuple(e for e in named.accepted if e.key not in keys))
         named = fit(measurements, rest, noise=named.solved.noise, like=named.models)

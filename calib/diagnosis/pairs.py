@@ -101,8 +101,8 @@ def _without(measurements: Sequence[Measurement], f: Fit, names: Sequence[int]) 
 
 def _at(f: Fit, joint: str, bank: Bank) -> list[Scored]:
     """What may be added to a fit at one joint, what promises most first."""
-    return [s for s in scored(f, {(e.effect, e.joint) for e in f.accepted}, bank) if s.key[1] == joint]
+    return [s for s in scored(f, {e.key for e in f.accepted}, bank) if s.key[1] == joint]
 
 
 def _names(f: Fit, joint: str) -> list[Key]:
-    return [(e.effect, e.joint) for e in f.accepted if e.joint == joint]
+    return [e.key for e in f.accepted if e.joint == joint]

@@ -88,7 +88,7 @@ class Promotion:
     def written(self, item: ArmEffect) -> ArmEffect | None:
         """A named effect as the arm that is written has it; None where it has not."""
         effects = self.change.effects if self.change else ()
-        return next((e for e in effects if (e.effect, e.joint) == (item.effect, item.joint)), None)
+        return next((e for e in effects if e.key == item.key), None)
 
 
 def promoted(

@@ -52,7 +52,7 @@ class ScoredChange:
     @property
     def key(self) -> Key:
         """Effect and joint."""
-        return self.effect.effect, self.effect.joint
+        return self.effect.key
 
     def stated(self) -> Changed:
         """The change with its standard deviations, without its columns."""

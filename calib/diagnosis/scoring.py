@@ -35,7 +35,7 @@ class Scored:
     @property
     def key(self) -> Key:
         """Effect and joint."""
-        return self.effect.effect, self.effect.joint
+        return self.effect.key
 
 
 class Bank:
@@ -133,7 +133,7 @@ def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) ->
     weights and a noise that holds the effect too belong to `rest`.
     """
     item = f.accepted[i]
-    own, wanted = (item.effect, item.joint), in_place_of(item, rest.hypothesis.arm.joint_names)
-    ranked = scored(rest, {(e.effect, e.joint) for e in rest.accepted}, bank, own[0] == CONTACT, wanted)
+    own, wanted = item.key, in_place_of(item, rest.hypothesis.arm.joint_names)
+    ranked = scored(rest, {e.key for e in rest.accepted}, bank, own[0] == CONTACT, wanted)
     promised = next((s.gain for s in ranked if s.key == own), rest.objective - f.objective)
     return [s for s in ranked if s.key != own and s.gain > share * promised]

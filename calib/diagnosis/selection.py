@@ -74,7 +74,7 @@ def grown(
     while len(found.best.accepted) < MOST_EFFECTS:
         best = found.best
         progress(f"searching for effect {len(best.accepted) + 1}")
-        ranked = scored(best, {(e.effect, e.joint) for e in best.accepted}, bank)
+        ranked = scored(best, {e.key for e in best.accepted}, bank)
         found = replace(found, ladder=(*found.ladder, ranked[:12]))
         better = best_next(measurements, best, [s for s in ranked if s.gain > 0.6 * THRESHOLD and not at_full_joint(s, best)])
         if better is None:
@@ -152,11 +152,11 @@ def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
     return f
 
 
-def without(measurements: Sequence[Measurement], f: Fit, i: int, rounds: int = 3) -> Fit:
+def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
     """The fit with the i-th effect left out."""
     rest = tuple(e for k, e in enumerate(f.accepted) if k != i)
     touched = joints_of(f.accepted[i], f.hypothesis.arm)
-    return fit(measurements, f.hypothesis.with_effects(rest), rounds, f.solved.noise, f.models, touched)
+    return fit(measurements, f.hypothesis.with_effects(rest), 3, f.solved.noise, f.models, touched)
 
 
 def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless: set[Key]) -> Fit:

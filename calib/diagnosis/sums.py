@@ -105,7 +105,7 @@ def others_of(point: Point, log: Log) -> tuple[Other, ...]:
 
 def _beside(model: LogModel, hypothesis: Hypothesis):  # type: ignore[no-untyped-def]
     """Every candidate that is not named, with its columns on this piece."""
-    names = {(e.effect, e.joint) for e in hypothesis.accepted}
+    names = {e.key for e in hypothesis.accepted}
     return [(c, c.columns[0]) for c in candidates([model]) if c.key not in names and c.effect not in NOT_SUMMED]
 
 

@@ -186,7 +186,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     if np.any(after > (1 + WORSE) * torque_rms(found.correction.of(start), shown)):
         return found
     answer = dict(found.answer)
-    values = {(e.effect, e.joint): (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
+    values = {e.key: (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}
     answer["effects"] = [_entry(entry, values) for entry in found.answer["effects"]]
     of_all = gaps({"after": change.of(start)}, shown)
     answer["gap"] = answer["gap"] | of_all | {"sliding": answer["gap"]["sliding"] | of_all["sliding"]}

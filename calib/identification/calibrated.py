@@ -89,7 +89,7 @@ def calibrated_arm(
         terms = {k: v + (own_law.parameters[k] if own_law else 0.0) for k, v in law.parameters.items()}
         effects.append(replace(law, parameters=terms))
         replaced.add((law.effect, law.joint or ""))
-    kept = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS and (e.effect, e.joint) not in replaced]
+    kept = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS and e.key not in replaced]
     fitted = "identified by calib identify from " + ", ".join(sources)
     provenance = dict(arm.provenance) | {FITTED_PROVENANCE: fitted}
     return replace(arm, tree=tree, effects=(*effects, *kept), provenance=provenance, prior=_known(arm.prior))

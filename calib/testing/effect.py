@@ -88,7 +88,7 @@ def _parameters(effect: Effect) -> str:
 
 
 def _bare(arm: Arm, item: ArmEffect) -> Arm:
-    return replace(arm, effects=tuple(e for e in arm.effects if (e.effect, e.joint) != (item.effect, item.joint)))
+    return replace(arm, effects=tuple(e for e in arm.effects if e.key != item.key))
 
 
 def _changes(arm: Arm, item: ArmEffect, motion: Trajectory) -> str:

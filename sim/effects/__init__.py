@@ -147,7 +147,7 @@ def with_effect(arm: Arm, instance: ArmEffect) -> Arm:
     joint = None if instance.joint is None else arm.joint_index(instance.joint)
     if effect.stage is Stage.RIGID:
         return replace(arm, tree=effect.bodies(arm.tree, joint, instance.parameters))
-    others = tuple(e for e in arm.effects if (e.effect, e.joint) != (instance.effect, instance.joint))
+    others = tuple(e for e in arm.effects if e.key != instance.key)
     return replace(arm, effects=(*others, instance))
 
 
