@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers.driver import DeviceStop
 from safety.collision import Clearance, Witness
-from safety.hashes import hashes_of
+from safety.hashes import Hashes, hashes_of
 from safety.limits import check_limits, check_sent, sampled
 from safety.monitor import compile_cycle
 from safety.reach import fastest_point
@@ -53,17 +54,38 @@ class ClearedTrajectory:
 
     __slots__ = ("__weakref__", "_values")
 
+    if TYPE_CHECKING:
+        t: np.ndarray
+        q: np.ndarray
+        dq: np.ndarray
+        ddq: np.ndarray
+        tau_hat: np.ndarray
+        doubt: np.ndarray
+        sudden: np.ndarray
+        load: np.ndarray
+        room: np.ndarray
+        braking: np.ndarray
+        rate: float
+        arm_sha256: str
+        joint_names: tuple[str, ...]
+        hashes: Hashes
+        verdict: Proof
+        stop: DeviceStop
+        latency: float
+        suffices: Callable[[Trajectory], bool]
+    else:
+
+        def __getattr__(self, name: str) -> Any:
+            try:
+                return object.__getattribute__(self, "_values")[name]
+            except KeyError:
+                raise AttributeError(name) from None
+
     def __init__(self, seal: object, values: dict[str, Any]) -> None:
         if seal is not _SEAL:
             raise TypeError("only safety.clear() makes a ClearedTrajectory: clear the motion")
         object.__setattr__(self, "_values", values)
         _CLEARED.add(self)
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return object.__getattribute__(self, "_values")[name]
-        except KeyError:
-            raise AttributeError(name) from None
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{name}: a ClearedTrajectory cannot be changed; clear the new motion")

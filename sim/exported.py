@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import Any
 
 import mujoco
@@ -18,6 +20,7 @@ from sim.mjcf_drives import READING
 from sim.mujoco_export import DRY, SCHEMA, TABLE
 
 MANY = 1000  # simulations whose memory is kept at once
+MODELS = 100  # whose effects are: those that were used last
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,21 @@ class _Item:
 class ExportedArm:
     """The effects of one exported model, with the indices of its elements."""
 
-    _known: dict[tuple[int, bytes], ExportedArm | None] = {}
+    _known: OrderedDict[tuple[int, bytes], ExportedArm | None] = OrderedDict()
+    _keeping = Lock()  # MuJoCo may call from any thread
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> ExportedArm | None:
         """The effects of `model`, None where `calib export` did not write it."""
         key = (int(model.signature), model.text_data)
-        if key not in cls._known:
-            table = effects_table(model)
-            cls._known[key] = None if table is None else cls(model, table)
-        return cls._known[key]
+        with cls._keeping:
+            if key not in cls._known:
+                table = effects_table(model)
+                cls._known[key] = None if table is None else cls(model, table)
+                if len(cls._known) > MODELS:
+                    cls._known.popitem(last=False)
+            cls._known.move_to_end(key)
+            return cls._known[key]
 
     def __init__(self, model: mujoco.MjModel, table: dict[str, Any]) -> None:
         names: list[str] = table["joints"]

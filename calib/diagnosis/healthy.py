@@ -115,9 +115,7 @@ def _columns(rows: ResidualRows, scale: list[np.ndarray]) -> Iterable[np.ndarray
     total = sum(len(s) for s in scale)
     first = 0
     for j, d in enumerate(_dictionary(rows.models)):
-        p = rows.p
-        out = np.zeros((len(rows.r[j]), p + total))
-        out[:, rows.used(j)] = rows.columns(j)
-        out[:, p + first : p + first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
+        own = np.zeros((len(rows.r[j]), total))
+        own[:, first : first + len(scale[j])] = rows.take(j, d) / np.maximum(scale[j], 1e-12)
         first += len(scale[j])
-        yield out
+        yield np.concatenate([rows.among_all(j), own], axis=1)

@@ -17,10 +17,10 @@ from scipy.special import ndtr
 
 from calib.identification.least_squares import Solution
 from calib.identification.rows import RegressorRows
-from calib.identification.sums import MEMORY_SECONDS, Reference, whitened
+from calib.identification.sums import MEMORY_SECONDS, Reference, add_products, whitened
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
-from calib.regression.normal_equations import Prior, inverse
+from calib.regression.normal_equations import Prior, inverse, wider
 from logs import Log
 from sim.trajectory import Trajectory
 
@@ -108,11 +108,8 @@ def instrumental(
             influence[index] += shift
             apart[index] += shift - (a * e[:, None]) @ by_least[:, u].T
         for total, x in ((own, influence), (between, apart)):
-            total += x.T @ x
-            for lag in range(1, min(lags, len(x) - 1) + 1):
-                step = x[lag:].T @ x[:-lag]
-                total += (1 - lag / (lags + 1)) * (step + step.T)
+            add_products(total, x, lags)
     difference = (theta - found.theta) / np.sqrt(np.maximum(np.diag(between), 1e-300))
     largest = float(np.abs(difference).max())
-    factor = np.sqrt(np.maximum(np.diag(found.covariance) / np.maximum(np.diag(own), 1e-300), 1.0))
-    return Instrumental(theta, own * np.outer(factor, factor), difference, float(min(1.0, 2 * p * ndtr(-largest))), strength)
+    covariance = wider(found.covariance, own)
+    return Instrumental(theta, covariance, difference, float(min(1.0, 2 * p * ndtr(-largest))), strength)

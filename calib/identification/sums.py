@@ -111,10 +111,7 @@ def weighted(rows: RegressorRows, weights: Reference) -> tuple[JointInformation,
             white[j] = white[j].with_rows(np.sqrt(own.weight)[:, None] * np.column_stack([own.a, own.b]))
             touched[j] += np.sum(own.weight < 1)
             counts[j] += len(own.e)
-        scores += score.T @ score
-        for lag in range(1, min(lags, len(score) - 1) + 1):
-            cross = score[lag:].T @ score[:-lag]
-            scores += (1 - lag / (lags + 1)) * (cross + cross.T)
+        add_products(scores, score, lags)
     return tuple(white), scores, touched, counts
 
 
@@ -137,6 +134,14 @@ def whitened(block: Block, j: int, used: np.ndarray, weights: Reference) -> Whit
     e = b - a @ weights.theta[used]
     s = own.settled
     return WhiteRows(a[s], b[s], e[s], huber_weights(e[s], weights.huber), own.index[s])
+
+
+def add_products(total: np.ndarray, x: np.ndarray, lags: int) -> None:
+    """Add to total (p, p) the products of rows x (R, p), and of each with those up to `lags` later, with Bartlett's weights."""
+    total += x.T @ x
+    for lag in range(1, min(lags, len(x) - 1) + 1):
+        later = x[lag:].T @ x[:-lag]
+        total += (1 - lag / (lags + 1)) * (later + later.T)
 
 
 def correlated(x: np.ndarray, lags: int) -> np.ndarray:

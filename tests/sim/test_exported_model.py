@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import calib.mujoco
+from sim import exported
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.errors import ConfigError
@@ -34,6 +35,18 @@ def two(folder, **parts):
 
 def model_of(arm):
     return mujoco.MjModel.from_xml_string(exported_model(arm).text)
+
+
+def test_keeps_the_effects_of_the_models_that_were_used_last(monkeypatch, tmp_path):
+    monkeypatch.setattr(exported, "MODELS", 2)
+    first, second, third = (model_of(load_arm(two(tmp_path, joint=f'damping="{k}"'))) for k in (1, 2, 3))
+    of = exported.ExportedArm.of
+    known, other = of(first), of(second)
+    assert known is not None
+    assert of(first) is known
+    assert of(third) is not known
+    assert of(first) is known
+    assert of(second) is not other
 
 
 def torque_of(arm, q, dq, ddq):
