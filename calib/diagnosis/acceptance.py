@@ -13,7 +13,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.nuisance import POSITIVE
-from calib.diagnosis.prices import cost, price
+from calib.diagnosis.prices import confidence, cost, price
 from calib.diagnosis.scoring import Bank, beside
 from calib.diagnosis.selection import add, joints_of, without
 from calib.measurement.preprocessing import Measurement
@@ -39,7 +39,7 @@ MOST_RIVALS = 2
 IMITATED = 0.05
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
-MOST_SURE = 0.99  # the catalogue may not hold what the arm has
+SURER = 8.0  # -2 log likelihood beyond the price by which the odds of a name grow e times
 NOTHING = 2.0  # standard deviations
 CHANCE = 0.01
 # On the exam (benchmarks/exam) 0.9 and more where a transmission couples two joints, 0.15 where drag of one joint had been taken for it.
@@ -129,9 +129,8 @@ class Assessed:
 
     @property
     def confidence(self) -> float:
-        """Share of belief in this name: logistic in what it brings beyond its price, divided among the rivals."""
-        own = 1.0 / (1.0 + np.exp(-self.over_price / 8.0))
-        return float(min(own, MOST_SURE) / (1 + len(self.rivals)))
+        """Share of belief in this name, by what it brings beyond its price."""
+        return confidence(self.over_price, SURER, len(self.rivals))
 
 
 def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> list[Assessed]:

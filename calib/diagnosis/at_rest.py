@@ -9,6 +9,7 @@ import numpy as np
 from calib.diagnosis.answer import Diagnosis, answer, entry
 from calib.diagnosis.contact import force_spread
 from calib.diagnosis.hypothesis import CONTACT
+from calib.diagnosis.prices import MOST_SURE
 from calib.gate import GateCheck
 from calib.gate.commands import examined
 from calib.gate.readings import seconds_of_motion
@@ -18,7 +19,6 @@ from sim.arm import Arm, ArmEffect
 from sim.rigid_body import RigidBody
 
 GIVES_WAY = 1.0  # s of motion that a push may cause in a recording of an arm that stands
-CONFIDENCE = 0.99  # dry friction cannot hold what a push is claimed of; the most that is ever stated
 
 
 def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
@@ -35,7 +35,8 @@ def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
     if not found:
         return None
     trusted.append(GateCheck("standing", True, "the arm stands: nothing but pushes against it can be found"))
-    entries = [entry(arm, item, std, CONFIDENCE, 1.0 / len(found)) for item, std in found]
+    # dry friction cannot hold what a push is claimed of
+    entries = [entry(arm, item, std, MOST_SURE, 1.0 / len(found)) for item, std in found]
     return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, _ in found), None)
 
 

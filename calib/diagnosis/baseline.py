@@ -32,7 +32,7 @@ from sim.arm import Arm, ArmEffect
 # A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
 THRESHOLD = 8.0
 MOST_CHANGES = 4
-WIDE = 1e3
+WIDE = 1e3  # prior standard deviation of an accepted change, over its size when it was accepted: free
 
 
 @dataclass

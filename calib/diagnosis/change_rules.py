@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from calib.diagnosis.acceptance import APART
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import white
 from calib.diagnosis.rows import ResidualRows, solve
@@ -12,7 +13,7 @@ from calib.diagnosis.scored_changes import ScoredChange, same_candidate
 from calib.regression.noise import Noise
 from sim.arm import Arm
 
-APART, ALIKE = 8.0, 0.08  # two candidates nearer than this, or than this share, are indistinguishable
+ALIKE = 0.08  # two candidates nearer than APART, or than this share, are indistinguishable
 UNUSUAL = 0.05  # chance of a size in healthy logs; the usual level, not tuned
 LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
 # and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %

@@ -14,6 +14,7 @@ from calib.diagnosis.corrected import ArmChange, finite
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.prices import confidence
 from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
 from calib.diagnosis.written_arm import torque_rms
@@ -24,8 +25,9 @@ from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
 
 LEAST_LOGS = 3
-# of a joint's residual RMS; of a change of the whole arm, joints that hardly bear it keep theirs within the noise of a recording. Not tuned.
-WORSE = 1.05
+SURER = 4.0  # of a change's likelihood ratio: what makes its odds e times as large
+# relative rise of a joint's residual RMS; of a change of the whole arm, joints that hardly bear it keep theirs within the noise of a recording. Not tuned.
+WORSE = 0.05
 
 
 def diagnose_changes(
@@ -64,7 +66,7 @@ def diagnose_changes(
             arm,
             c.effect,
             c.std,
-            _confidence(c),
+            confidence(c.gain, SURER, len(c.rivals)),
             c.gain / total,
             c.rivals,
         )
@@ -93,7 +95,7 @@ def _worse(arm: Arm, changes: Sequence[Changed], before: np.ndarray, with_it: np
     worse = [
         f"{name} ({before[j]:.3g} -> {with_it[j]:.3g} N m)"
         for j, name in enumerate(arm.joint_names)
-        if joints & {name, None} and with_it[j] > WORSE * before[j]
+        if joints & {name, None} and with_it[j] > (1 + WORSE) * before[j]
     ]
     if not worse:
         return []
@@ -121,11 +123,6 @@ def _require_moved(arm: Arm, healthy: Sequence[Measurement], new: Sequence[Measu
             f"--baseline: {', '.join(unknown)} moves in the new recordings and stands in all of the healthy arm; record the healthy arm "
             "in the same motion, or give new recordings in which the same joints move"
         )
-
-
-def _confidence(c: Changed) -> float:
-    """Odds of exp(gain / 4), capped at 99 %, divided among those that explain the recordings as well."""
-    return float(min(0.99, 1.0 / (1.0 + np.exp(-min(c.gain, 60.0) / 4.0))) / (1 + len(c.rivals)))
 
 
 def _gap(reference: Healthy, found: Since, shown: list) -> dict[str, list[float]]:  # type: ignore[type-arg]

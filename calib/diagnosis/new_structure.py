@@ -8,6 +8,7 @@ from calib.diagnosis.additive_basis import AdditiveBasis
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.rows import Solved, solve
+from calib.diagnosis.structure import SPREAD
 from calib.regression.noise import Noise
 
 ODD, ODD_SHARE = 80.0, 0.15
@@ -42,6 +43,6 @@ def _parts(solved: Solved, basis: AdditiveBasis, j: int) -> dict[str, tuple[floa
         if keep.any():
             s = rows.whiten(solved.noise, j, x[:, keep] - x[:, keep].mean(axis=0))
             size = np.maximum(np.sqrt((s**2).sum(axis=0)), 1e-12)
-            gain, _, _ = solved.gain({j: s / size}, (9.0,) * int(keep.sum()), left=left)
+            gain, _, _ = solved.gain({j: s / size}, (SPREAD,) * int(keep.sum()), left=left)
             out[name] = (gain, max(len(x), 1))
     return out

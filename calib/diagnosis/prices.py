@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from calib.diagnosis.fit import Fit
 from sim.arm import ArmEffect
 from sim.effects import effect_named
@@ -13,6 +15,12 @@ from sim.effects.effect import Effect
 # ordinary form brings more than some 14 (Coulomb friction 17); those that bring more have a surcharge (sim.effects).
 THRESHOLD = 18.0
 PER_PARAMETER = 3.0
+MOST_SURE = 0.99  # the catalogue may not hold what the arm has
+
+
+def confidence(gain: float, scale: float, rivals: int) -> float:
+    """Share of belief in a name: odds of exp(gain / scale), at most MOST_SURE, divided among it and its rivals."""
+    return float(min(1.0 / (1.0 + np.exp(-gain / scale)), MOST_SURE) / (1 + rivals))
 
 
 def price_of(effect: Effect) -> float:

@@ -17,7 +17,7 @@ from sim.prior import unstated
 LAW = "friction_law"
 KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
 CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
-WORSE = 1.02
+WORSE = 0.02  # relative rise of a joint's RMS torque error
 ASIDE = ("friction_laws", "projected", "out_of_bounds", "speed_reading", "cutoff")  # stated among the findings
 
 
@@ -45,7 +45,7 @@ def claims(
     worse = [
         {"joint": joint, "before": float(before), "after": float(after)}
         for joint, before, after in zip(result.joint_names, gap.before, gap.after, strict=True)
-        if after > WORSE * before
+        if after > (1 + WORSE) * before
     ]
     if worse:
         out.append(Claim("worse", {"where": where, "joints": worse}))

@@ -15,7 +15,7 @@ from calib.terminal.quantity import significant
 from calib.validation.tracking import Tracking
 
 FILE = "tracking.html"
-WORSE = 1.05  # of a joint's error before
+WORSE = 0.05  # relative rise of a joint's error
 LEAST_GAIN = 0.95  # of the error before, that the truth itself leaves
 STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itself": LINE["measured"]}
 
@@ -28,7 +28,7 @@ def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
         return f"The hidden effect does not change how closely the arm follows: {errors.pop()} mrad with every model"
     out = f"With the calibrated model in its controller the arm follows to {significant(1e3 * after.rms)} mrad instead of {significant(1e3 * before.rms)} mrad"
     each = [np.sqrt(np.mean(t.errors**2, axis=0)) for t in (before, after)]
-    worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > WORSE * was]
+    worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > (1 + WORSE) * was]
     if worse and after.rms < before.rms:
         out += f", but less closely than with the nominal one at {listed(worse)}"
     if truth.rms > LEAST_GAIN * before.rms:

@@ -18,7 +18,7 @@ STRAYS = 0.6  # share of dry friction that may stay unexplained at first: fricti
 HELD = 0.8  # the same, of a joint whose torque hardly varies: what it holds is as much as its friction could be
 REFERENCE = 20.0  # s of motion that say how much is left of a healthy arm
 RECENT = 8.0  # s of motion over which it is compared
-WORSE = 3.0  # times as much as was left then
+TIMES_WORSE = 3.0  # as much as was left then
 HOLDS = 4.0
 
 
@@ -94,7 +94,7 @@ class ValidityWatch:
         return [WatchEvent(Kind.WRONG_ARM, row.t, (row.t - FIRST, row.t), text)]
 
     def _against_reference(self, row: Row, used: np.ndarray) -> list[WatchEvent]:
-        worse = self._recent > WORSE**2 * np.where(np.isfinite(self._reference), self._reference, np.inf) ** 2
+        worse = self._recent > TIMES_WORSE**2 * np.where(np.isfinite(self._reference), self._reference, np.inf) ** 2
         self._worse = np.where(worse, self._worse + row.seconds * used, 0.0)
         if self._reported or not np.any(self._worse > HOLDS):
             self._reported = self._reported and bool(worse.any())
