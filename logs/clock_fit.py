@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from logs.normal import INTERVAL, OF_MEDIAN
+
 BLOCKS = 200
 SAMPLES_LEAST = 100
 SECONDS_LEAST = 2.0
 JUMP_LEAST = 0.005  # s
 JUMP_WINDOW = 1.0  # s: a jump is a step of the least latency that lasts this long on both sides
 SKEW_MAX = 200e-6  # beyond this one of the clocks is wrong; crystals keep within 100 ppm
-SHARE_OF_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +85,8 @@ def fit_clocks(t_device: np.ndarray, t_host: np.ndarray) -> ClockFit | None:
     return ClockFit(
         offset=float(line.intercept),
         skew=float(line.slope),
-        skew_std=max(float(line.high_slope - line.low_slope) / (2 * 1.96), 1e-12),
-        residual=SHARE_OF_SIGMA * float(np.median(residual, overwrite_input=True)),
+        skew_std=max(float(line.high_slope - line.low_slope) / (2 * INTERVAL), 1e-12),
+        residual=OF_MEDIAN * float(np.median(residual, overwrite_input=True)),
         latency_most=latency,
         jumps=tuple(jumps),
     )

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-SHARE_OF_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
+from logs.normal import OF_MEDIAN
+
 TRUST = 0.1  # dq is the derivative of q within this share, in the median
 LEAST_INFORMATIVE = 100
 
@@ -29,7 +30,7 @@ def elapsed_between(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[n
         if abs(scale[j] - 1) > TRUST or np.median(np.abs(ratio - middle)) > 0.5:
             continue
         slow = ok & (np.abs(v) <= np.quantile(np.abs(v[ok]), 0.3))
-        noise = SHARE_OF_SIGMA * np.median(np.abs(x - v * steps)[slow])
+        noise = OF_MEDIAN * np.median(np.abs(x - v * steps)[slow])
         quantum = np.quantile(np.abs(x[x != 0]), 0.01) * math.sqrt(1 / 6)
         weight[j] = max(float(noise), float(quantum), 1e-12) ** -2.0
     used = weight > 0
@@ -44,7 +45,7 @@ def elapsed_between(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[n
             break
         # what a joint leaves of its own displacement is its noise, but for the part that it drew the mean to itself
         drawn = np.median(1 - share / np.maximum(total, 1e-300)[:, None], axis=0)
-        rest = SHARE_OF_SIGMA * np.median(np.abs(x - v * elapsed[:, None]), axis=0) / np.sqrt(np.maximum(drawn, 0.1))
+        rest = OF_MEDIAN * np.median(np.abs(x - v * elapsed[:, None]), axis=0) / np.sqrt(np.maximum(drawn, 0.1))
         w = np.maximum(rest, 0.1 / np.sqrt(w)) ** -2.0
     total = (w * v**2).sum(axis=1)
     return elapsed, 1 / np.sqrt(np.maximum(total, 1e-300)), scale

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from logs.bridging import bridge, bridging_error
-from logs.elapsed import LEAST_INFORMATIVE, SHARE_OF_SIGMA, TRUST, elapsed_between
+from logs.elapsed import LEAST_INFORMATIVE, TRUST, elapsed_between
 from logs.lost_time import finding, lost_time
+from logs.normal import OF_MEDIAN
 from logs.sampling_clock import rebuilt_clock
 from logs.sampling_findings import MATTERS, of_jitter, of_speed, repeats
 
@@ -100,15 +101,15 @@ def examine(
     if informative.sum() >= LEAST_INFORMATIVE:
         off = elapsed[informative] - steps[informative]
         seen = float(np.median(error[informative]))
-        left = SHARE_OF_SIGMA * float(np.median(np.abs(off - np.median(off))))
+        left = OF_MEDIAN * float(np.median(np.abs(off - np.median(off))))
         excess = math.sqrt(max(left**2 - seen**2, 0.0))
         jitter = excess / math.sqrt(2) if excess > seen else 0.0
         if excess > 2 * seen and excess > MATTERS * period:
             made = rebuilt_clock(tf, elapsed, np.where(informative, error, np.inf), excess)
             if made is not None:
                 clock, rebuilt, period = made.t, True, made.period
-                jitter = SHARE_OF_SIGMA * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
-                left = SHARE_OF_SIGMA * float(np.median(np.abs(elapsed - np.diff(clock))[informative]))
+                jitter = OF_MEDIAN * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
+                left = OF_MEDIAN * float(np.median(np.abs(elapsed - np.diff(clock))[informative]))
         findings.append(of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
     else:
         findings.append(

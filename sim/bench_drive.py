@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.tree import KinematicTree
+from sim.tree import GRAVITY, KinematicTree
 
 STEEL = 7850.0
 FREE_MASS = 0.1
@@ -26,5 +26,5 @@ def bench_drive(joint: str, load: tuple[float, float] | None = None, unknown: bo
         axis=np.array([[0.0, 1.0, 0.0] if level else [0.0, 0.0, 1.0]]), prismatic=np.array([False]), mass=np.array([mass]),
         com=np.array([[0.0, 0.0, -lever]]), inertia=0.4 * mass * radius**2 * np.eye(3)[None], armature=none, damping=none,
         frictionloss=none, stiffness=none, springref=none, q_min=nan, q_max=nan, dq_max=nan, tau_max=nan,
-        gravity=np.array([0.0, 0.0, -9.81]), shapes=(),
+        gravity=np.array([0.0, 0.0, -GRAVITY]), shapes=(),
     )  # fmt: skip

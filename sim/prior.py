@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.arm_table import Numbers, PriorTable
-from sim.tree import KinematicTree
+from sim.tree import GRAVITY, KinematicTree
 
 if TYPE_CHECKING:
     from sim.arm import Arm
@@ -54,7 +54,9 @@ def torque_scale(arm: Arm) -> np.ndarray:
 
 def weight(tree: KinematicTree) -> np.ndarray:
     """(n,) N m: the weight of the links behind each joint at full reach."""
-    return np.array([9.81 * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3) for j in range(tree.n)])
+    return np.array(
+        [GRAVITY * max(np.sqrt(_carried(tree, j) * tree.mass[_behind(tree, j)].sum()), 1e-3) for j in range(tree.n)]
+    )
 
 
 def spread(arm: Arm) -> dict[str, np.ndarray]:

@@ -23,7 +23,7 @@ def sized(tree: KinematicTree) -> KinematicTree:
     for j in range(n):
         if tree.parent[j] >= 0 and np.linalg.norm(tree.position[j]) > np.linalg.norm(ends[tree.parent[j]]):
             ends[tree.parent[j]] = tree.position[j]
-    reach = max(float(np.linalg.norm(tree.position[1:], axis=1).sum()), LEAST_REACH)
+    reach = max(tree.reach, LEAST_REACH)
     mass = np.full(n, MASS_PER_REACH * reach**2 / n)
     inertia = mass[:, None, None] * (0.15 * reach) ** 2 * np.eye(3) * 2 / 3
     return replace(tree, mass=mass, com=ends / 2, inertia=inertia)

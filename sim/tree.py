@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+# m/s^2: MuJoCo's, and what readers of URDF take; standard gravity is 9.80665
+GRAVITY = 9.81
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -58,6 +61,11 @@ class KinematicTree:
     tau_max: np.ndarray
     gravity: np.ndarray
     shapes: tuple[Shape, ...]
+
+    @property
+    def reach(self) -> float:
+        """m: every joint's distance from the one before it, together."""
+        return float(np.linalg.norm(self.position[1:], axis=1).sum())
 
     @property
     def n(self) -> int:

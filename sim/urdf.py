@@ -14,10 +14,9 @@ from sim.errors import ConfigError
 from sim.mjcf import numbers
 from sim.required import require_limits
 from sim.ros_urdf import DRAKE
-from sim.tree import Shape
+from sim.tree import GRAVITY, Shape
 
 Element = ElementTree.Element
-STANDARD_GRAVITY = 9.81
 
 
 def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
@@ -131,7 +130,7 @@ def _own(arm: Arm, effect: str, parameter: str, joint: str) -> float:
 def _tilt(gravity: np.ndarray) -> np.ndarray:
     """The rotation R of the base in a frame whose z axis is up: R^T (0, 0, -9.81) = gravity."""
     size = float(np.linalg.norm(gravity))
-    if not math.isclose(size, STANDARD_GRAVITY, rel_tol=1e-9):
+    if not math.isclose(size, GRAVITY, rel_tol=1e-9):
         raise ConfigError(
             f"gravity of {size:.6g} m/s^2 cannot be written to URDF, whose readers take 9.81 m/s^2; export MJCF, or correct gravity"
         )

@@ -13,7 +13,7 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
 from sim.motion_view import force_rows
-from sim.urdf import STANDARD_GRAVITY
+from sim.tree import GRAVITY
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration
@@ -32,8 +32,8 @@ def force_spread(arm: Arm) -> float:
     """
     known = np.isfinite(arm.tau_max)
     if not known.any():
-        return FORCE_SHARE * float(np.sum(arm.tree.mass)) * STANDARD_GRAVITY
-    reach = max(float(sum(np.linalg.norm(x) for x in arm.tree.position[1:])), 1e-3)
+        return FORCE_SHARE * float(np.sum(arm.tree.mass)) * GRAVITY
+    reach = max(arm.tree.reach, 1e-3)
     return FORCE_SHARE * float(np.max((arm.tau_max / np.where(arm.tree.prismatic, 1.0, reach))[known]))
 
 

@@ -21,6 +21,7 @@ from calib.regression.normal_equations import inverse
 from drivers.driver import DeviceStop
 from safety.parameters import friction_of, parameter_box
 from safety.torque import POWER_MAX
+from sim.tree import GRAVITY
 
 CONDITION_AIM = 34.0
 SMOOTH = 8
@@ -74,7 +75,7 @@ class Objective:
         most = {"q": (arm.q_max - arm.q_min) / 2, "dq": arm.dq_max, "ddq": arm.ddq_max, "jerk": arm.jerk_max}
         self._limits = np.array([TIGHTER[order] * MARGIN[order] * limit for order, limit in most.items()])
         self._links = model.body.parameters()
-        self._tilt = [np.array([9.81, 0.0, 0.0]), np.array([0.0, 9.81, 0.0])]
+        self._tilt = [np.array([GRAVITY, 0.0, 0.0]), np.array([0.0, GRAVITY, 0.0])]
         self._slope = slope
         self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
         self.prior = np.zeros((self.p, self.p))

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import ndtri, stdtr
 
 from calib.regression.normal_equations import inverse
+from logs.normal import OF_MEDIAN
 
 LEAST = 4  # arms of a model from which on a spread can be distinguished from chance
 FREEDOM = 4.0  # of Student's t
@@ -76,7 +77,7 @@ def _settle(x: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarra
     arms, p = x.shape
     known = np.array([1 / np.maximum(np.diag(c), 1e-300) for c in np.linalg.inv(precision)])
     mean = _weighted_median(x, known)
-    variance = np.maximum((1.4826 * np.median(np.abs(x - mean), axis=0)) ** 2, FLOOR**2)
+    variance = np.maximum((OF_MEDIAN * np.median(np.abs(x - mean), axis=0)) ** 2, FLOOR**2)
     weight = np.ones((arms, p))
     for _ in range(ROUNDS):
         prior = weight / variance

@@ -12,10 +12,10 @@ from calib.identification.model import FRICTION
 from calib.identification.rows import RegressorRows
 from calib.result import Estimate, FitResult, Gap
 from calib.terminal.quantity import rounded, significant
+from logs.normal import INTERVAL
 from sim.prediction import torque_of_laws
 
 MOST_ROWS = 20_000
-SIGMAS = 1.96
 
 
 def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
@@ -65,7 +65,7 @@ def as_text(e: Estimate) -> str:
     if e.written is not None and (is_changed(e) or e.out_of_bounds):
         changed = f", written {rounded(e.written, e.std).split(' ')[0]}"
     if e.out_of_bounds:
-        most = e.value + SIGMAS * e.std
+        most = e.value + INTERVAL * e.std
         return (f"below {significant(most)}" if most > e.lower else "physically impossible") + changed
     return rounded(e.value, e.std) + ("" if e.identifiable else " (not identifiable)") + changed
 

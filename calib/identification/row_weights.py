@@ -14,6 +14,7 @@ from calib.regression.information import InformationMatrix
 from calib.regression.noise import Noise, filtered
 from calib.regression.normal_equations import Prior, inverse, scaled_condition, solution_of
 from calib.regression.robust import HUBER
+from logs.normal import OF_MEDIAN
 
 WORSE = 0.05
 
@@ -85,7 +86,7 @@ def _innovations(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust:
             own = block.of_joint(j)
             parts[j].append(filtered(unit.taps(j, own.joined), own.b - own.a @ theta[used])[own.settled])
     size = [
-        max(1.4826 * float(np.median(np.abs(e))) if robust else float(e.std()), 1e-12) if len(e) else 1e-12
+        max(OF_MEDIAN * float(np.median(np.abs(e))) if robust else float(e.std()), 1e-12) if len(e) else 1e-12
         for e in map(np.concatenate, parts)
     ]
     return Noise.of_innovations(np.array(size) / np.sqrt(1 - absorbed), ar)

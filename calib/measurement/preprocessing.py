@@ -27,6 +27,7 @@ from calib.measurement.observed import Key, Observed
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
 from logs.lost_time import lost_time, without_jumps
+from logs.normal import OF_MEDIAN
 from sim.arm import Arm
 from sim.errors import BadLog
 from sim.trajectory import Trajectory
@@ -202,7 +203,7 @@ def prepare(
         )
     of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (steady, 1), (steady, 2)]
     q_s, dq, ddq = (by_stretch(starts, partial(smooth.derivative, order=k), x) for x, k in of)
-    q_noise = 1.4826 * np.median(np.abs(q - q_s), axis=0)
+    q_noise = OF_MEDIAN * np.median(np.abs(q - q_s), axis=0)
     usable = np.isfinite(tau)
     dq_noise = q_noise * smooth.noise_gain(1)
     fastest = np.where(np.isfinite(arm.dq_max), arm.dq_max, np.abs(dq).max(axis=0))

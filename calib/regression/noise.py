@@ -17,6 +17,8 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter
 
+from logs.normal import OF_MEDIAN
+
 MOST_ORDER = 4
 SETTLE = 40  # rows until a simulated series has forgotten that it began at zero
 ROUNDS = 4  # of giving back
@@ -147,7 +149,7 @@ def given_back(
 def covariances(series: Sequence[np.ndarray], joined: Sequence[np.ndarray]) -> np.ndarray:
     """(MOST_ORDER + 1,) mean products of a joint's series (R, draws) of several stretches with itself some rows later; outliers clipped."""
     size = [np.abs(e).ravel() for e in series]
-    level = CLIP * 1.4826 * float(np.median(np.concatenate(size))) if sum(map(len, size)) else 0.0
+    level = CLIP * OF_MEDIAN * float(np.median(np.concatenate(size))) if sum(map(len, size)) else 0.0
     product, pairs = np.zeros(MOST_ORDER + 1), np.zeros(MOST_ORDER + 1)
     for e, link in zip(series, joined, strict=True):
         clipped, near = np.clip(e, -level, level), np.ones(len(e), dtype=bool)

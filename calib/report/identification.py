@@ -12,6 +12,7 @@ from calib.claims import capital
 from calib.report import explorer, pictures
 from calib.report.page import Page, mark_of
 from calib.terminal.quantity import significant
+from logs.normal import INTERVAL
 from sim.arm import Arm
 
 
@@ -145,7 +146,7 @@ def _numbers(estimate: Mapping[str, Any]) -> list[float | None]:
 
 
 def _edge(estimate: Mapping[str, Any], side: int) -> float | None:
-    return None if estimate["std"] is None else estimate["value"] + side * 1.96 * estimate["std"]
+    return None if estimate["std"] is None else estimate["value"] + side * INTERVAL * estimate["std"]
 
 
 def _note(estimate: Mapping[str, Any], of_link: bool) -> str:

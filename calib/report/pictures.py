@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calib.report.figure import LINE, ROLES, axes, draw_line, mosaic, name
+from logs.normal import INTERVAL
 
 WORDS = {"before": "before", "refit": "after parameter refit", "after": "after"}
 _DOTS = 350
@@ -147,7 +148,7 @@ def intervals(labels: Sequence[str], value: np.ndarray, std: np.ndarray, nominal
     ax = grid[0, 0]
     rows = np.arange(len(labels))
     moved = (value - nominal) / std
-    ax.errorbar(moved, rows, xerr=1.96, fmt="o", color=ROLES["after"], ecolor=ROLES["muted"], markersize=4, linewidth=1.0)
+    ax.errorbar(moved, rows, xerr=INTERVAL, fmt="o", color=ROLES["after"], ecolor=ROLES["muted"], markersize=4, linewidth=1.0)
     ax.axvline(0.0, color=ROLES["before"], linewidth=1.2, linestyle=(0, (4, 1.5)))
     ax.set_xscale("symlog", linthresh=3)
     ax.xaxis.set_major_formatter("{x:g}")

@@ -11,6 +11,7 @@ from calib.report.page import Page
 from calib.watch.course import Course, course
 from calib.watch.trend import Slope, over_days, series
 from calib.watch.trend_table import RECORDED, RunRecord
+from logs.normal import INTERVAL
 
 UNITS = {"coulomb": "N m", "viscous": "N m s/rad"}
 WORDS = {"coulomb": "dry friction", "viscous": "viscous friction"}
@@ -35,11 +36,11 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
             ax = grid[row, column]
             days, value, std, warm = series(runs, joint, kind)
             x = days if by_day else np.arange(1, len(days) + 1)
-            ax.errorbar(x, value, 1.96 * std, fmt="o", markersize=3, color=ROLES["ink"], ecolor=ROLES["muted"], linewidth=1)
+            ax.errorbar(x, value, INTERVAL * std, fmt="o", markersize=3, color=ROLES["ink"], ecolor=ROLES["muted"], linewidth=1)
             smooth = courses[joint, kind] = course(days, value, std, warm) if by_day else None
             if smooth is not None:
                 ax.plot(days, smooth.level, **LINE["before" if by[joint, kind].wears else "after"])
-                half = 1.96 * smooth.std
+                half = INTERVAL * smooth.std
                 ax.fill_between(days, smooth.level - half, smooth.level + half, color=ROLES["muted"], alpha=0.2, linewidth=0)
             name(ax, joint if column == 0 else WORDS[kind], y=UNITS[kind])
     for ax in grid[-1]:
@@ -60,7 +61,7 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
         ["started (UTC)", "dated by", "source", "payload [kg]", "± [kg]", "residual [N m], worst joint", "warmest [°C]", "consistency"],
         [
             [
-                f"{r.started:%Y-%m-%d %H:%M}", "the recording" if r.dated == RECORDED else "when it was watched", r.source, r.mass, 1.96 * r.mass_std, max((j.residual for j in r.joints), default=np.nan),
+                f"{r.started:%Y-%m-%d %H:%M}", "the recording" if r.dated == RECORDED else "when it was watched", r.source, r.mass, INTERVAL * r.mass_std, max((j.residual for j in r.joints), default=np.nan),
                 max((j.temperature for j in r.joints if j.temperature is not None), default=np.nan), r.nis,
             ]
             for r in runs

@@ -15,11 +15,11 @@ from calib.identification.known import Known
 from calib.identification.model import TorqueModel
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import Measurement
+from logs.normal import INTERVAL
 from sim.arm import Arm
 from sim.own_values import values_of
 
 STEPS = 25
-SIGMAS = 1.96
 
 
 def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, known: Known) -> np.ndarray:
@@ -44,4 +44,4 @@ def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, k
             by_theta = move @ by_theta + push @ y
             variance = move @ variance @ move.T + shake
         total += np.einsum("jp,pr,jr->j", by_theta[:n], known.covariance, by_theta[:n]) + np.diag(variance)[:n]
-    return np.asarray(SIGMAS * np.sqrt(total / max(len(starts), 1)))
+    return np.asarray(INTERVAL * np.sqrt(total / max(len(starts), 1)))

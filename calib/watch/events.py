@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from calib.terminal.quantity import rounded
+from logs.normal import INTERVAL
 from logs.recording import ERROR, INFO, WARN
 
 SCHEMA = "watch-event/1"
@@ -83,7 +84,7 @@ class WatchEvent:
         return {
             "schema": SCHEMA, "event": self.kind.value, "about": self.about, "t": self.t, "began": list(self.began), "joint": self.joint,
             "size": {
-                name: {"value": e.value, "std": e.std, "interval": [e.value - 1.96 * e.std, e.value + 1.96 * e.std], "unit": e.unit}
+                name: {"value": e.value, "std": e.std, "interval": [e.value - INTERVAL * e.std, e.value + INTERVAL * e.std], "unit": e.unit}
                 for name, e in self.size.items()
             },
             "message": self.message,

@@ -17,6 +17,7 @@ from calib.watch.kernels import left, predicted, sizes, updated
 from calib.watch.momentum import Row
 from sim.arm import Arm
 from sim.prior import unstated
+from sim.tree import GRAVITY
 
 MEMORY = 0.4  # s; residuals of an identified UR10e have lost half their correlation after 0.3 s
 SLOWEST = 0.02  # rad/s: below it dry friction is not known
@@ -209,7 +210,7 @@ class TorqueFilter:
 
 def carrying_scale(arm: Arm) -> tuple[float, float]:
     """Mass kg that takes a fifth of the strongest joint's torque at full reach, and that reach m."""
-    reach = float(np.linalg.norm(arm.tree.position, axis=1)[1:].sum()) or 1.0
+    reach = arm.tree.reach or 1.0
     strongest = float(np.max(np.where(np.isfinite(arm.tau_max), arm.tau_max, 0.0)))
     strength = strongest or 10.0
-    return 0.2 * strength / (9.81 * reach), reach
+    return 0.2 * strength / (GRAVITY * reach), reach

@@ -7,6 +7,7 @@ import plotext
 from calib.watch.course import course
 from calib.watch.trend import DAYS_LEAST, RUNS_LEAST, Slope, dated, over_days, series
 from calib.watch.trend_table import WATCHED, RunRecord
+from logs.normal import INTERVAL
 
 WIDTH, HEIGHT = 60, 11
 NAMES = {"coulomb": "Coulomb", "viscous": "viscous"}
@@ -57,7 +58,7 @@ def _plot(runs: list[RunRecord], s: Slope) -> str:
     figure = plotext.figure
     figure.clear()
     figure.plot_size(WIDTH, HEIGHT)
-    figure.draw(figure.error(x, list(value), list(2 * 1.96 * std), [0.0] * len(x)))
+    figure.draw(figure.error(x, list(value), list(2 * INTERVAL * std), [0.0] * len(x)))
     if smooth is not None:
         figure.draw(figure.signal(x, list(smooth.level), marker="·"))
     figure.title(f"{s.joint}: {NAMES[s.kind]} [{unit}] over {'days' if by_day else 'runs'}")

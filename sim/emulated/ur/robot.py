@@ -14,6 +14,7 @@ from sim.emulated.ur.primary import HeldArm
 from sim.emulated.ur.program import control_program, register_offset
 from sim.emulated.ur.urscript import Ended, NotCompiled, Program
 from sim.joint_state import JointState
+from sim.tree import GRAVITY
 
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state
 POWER_OFF, RUNNING = 3, 7  # robot_mode
@@ -50,7 +51,7 @@ class Robot:
         model: str = "UR10",
         serial: str = "20230000000",
         torque_constant: np.ndarray | None = None,
-        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+        gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
         payload: tuple[float, tuple[float, float, float]] = (0.0, (0.0, 0.0, 0.0)),
     ) -> None:
         self.version, self.build, self.model, self.serial = version, 0, model, serial
