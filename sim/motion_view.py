@@ -61,7 +61,7 @@ class MotionView(Protocol):
         """Rows that were computed before under this key from the same torque of joint j, or now."""
 
 
-class Columns(Mapping[int, np.ndarray]):
+class JointColumns(Mapping[int, np.ndarray]):
     """Joint index -> (R, k), computed where it is asked for: who knows the products of a candidate asks for none."""
 
     def __init__(self, joints: Collection[int], of: Callable[[int], np.ndarray]) -> None:
@@ -81,7 +81,7 @@ class Columns(Mapping[int, np.ndarray]):
 class CandidateColumns:
     """An effect tried at one place and from one start of its nonlinear parameters.
 
-    columns  per recording {joint index: (R, k) N m per unit of coefficient}, or the same as `Columns`
+    columns  per recording {joint index: (R, k) N m per unit of coefficient}, or the same as `JointColumns`
     combine  coefficients (k,) -> parameter values
     spread   (k,) prior standard deviation of the coefficients, where some may not show at all; None: free
     """
@@ -96,7 +96,9 @@ def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iter
     own = views[0].own(effect.name, j)
     for i, probe in enumerate(effect.probes(own)):
         if probe.points:
-            yield CandidateColumns([Columns((j,), partial(_behind, effect, view, i, probe)) for view in views], probe.combine)
+            yield CandidateColumns(
+                [JointColumns((j,), partial(_behind, effect, view, i, probe)) for view in views], probe.combine
+            )
 
 
 def _behind(effect: Effect, view: MotionView, i: int, probe: Probe, j: int) -> np.ndarray:
@@ -134,13 +136,13 @@ def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Itera
         yield CandidateColumns([of_all_joints(view, key, partial(samples, view)) for view in views], probe.combine)
 
 
-def by_joint(view: MotionView, rows: Callable[[], np.ndarray]) -> Columns:
+def by_joint(view: MotionView, rows: Callable[[], np.ndarray]) -> JointColumns:
     """Rows (R, n, k), which are asked for once -> per joint (R, k)."""
     whole = cache(rows)
-    return Columns(range(view.n), lambda j: whole()[:, j])
+    return JointColumns(range(view.n), lambda j: whole()[:, j])
 
 
-def of_all_joints(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> Columns:
+def of_all_joints(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> JointColumns:
     """Samples (N, n, k) that depend on the link side, and on what the key says, alone -> rows (R, k) per joint."""
     return by_joint(view, lambda: view.kept(key, lambda: view.rows(samples())))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.effects.effect import Effect, Parameter, Values
 from sim.mjcf_form import Exported, JointSize
-from sim.motion_view import CandidateColumns, Columns, MotionView
+from sim.motion_view import CandidateColumns, JointColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
@@ -49,7 +49,7 @@ class TimeDelay(Effect):
             return {"delay": before + late * float(c[0])}
 
         for late in DELAYS:
-            columns = [Columns(range(v.n), partial(later, v, late)) for v in views]
+            columns = [JointColumns(range(v.n), partial(later, v, late)) for v in views]
             yield CandidateColumns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
