@@ -26,7 +26,8 @@ from sim.rigid_body import RigidBody
 
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
-LOOKS = 400
+# of a motion, for people to read: samples at even times, then the lowest minima among them, and samples around each
+LOOKS, DIPS, AROUND = 400, 5, 40
 # rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
 CALIBRATION = 1e-3
 # rad at the most that a pair must leave room for to be one that can part: a cell that expects more leaves out no more pairs
@@ -35,7 +36,7 @@ FOLLOWING_ERROR = 0.01
 
 @dataclass(frozen=True)
 class Witness:
-    """The nearest approach that was found: two bodies, instant s, distance m there, and the margin m that the cell asks for."""
+    """Two bodies near each other: the instant s, the distance m there, and the margin m that the cell asks for."""
 
     pair: tuple[str, str]
     t: float
@@ -169,12 +170,34 @@ class Clearance:
         return Witness(self.pairs[p], t, float(found[i]), float(self.margin[p]))
 
     def nearest_on(self, t: np.ndarray, q: np.ndarray) -> dict[str, Witness]:
-        """The nearest approach to the cell and to itself among at most `LOOKS` samples of a motion: for people to read, it proves nothing."""
-        rows = np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int))
+        """The least distance to the cell and to itself that was found along a motion, whatever the margins: for people to read, it proves nothing.
+
+        Looked at are at most `LOOKS` samples at even times, then those around the nearest approaches among them.
+        """
+        rows = _evenly(0, len(t) - 1, LOOKS)
+        found = np.array([self.distances(q[k]) for k in rows])
         out = {}
         for name, which in (("the cell", ~self.of_self), ("itself", self.of_self)):
             pairs = np.flatnonzero(which)
             if len(pairs):
-                found = [self.nearest(q[k], float(t[k]), pairs) for k in rows]
-                out[name] = min(found, key=lambda near: near.distance - near.margin)
+                at = _around_dips(found[:, pairs].min(axis=1), rows)
+                closer = np.array([self.distances(q[k], pairs.tolist()) for k in at])
+                k, i = np.unravel_index(int(np.argmin(closer)), closer.shape)
+                p = pairs[i]
+                out[name] = Witness(self.pairs[p], float(t[at[k]]), float(closer[k, i]), float(self.margin[p]))
         return out
+
+
+def _evenly(first: int, last: int, most: int) -> np.ndarray:
+    """At most `most` whole numbers from `first` to `last`, both included."""
+    return np.unique(np.linspace(first, last, most).astype(int))
+
+
+def _around_dips(least: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The samples at and around the DIPS lowest local minima of `least` (K,), which was looked at in samples `rows` (K,)."""
+    fenced = np.r_[np.inf, least, np.inf]
+    dips = np.flatnonzero((least <= fenced[:-2]) & (least <= fenced[2:]))
+    lowest = dips[np.argsort(least[dips], kind="stable")[:DIPS]]
+    last = len(rows) - 1
+    around = [_evenly(rows[max(k - 1, 0)], rows[min(k + 1, last)], AROUND) for k in lowest]
+    return np.unique(np.concatenate([rows[lowest], *around]))

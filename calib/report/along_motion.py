@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -14,32 +15,44 @@ from sim.trajectory import Trajectory
 FRAMES_PER_SECOND = 25
 MOST_FRAMES = 3000
 LOOKS = 300
-PLACES = ("the cell", "itself")
+PLACES = CELL, ITSELF = ("the cell", "itself")
+
+
+class Approach(Protocol):
+    """Two bodies where they are nearest, as `safety.collision.Witness` has it: instant s and distance m."""
+
+    @property
+    def pair(self) -> tuple[str, str]: ...
+    @property
+    def t(self) -> float: ...
+    @property
+    def distance(self) -> float: ...
 
 
 class Distances(Protocol):
-    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins."""
+    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins; the nearest approach
+    along a motion to each of PLACES."""
 
     pairs: tuple[tuple[str, str], ...]
     margin: np.ndarray
     of_self: np.ndarray
 
     def distances(self, q: np.ndarray) -> np.ndarray: ...
+    def nearest_on(self, t: np.ndarray, q: np.ndarray) -> Mapping[str, Approach]: ...
 
 
 @dataclass(frozen=True)
 class Near:
-    """Clearance of one kind: distance (K,) m of the nearest pair, spare (K,) m beyond the margin; the pair, its distance m and the time s where spare is least."""
+    """Clearance of one kind: distance (K,) m of the nearest pair; spare (K,) m, the least of all pairs beyond their margins; the nearest approach
+    of the motion, whose distance stands in the frame nearest to it."""
 
     distance: np.ndarray
     spare: np.ndarray
-    bodies: tuple[str, str]
-    least: float
-    at: float
+    least: Approach
 
     @property
     def pair(self) -> str:
-        return " and ".join(self.bodies)
+        return " and ".join(self.least.pair)
 
 
 @dataclass(frozen=True)
@@ -66,10 +79,9 @@ def looks_along(arm: Arm, motion: Trajectory, clearance: Distances | None) -> Lo
     rows = np.unique(np.linspace(0, len(grid) - 1, LOOKS).astype(int))
     distance = np.array([clearance.distances(q[k]) for k in rows])
     near = {}
-    for place, which in zip(PLACES, (~clearance.of_self, clearance.of_self), strict=True):
-        if which.any():
-            spare = np.where(which, distance - clearance.margin, np.inf)
-            k, pair = np.unravel_index(int(np.argmin(spare)), spare.shape)
-            nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, spare))
-            near[place] = Near(nearest, room, clearance.pairs[pair], float(distance[k, pair]), float(grid[rows[k]]))
+    for place, least in clearance.nearest_on(t, motion.q).items():
+        which = clearance.of_self == (place == ITSELF)
+        nearest, room = (np.interp(grid, grid[rows], x[:, which].min(axis=1)) for x in (distance, distance - clearance.margin))
+        nearest[round(least.t / grid[-1] * (len(grid) - 1))] = least.distance
+        near[place] = Near(nearest, room, least)
     return Looks(grid, q, flange, speed, near)

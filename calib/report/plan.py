@@ -73,7 +73,9 @@ def _played(motion: NamedMotion, look: Looks) -> dict[str, Any]:
     return {
         "name": motion.name, "kind": motion.kind, "t": np.round(look.t, 3), "q": np.round(look.q, 4),
         "trail": np.round(look.flange[::thin], 3),
-        "near": [{"to": place, "at": n.at, "distance": np.round(n.distance, 4), "pair": n.bodies} for place, n in look.near.items()],
+        "near": [
+            {"to": place, "at": n.least.t, "distance": np.round(n.distance, 5), "pair": n.least.pair} for place, n in look.near.items()
+        ],
     }  # fmt: skip
 
 
@@ -99,8 +101,8 @@ def _curves(arm: Arm, cell: Cell | None, motion: NamedMotion, look: Looks) -> Ma
         _limits(panel["flange"], cell.table.motion.point_speed_max, both=False)
     for place, near in look.near.items():
         draw_line(panel[place], look.t, 1000 * near.spare, 300, color=ROLES["ink"], linewidth=1.1)
-        name(panel[place], f"clearance to {place} beyond the margin; closest: {near.pair} at {near.at:.2f} s", y="mm")
-        panel[place].axvline(near.at, color=ROLES["bad"], linewidth=1.0, linestyle=(0, (4, 2)))
+        name(panel[place], f"clearance to {place} beyond the margin; least {1000 * near.spare.min():.0f} mm", y="mm")
+        panel[place].axvline(look.t[int(np.argmin(near.spare))], color=ROLES["bad"], linewidth=1.0, linestyle=(0, (4, 2)))
         _limits(panel[place], 0.0, both=False)
     panel[rows[-1]].set_xlabel("t [s]")
     panel[rows[-1]].set_xlim(0, t[-1])
@@ -120,8 +122,8 @@ def _sentence(arm: Arm, cell: Cell | None, motions: Sequence[NamedMotion], looks
     for place in PLACES:
         near = [look.near[place] for look in looks.values() if place in look.near]
         if near:
-            closest = min(near, key=lambda found: found.least)
-            text += f"; nearest to {place}: {closest.pair}, {1000 * closest.least:.0f} mm"
+            closest = min(near, key=lambda found: found.least.distance)
+            text += f"; nearest to {place}: {closest.pair}, {1000 * closest.least.distance:.0f} mm"
     return text
 
 
@@ -151,7 +153,7 @@ def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, Loo
         row: list[Any] = [motion.name, motion.kind, motion.trajectory.duration, float(look.speed.max())]
         for place in places:
             near = look.near.get(place)
-            row += [None, None, None] if near is None else [1000 * near.least, near.pair, near.at]
+            row += [None, None, None] if near is None else [1000 * near.least.distance, near.pair, near.least.t]
         rows.append(row)
     headers = ["motion", "kind", "duration [s]", "flange [m/s]"]
     headers += [head for place in places for head in (f"closest to {place} [mm]", "between", "at [s]")]

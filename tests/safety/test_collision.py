@@ -86,6 +86,28 @@ def test_the_witness_is_where_the_bodies_are_nearest(arm: Arm, cell: Cell) -> No
     assert "table" not in both["itself"].pair
 
 
+def test_the_witness_is_the_least_distance_whatever_the_margins(arm: Arm, cell: Cell) -> None:
+    motion, clearance = towards_table(0.1), Clearance(arm, cell)
+    every = np.array([clearance.distances(q) for q in motion.q])
+    table = ~clearance.of_self
+    far = int(np.argmax(np.where(table, every.min(axis=0), -np.inf)))
+    clearance.margin[far] = 1.0
+    near = clearance.nearest_on(motion.t, motion.q)["the cell"]
+    assert near.pair != clearance.pairs[far]
+    assert near.distance == pytest.approx(every[:, table].min(), abs=1e-5)
+
+
+def test_the_witness_is_found_between_the_looks(arm: Arm, cell: Cell) -> None:
+    motion, clearance = towards_table(0.1), Clearance(arm, cell)
+    samples = 40_001  # a hundred beside every look, and the dip is narrower than the way from one look to the next
+    t = np.linspace(0.0, 80.0, samples)
+    deep = motion.q[int(np.argmin(np.abs(motion.t - 2.0)))]
+    q = HOME + np.exp(-(((t - 41.13) / 0.1) ** 2))[:, None] * (deep - HOME)
+    near = clearance.nearest_on(t, q)["the cell"]
+    assert near.t == pytest.approx(41.13, abs=0.02)
+    assert near.distance == pytest.approx(clearance.distances(deep)[~clearance.of_self].min(), abs=3e-3)
+
+
 def test_one_distance_that_is_not_a_number_is_refused(arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     clearance = Clearance(arm, cell)
     assert np.all(clearance.distances(HOME) > 0)

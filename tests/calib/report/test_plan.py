@@ -1,6 +1,7 @@
 """The preview of a plan plays, scrubs and jumps to the closest moment in a real browser, from one file."""
 
 import hashlib
+import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import pytest
 
 from calib.report import plan
 from calib.report.scene import scene
+from safety.collision import Witness
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.trajectory import Trajectory
@@ -35,6 +37,28 @@ class Near:
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         return np.array([0.5 - 0.3 * q[0], 0.4 + 0.3 * q[0]])
+
+    def nearest_on(self, t: np.ndarray, q: np.ndarray) -> dict[str, Witness]:
+        every = np.array([self.distances(x) for x in q])
+        places = {"the cell": 0, "itself": 1}
+        return {
+            to: Witness(self.pairs[p], t[(k := int(every[:, p].argmin()))], every[k, p], self.margin[p])
+            for to, p in places.items()
+        }
+
+
+class Kin(Near):
+    """Links two joints apart that need no margin are nearer than another pair, which has less room beyond its own."""
+
+    pairs = (("forearm", "wrist_2"), ("forearm", "wrist_3"))
+    margin = np.array([0.0, 0.01])
+    of_self = np.array([True, True])
+
+    def distances(self, q: np.ndarray) -> np.ndarray:
+        return np.array([0.013, 0.02]) + 0.1 * (q[0] + 0.5)
+
+    def nearest_on(self, t: np.ndarray, q: np.ndarray) -> dict[str, Witness]:
+        return {"itself": Witness(self.pairs[0], 9.011, 0.0129, 0.0)}
 
 
 def motion(name: str, seconds: float) -> Motion:
@@ -115,6 +139,17 @@ def test_the_sentence_and_the_table_say_what_will_happen(page: Path) -> None:
     assert "2 of 3 parameters" in html
     assert "<script>alert(1)" not in html
     assert len(html) < 1_500_000
+
+
+def test_the_sentence_the_table_and_the_player_give_the_nearest_pair_as_the_record_table_does(tmp_path: Path) -> None:
+    html = plan.write(tmp_path / "plan.html", load_arm("ur10e"), None, [motion("validation", 12.0)], Kin()).read_text()
+    assert "nearest to itself: forearm and wrist_2, 13 mm" in html
+    assert {"12.9", "forearm and wrist_2", "9.011"} <= set(re.findall(r">([^<>]+)</td>", html))
+    assert "beyond the margin; least 10 mm" in html
+    (near,) = json.loads(re.findall(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', html, re.S)[0])["motions"][0][
+        "near"
+    ]
+    assert (near["pair"], near["at"], min(near["distance"])) == (["forearm", "wrist_2"], 9.011, 0.0129)
 
 
 def test_every_shape_of_an_arm_is_drawn() -> None:
