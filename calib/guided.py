@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.claims.of_diagnosis import is_corrected
-from calib.guided_answer import answer, undecided
+from calib.guided_answer import answer, doubtful, undecided
 from calib.guided_session import FILE, GuidedSession, GuidedStep
 from sim.errors import ConfigError
 
@@ -196,6 +196,11 @@ def ending(session: GuidedSession) -> list[str]:
         sentences.append(
             f"not decided: what causes the remaining residual at {joints}; no effect of the catalogue fits, and another motion of the same "
             "kind will not show more. Compare with recordings of an arm of the same type, or of the warm joint"
+        )
+    elif doubtful(found):
+        sentences.append(
+            f"not decided: what the model of {session.arm} lacks, which does not agree with the recordings. Look at the curves in "
+            f"{last / 'report.html'}, and record the motion again before the arm is used"
         )
     sentences.append(f"the arm to use: {best_arm(session)}")
     return sentences

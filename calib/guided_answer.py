@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from calib.claims.of_diagnosis import disagrees
 from sim.errors import ConfigError
 
 FILE = "diagnosis.json"
@@ -25,6 +26,14 @@ def answer(folder: Path) -> dict[str, Any]:
         raise ConfigError(f"{file}: not a diagnosis: {fault}; {REMEDY}")
     assert isinstance(found, dict)
     return found
+
+
+def doubtful(found: dict[str, Any]) -> bool:
+    """Whether the model does not agree with the recordings, or the file, which somebody changed, no longer says."""
+    try:
+        return disagrees(found)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+        return True
 
 
 def undecided(found: dict[str, Any]) -> list[str]:

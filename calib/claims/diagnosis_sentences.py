@@ -34,9 +34,14 @@ def complete(n: Numbers) -> str:
             "measured, so a small effect may be unseen"
         )
     where = f"after a parameter refit the residual RMS of a sliding joint is at most {n['ratio']:.1f} times the noise, at {n['joint']}"
-    if n["ratio"] > DISAGREES:
+    if above_noise(n):
         return f"No effect is identified, but the model of {n['arm']} does not agree with {n['log']}: {where}"
     return f"No effect is missing from the model of {n['arm']}: {where}"
+
+
+def above_noise(n: Numbers) -> bool:
+    """Whether the residual that a refit leaves is no agreement; False where no noise was measured."""
+    return (n["ratio"] or 0.0) > DISAGREES
 
 
 def none_accepted(n: Numbers) -> str:

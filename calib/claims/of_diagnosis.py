@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.claims.claim import Claim
-from calib.claims.diagnosis_sentences import CONTACT
+from calib.claims.diagnosis_sentences import CONTACT, above_noise
 
 FAR = 3.0  # of a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
@@ -64,6 +64,12 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
     if answer.get("refused"):
         return Claim("none_accepted", {"arm": answer["arm"]})
     return Claim("complete", {"arm": answer["arm"]} | agreement(answer.get("gap") or {}))
+
+
+def disagrees(answer: Mapping[str, Any]) -> bool:
+    """Whether no effect is identified and yet the model does not agree with the log: all that was tried is refused, or a residual above the noise remains."""
+    claim = verdict(answer)
+    return claim.name == "none_accepted" or (claim.name == "complete" and above_noise(claim.numbers))
 
 
 def over_noise(gap: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 LIST_OPTIONS = ("--holdout", "--baseline")
 
@@ -34,8 +37,8 @@ def command(
 ) -> int:
     """Compare an arm's model with recordings and identify the physical effects that it is missing.
 
-    Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0 where no effect is missing, 1 where one is found or
-    something stays unexplained, 2 where the data cannot be used.
+    Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0 where no effect is missing, 1 where one is found,
+    something stays unexplained or the model does not agree with the recordings, 2 where the data cannot be used.
 
     Example:
 
@@ -82,7 +85,7 @@ def command(
         )
         page.write(folder / "report.html", found.answer, shown, subject)
     conclude(page.sentence(answer))
-    code = {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)
+    code = exit_code(answer)
     if as_json:
         console.print_json(answer)
         return code
@@ -109,3 +112,10 @@ def command(
     if is_corrected(answer):
         console.next_step(["validate", folder / "arm", "OTHER_RECORDING", *options.read_as(accept_partial, assume, configs)])
     return code
+
+
+def exit_code(answer: Mapping[str, Any]) -> int:
+    """0 no effect is missing; 1 one is, something stays unexplained, or the model does not agree; 2 the data cannot be used."""
+    from calib.claims.of_diagnosis import disagrees
+
+    return 1 if disagrees(answer) else {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)

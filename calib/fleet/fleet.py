@@ -232,9 +232,9 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def deviates(row: Mapping[str, Any]) -> bool:
-    """Whether an arm has an effect that its model lacks, structure without a name, or numbers that its siblings do not have."""
+    """Whether an arm has an effect that its model lacks, structure without a name, a model that does not agree, or numbers that its siblings do not have."""
     return (
-        bool(row.get("effects") or row.get("elsewhere"))
+        bool(row.get("effects") or row.get("elsewhere") or row.get("disagrees"))
         or row.get("verdict") == "unexplained"
         or abs(row.get("outlier_score") or 0.0) > OUTLIER
     )

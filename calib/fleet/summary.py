@@ -44,13 +44,15 @@ def arm_rows(fleet: Fleet) -> list[list[Any]]:
 
 
 def deviation_rows(fleet: Fleet) -> list[list[Any]]:
-    """Arm, what, joint, how large, since when: a line for every named effect, joint without a name, and arm unlike its siblings."""
+    """Arm, what, joint, how large, since when: a line for every named effect, joint without a name, model that does not agree, and arm unlike its siblings."""
     out = []
     for row in fleet.rows:
         for e in row.get("effects") or ():
             size = ", ".join(f"{p['name']} {p['value']:.3g} {unit(p['unit'])}".strip() for p in e["parameters"])
             out.append([row["arm"], e["effect"].replace("_", " "), e["joint"] or "whole arm", size, since(e)])
         out += [[row["arm"], "something without a name", joint, "", ""] for joint in row.get("unexplained") or ()]
+        if row.get("disagrees"):
+            out.append([row["arm"], "the model does not agree, and no effect is identified", "", "", ""])
         if row.get("elsewhere"):
             out.append(
                 [row["arm"], f"looks like {row['elsewhere'].replace('_', ' ')}, in a part that was not searched", "", "", ""]

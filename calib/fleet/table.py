@@ -46,6 +46,7 @@ COLUMNS = pa.schema(
         ("validation", pa.string()),
         ("left_of_torque", _NUMBERS),
         ("verdict", pa.string()),
+        ("disagrees", pa.bool_()),
         ("diagnosis_trouble", pa.string()),
         ("searched_seconds", pa.float64()),
         ("weighed_seconds", pa.float64()),

@@ -15,6 +15,7 @@ from typing import Any
 import fsspec
 import numpy as np
 
+from calib.claims.of_diagnosis import disagrees
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.inventory import Recorded
@@ -228,19 +229,17 @@ def _diagnosed(named: Diagnosis | None, whole: Whole, past: Sequence[History], t
         history = when.get((e["effect"], e["joint"]))
         effects.append(
             {
-                "effect": e["effect"],
-                "joint": e["joint"],
+                **{key: e[key] for key in ("effect", "joint", "confidence", "gap_share")},
                 "parameters": [
                     {"name": k, "value": p["value"], "std": p["std"], "unit": p["unit"]} for k, p in e["parameters"].items()
                 ],
-                "confidence": e["confidence"],
-                "gap_share": e["gap_share"],
                 "since": history.since if history else "",
                 "began": bool(history and history.began),
             }
         )
     return {
         "verdict": named.answer["verdict"],
+        "disagrees": disagrees(named.answer),
         "diagnosis_trouble": trouble,
         "searched_seconds": whole.searched,
         "weighed_seconds": whole.weighed,

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from calib.claims.claim import capital
-from calib.claims.diagnosis_sentences import DISAGREES
 from calib.claims.diagnosis_sentences import unit as unit_of
-from calib.claims.of_diagnosis import REMARKS, agreement, claims, is_corrected, lasting, over_noise, verdict
+from calib.claims.of_diagnosis import REMARKS, agreement, claims, disagrees, is_corrected, lasting, over_noise, verdict
 from calib.report import explorer, pictures
 from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
 REFIT_HELPS = 0.2  # share of a joint's residual RMS from which a refit is proposed
-LOOK_AGAIN = "Look at that joint's curves in the report, and record the motion again."
 MEASURE_NOISE = "Record longer motions, such as those of `calib plan` without --quick, and diagnose with them: then the noise can be measured."
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
@@ -64,19 +62,12 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
 
 def style(diagnosis: Mapping[str, Any]) -> Verdict:
     """The mark before the verdict."""
-    return "open" if _disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
+    return "open" if disagrees(diagnosis) else _VERDICTS[diagnosis["verdict"]]
 
 
 def sentence(diagnosis: Mapping[str, Any]) -> str:
     """The verdict in words."""
     return verdict(diagnosis).sentence
-
-
-def _disagrees(diagnosis: Mapping[str, Any]) -> bool:
-    """Whether no effect is identified and yet a residual far above the noise remains."""
-    if diagnosis["verdict"] != "no_missing_effect" or diagnosis.get("refused") or "baseline" in diagnosis:
-        return False
-    return (agreement(diagnosis.get("gap") or {})["ratio"] or 0.0) > DISAGREES
 
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
@@ -100,11 +91,12 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append(
             f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
         )
+    elif disagrees(diagnosis):
+        joint = agreement(diagnosis.get("gap") or {})["joint"]
+        steps.append(f"Look at {f'{joint}’s' if joint else 'the'} curves in the report, and record the motion again.")
     elif verdict == "no_missing_effect" and not diagnosis.get("refused"):
         steps.append(
-            LOOK_AGAIN
-            if _disagrees(diagnosis)
-            else _refit(diagnosis)
+            _refit(diagnosis)
             or (MEASURE_NOISE if _noise_unknown(diagnosis) else "Nothing to do: the model agrees with these recordings.")
         )
     elif verdict == "unexplained":

@@ -31,7 +31,7 @@ def write(session: GuidedSession) -> Path:
         ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
     ]
     page = Page(session.arm, sentence, verdict, facts, "session")
-    page.aside("What to do next", _next(session, verdict))
+    page.aside("What to do next", _next(session))
     looked = [d for d in session.done if d.name.startswith(("diagnose", "validate")) and d.folder]
     if looked:
         shown = next((d for d in reversed(looked) if d.name.startswith("diagnose")), looked[-1])
@@ -74,11 +74,11 @@ def _style(session: GuidedSession) -> Verdict:
         return "open"
 
 
-def _next(session: GuidedSession, verdict: Verdict) -> list[str]:
+def _next(session: GuidedSession) -> list[str]:
     """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
     if not session.closed:
         return [f"Continue it: calib go {session.cell}"]
-    nothing = answer(guided.last_diagnosis(session)).get("verdict") == "no_missing_effect"
-    rest = [diagnosis.LOOK_AGAIN] if nothing and verdict == "open" else []
-    rest += [f"{capital(s)}." for s in guided.ending(session)[1:]]
-    return [*rest, f"Use it elsewhere: calib export {guided.best_arm(session)}"]
+    return [
+        *(f"{capital(s)}." for s in guided.ending(session)[1:]),
+        f"Use it elsewhere: calib export {guided.best_arm(session)}",
+    ]

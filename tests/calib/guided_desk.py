@@ -14,7 +14,7 @@ import pytest
 from calib import main as program
 from calib.guided_session import GuidedSession, read_session
 
-NOTHING = {"verdict": "no_missing_effect", "arm_out": None, "effects": []}
+NOTHING = {"arm": "ur10e", "verdict": "no_missing_effect", "arm_out": None, "effects": []}
 ROUND = ["check", "plan", "record", "identify", "validate", "diagnose"]
 
 

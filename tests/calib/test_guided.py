@@ -194,15 +194,19 @@ def test_the_mock_arm_from_check_to_an_arm_to_use(desk: Path) -> None:
     assert answer(guided.last_diagnosis(found))["effects"] == []
 
 
-@pytest.mark.parametrize(("ratio", "mark"), [(1.2, "✓"), (1.8, "?"), ("changed", "?")])
+@pytest.mark.parametrize(
+    ("ratio", "refused", "mark"),
+    [(1.2, [], "✓"), (1.8, [], "?"), ("changed", [], "?"), (1.2, ["payload raises the error"], "?")],
+)
 def test_the_page_of_a_session_marks_its_answer_as_the_diagnosis_does(
-    desk: Path, monkeypatch: pytest.MonkeyPatch, ratio: Any, mark: str
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ratio: Any, refused: list[str], mark: str
 ) -> None:
     gap = {"log": "validation.mcap", "joints": ["elbow_joint"], "refit": [ratio], "noise_floor": [1.0]}
-    assert go(Commands([NOTHING | {"gap": gap}]), monkeypatch, "--yes") == 0
+    assert go(Commands([NOTHING | {"gap": gap, "refused": refused}]), monkeypatch, "--yes") == 0
     page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
     assert f">{mark}<" in page
-    assert ("record the motion again" in page) is (mark == "?")
+    for told in (page, capsys.readouterr().out):
+        assert ("record the motion again" in told) is (mark == "?")
 
 
 def test_a_session_is_found_again_beside_a_broken_run(

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from calib.fleet.fleet import Fleet
-from calib.fleet.summary import sentence
+from calib.fleet.summary import deviation_rows, sentence
 
 GOOD = {"status": "done", "verdict": "no_missing_effect"}
 BLIND = {"status": "done", "verdict": "not_diagnosed"}
@@ -20,9 +20,15 @@ BLIND = {"status": "done", "verdict": "not_diagnosed"}
         ([GOOD, BLIND], "2 of 2 arms assessed, none deviates; 1 not diagnosed"),
         ([BLIND], "1 of 1 arms assessed; 1 not diagnosed"),
         ([GOOD | {"elsewhere": "coulomb_friction elbow"}], "1 of 1 arms assessed, 1 deviates"),
+        ([GOOD, GOOD | {"disagrees": True}], "2 of 2 arms assessed, 1 deviates"),
         ([GOOD | {"effects": ["payload"]}, BLIND], "2 of 2 arms assessed, 1 deviates; 1 not diagnosed"),
         ([{"status": "bad_logs"}], "0 of 1 arms assessed; 1 could not be assessed"),
     ],
 )
 def test_a_sentence_of_a_fleet(rows: list[dict[str, Any]], text: str) -> None:
     assert sentence(Fleet(rows, [], ())) == text
+
+
+def test_an_arm_whose_model_does_not_agree_has_a_line_of_its_own() -> None:
+    rows = deviation_rows(Fleet([{"arm": "a"} | GOOD, {"arm": "b"} | GOOD | {"disagrees": True}], [], ()))
+    assert [row[:2] for row in rows] == [["b", "the model does not agree, and no effect is identified"]]
